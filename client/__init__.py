@@ -1,0 +1,1 @@
+"""The client: owns the scene, divides the volume, coordinates every server."""

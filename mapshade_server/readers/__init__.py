@@ -1,0 +1,1 @@
+"""Volume readers behind one small interface."""

@@ -1,0 +1,72 @@
+"""The ellipse of a frame's footprint on the screen (paper: "Combining"; widening after Zwicker 2001).
+
+A radially symmetric kernel K in index space, carried to the screen by the 3x3 matrix D and integrated along z,
+is an elliptical function w(x, y) = amplitude * P(rho), rho^2 = (x, y) Q (x, y)^T, with P the projection of K
+scaled to integrate to 1 over the plane. Q is the inverse of the upper 2x2 block of D D^T.
+"""
+
+import math
+from dataclasses import dataclass
+
+from volsplat.protocol.frame_plan import FramePlan
+from volsplat.protocol.matrices import dot
+from volsplat.protocol.scene import Kernel, Reconstruction
+
+# Where each kernel is cut unless the scene says otherwise, in voxels.
+DEFAULT_RADIUS = {
+    Kernel.GAUSSIAN: 2.0,
+    Kernel.BSPLINE: 2.0,
+    Kernel.KAISER_BESSEL: 2.0,
+    Kernel.CONE: 1.6,
+}
+
+
+@dataclass(frozen=True)
+class FootprintShape:
+    """Weights are amplitude * P(sqrt(qxx x^2 + 2 qxy x y + qyy y^2)), x and y in pixels, zero beyond `radius`."""
+
+    kernel: Kernel
+    radius: float  # in voxels, the units of rho
+    amplitude: float
+    qxx: float
+    qxy: float
+    qyy: float
+    half_width: float  # of the ellipse's bounding box, in pixels
+    half_height: float
+
+
+def footprint_shape(plan: FramePlan, reconstruction: Reconstruction) -> FootprintShape:
+    """The footprint of a sample of `plan`: its weights over all pixels sum to (zoom * stride)^2.
+
+    An axis of the ellipse below one pixel a voxel is widened to one, the sum kept, so that nothing aliases.
+    """
+    d, s = plan.pixels_per_index, plan.stride
+    vxx, vxy, vyy = dot(d[0], d[0]) * s * s, dot(d[0], d[1]) * s * s, dot(d[1], d[1]) * s * s
+    vxx, vxy, vyy = _widened(vxx, vxy, vyy)
+    area = vxx * vyy - vxy * vxy
+    radius = reconstruction.radius
+    if radius == "default":
+        radius = DEFAULT_RADIUS[reconstruction.kernel]
+    return FootprintShape(
+        kernel=reconstruction.kernel,
+        radius=radius,
+        amplitude=(plan.zoom * s) ** 2 / math.sqrt(area),
+        qxx=vyy / area,
+        qxy=-vxy / area,
+        qyy=vxx / area,
+        half_width=radius * math.sqrt(vxx),
+        half_height=radius * math.sqrt(vyy),
+    )
+
+
+def _widened(vxx: float, vxy: float, vyy: float) -> tuple[float, float, float]:
+    """The symmetric 2x2 matrix with its eigenvalues raised to at least 1."""
+    mean, spread = (vxx + vyy) / 2, math.sqrt(((vxx - vyy) / 2) ** 2 + vxy * vxy)
+    large, small = mean + spread, mean - spread
+    if small >= 1.0:
+        return vxx, vxy, vyy
+    if large <= 1.0 or spread == 0.0:
+        return max(large, 1.0), 0.0, max(large, 1.0)
+    # V = small I + (large - small) n n^T, with n n^T = (V - small I) / (large - small).
+    gain = (large - 1.0) / (large - small)
+    return 1.0 + (vxx - small) * gain, vxy * gain, 1.0 + (vyy - small) * gain

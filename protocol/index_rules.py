@@ -1,0 +1,121 @@
+"""What becomes 8 bits, by one rule for the whole volume (design, section 3.7). Arithmetic is IEEE float64.
+
+density     byte = floor(min(max((v - low) * scale, 0), 255) + 0.5), scale = 255 / (high - low)
+strength    byte = floor(min(|gradient| * strength_scale, 255) + 0.5), |gradient| per unit of physical length
+gradient i, j, k
+            byte = floor(128.5 + 127 * c), c the component of the unit direction along the physical direction
+            of that grid axis; 128 where there is no gradient
+grid        byte = floor(256 * index / dims)
+screen      byte = floor(256 * (s + r) / (2 r)), s measured from the centre of the volume's bounding sphere of
+            radius r, x to the right, y up, z towards the viewer (see frame_plan for the fixed-point form)
+
+The direction code is 15 bits. Octahedral: with p = (x, y, z) / (|x| + |y| + |z|), and for z < 0 the fold
+(x, y) -> ((1 - |y|) sign x, (1 - |x|) sign y) where sign 0 is +1, u = floor((x + 1) * 90 + 0.5) and likewise v;
+code = 181 v + u. Paper: code = (x + 16) | (y + 16) << 5 | (z + 16) << 10 with the components scaled so that the
+largest is 15, rounded half away from zero. Directions are in physical space and point to rising density.
+"""
+
+from typing import Literal
+
+import msgspec
+
+from volsplat.protocol import matrices
+from volsplat.protocol.matrices import Matrix
+from volsplat.protocol.scene import TABLE_ENTRIES
+from volsplat.protocol.volume import Geometry
+
+OCTAHEDRAL_SIDE = 181
+OCTAHEDRAL_NO_GRADIENT = OCTAHEDRAL_SIDE * OCTAHEDRAL_SIDE  # 32761
+PAPER_NO_GRADIENT = 16 | 16 << 5 | 16 << 10
+DIRECTION_CODES = 32768
+
+HISTOGRAM_BINS = 65536
+STRENGTH_PERCENTILE = 0.995  # of the voxels that have a gradient; above it, strength is 255
+
+
+class Quantisation(msgspec.Struct, frozen=True):
+    """The numbers that every server of a session quantises with."""
+
+    window: tuple[float, float]
+    strength_scale: float  # bytes per unit of |gradient|
+    directions: Literal["octahedral", "paper"] = "octahedral"
+
+    @property
+    def density_scale(self) -> float:
+        return (TABLE_ENTRIES - 1) / (self.window[1] - self.window[0])
+
+
+class Survey(msgspec.Struct, frozen=True):
+    """Counts over voxels, from which the rules of the whole volume are made. Those of boxes add up."""
+
+    low: float  # least and greatest value that is not NaN; low > high where there is none
+    high: float
+    max_gradient: float  # greatest |gradient|
+    voxels: int
+    no_data: int  # voxels that are NaN
+
+    def joined(self, other: "Survey") -> "Survey":
+        return Survey(
+            low=min(self.low, other.low),
+            high=max(self.high, other.high),
+            max_gradient=max(self.max_gradient, other.max_gradient),
+            voxels=self.voxels + other.voxels,
+            no_data=self.no_data + other.no_data,
+        )
+
+
+def percentile(counts: list[int], low: float, high: float, fraction: float) -> float:
+    """The value below which `fraction` of the counts lie; bins split low..high evenly, the upper edge is returned."""
+    wanted = fraction * sum(counts)
+    seen = 0
+    for n, count in enumerate(counts):
+        seen += count
+        if count and seen >= wanted:
+            return low + (high - low) * ((n + 1) / len(counts))
+    return high
+
+
+def density_window(
+    survey: Survey, counts: list[int], scalar_type: str, chosen: tuple[float, float] | Literal["auto"]
+) -> tuple[float, float]:
+    """The one density window of a volume.
+
+    8-bit data keeps its values (0..255, or -128..127). Everything else is cut at its 0.05 and 99.95 percentiles,
+    unless those meet, where the full range is taken. A constant volume gets a window of width 1.
+    """
+    if chosen != "auto":
+        return chosen
+    if scalar_type == "uint8":
+        return (0.0, 255.0)
+    if scalar_type == "int8":
+        return (-128.0, 127.0)
+    if survey.low > survey.high:
+        return (0.0, 1.0)
+    bin_width = (survey.high - survey.low) / len(counts)
+    low = percentile(counts, survey.low, survey.high, 0.0005) - bin_width
+    high = percentile(counts, survey.low, survey.high, 0.9995)
+    if not low < high:
+        low, high = survey.low, survey.high
+    return (low, high) if low < high else (low, low + 1.0)
+
+
+def strength_scale(survey: Survey, counts: list[int]) -> float:
+    """Bytes per unit of |gradient|: the percentile of the voxels that have a gradient becomes 255."""
+    if survey.max_gradient <= 0.0:
+        return 0.0
+    with_gradient = list(counts)
+    with_gradient[0] = 0
+    if not any(with_gradient):
+        with_gradient = counts
+    top = percentile(with_gradient, 0.0, survey.max_gradient, STRENGTH_PERCENTILE)
+    return 255.0 / top
+
+
+def physical_gradient(geometry: Geometry) -> Matrix:
+    """The matrix that turns differences per index step into a gradient per unit of physical length."""
+    return matrices.transposed(matrices.inverse(geometry.index_to_physical))
+
+
+def grid_index_bytes(size: int) -> list[int]:
+    """The byte of each grid index of an axis of `size` voxels."""
+    return [256 * index // size for index in range(size)]

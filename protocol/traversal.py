@@ -1,0 +1,67 @@
+"""The order in which samples are visited (paper: "Screen Mapping").
+
+The axis along which depth changes most is the outermost loop (sheet), the one along which it changes least the
+innermost (sample). A zero delta counts as positive; of equal magnitudes k comes before j before i.
+"""
+
+from dataclasses import dataclass
+
+from volsplat.protocol.scene import Order
+from volsplat.protocol.volume import Index
+
+
+@dataclass(frozen=True)
+class Traversal:
+    """Nested loops over (sheet, row, sample): grid axis numbers (0 = i) and whether each runs upwards."""
+
+    axes: Index
+    ascending: tuple[bool, bool, bool]
+
+
+def traversal_of(depth_deltas: Index, order: Order) -> Traversal:
+    """The traversal for depth changes per step of i, j, k (any unit; greater is nearer to the viewer)."""
+    axes = sorted((2, 1, 0), key=lambda axis: -abs(depth_deltas[axis]))
+    back_to_front = order == Order.BACK_TO_FRONT
+    sheet, row, sample = axes
+    return Traversal(
+        axes=(sheet, row, sample),
+        ascending=(
+            (depth_deltas[sheet] >= 0) == back_to_front,
+            (depth_deltas[row] >= 0) == back_to_front,
+            (depth_deltas[sample] >= 0) == back_to_front,
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class AxisVisits:
+    """The indices that a step visits on one axis, and the block of voxels that each of them stands for.
+
+    Visited are `first`, `first + stride`, …: `count` of them. Their blocks partition low..high: a block reaches
+    from `index - stride // 2` over `stride` voxels, but the outermost ones reach to the bounds.
+    """
+
+    low: int
+    high: int
+    stride: int
+    first: int
+    count: int
+
+    def index(self, ordinal: int) -> int:
+        return self.first + self.stride * ordinal
+
+    def block(self, ordinal: int) -> tuple[int, int]:
+        start = self.index(ordinal) - self.stride // 2
+        return (
+            self.low if ordinal == 0 else start,
+            self.high if ordinal == self.count - 1 else start + self.stride,
+        )
+
+
+def visits_of(low: int, high: int, stride: int) -> AxisVisits:
+    """The visits to low..high: indices congruent to stride // 2, or the middle where there is none."""
+    phase = stride // 2
+    first = low + (phase - low) % stride
+    if first >= high:
+        return AxisVisits(low=low, high=high, stride=stride, first=(low + high) // 2, count=1)
+    return AxisVisits(low=low, high=high, stride=stride, first=first, count=(high - 1 - first) // stride + 1)

@@ -1,0 +1,87 @@
+"""What a volume is to everybody but its reader: its grid, its place in physical space, and boxes of its grid."""
+
+from typing import NamedTuple
+
+import msgspec
+
+from volsplat.protocol import matrices
+from volsplat.protocol.matrices import Matrix, Vector
+
+Index = tuple[int, int, int]  # always grid (i, j, k)
+
+
+class Box(NamedTuple):
+    """A half-open box of the grid: low <= (i, j, k) < high."""
+
+    low: Index
+    high: Index
+
+    @property
+    def size(self) -> Index:
+        return (self.high[0] - self.low[0], self.high[1] - self.low[1], self.high[2] - self.low[2])
+
+    @property
+    def voxels(self) -> int:
+        ni, nj, nk = self.size
+        return ni * nj * nk
+
+    def grown(self, margin: int, dims: Index) -> "Box":
+        """The box with `margin` more voxels on every side, clipped to a grid of `dims`."""
+        low = (max(self.low[0] - margin, 0), max(self.low[1] - margin, 0), max(self.low[2] - margin, 0))
+        high = (
+            min(self.high[0] + margin, dims[0]),
+            min(self.high[1] + margin, dims[1]),
+            min(self.high[2] + margin, dims[2]),
+        )
+        return Box(low, high)
+
+
+class Geometry(msgspec.Struct, frozen=True):
+    """A volume's grid and its place in space.
+
+    `index_to_physical` has the physical step of i, j, k as its *columns* (spacing times direction; handedness
+    kept, skew allowed). `origin` is the physical position of the centre of voxel (0, 0, 0).
+    """
+
+    dims: Index
+    index_to_physical: Matrix = matrices.IDENTITY
+    origin: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if min(self.dims) < 1:
+            raise ValueError(f"a volume needs at least one voxel on each axis, not {self.dims}")
+        matrices.inverse(self.index_to_physical)
+
+    @property
+    def box(self) -> Box:
+        return Box((0, 0, 0), self.dims)
+
+    @property
+    def spacing(self) -> Vector:
+        """Physical length of one step along i, j and k."""
+        m = self.index_to_physical
+        return tuple(matrices.length(matrices.column(m, axis)) for axis in range(3))  # type: ignore[return-value]
+
+    @property
+    def reference_spacing(self) -> float:
+        """The cube root of a voxel's volume, in physical units."""
+        return matrices.cube_root(abs(matrices.determinant(self.index_to_physical)))
+
+    def physical(self, index: Vector) -> Vector:
+        """The physical position of a grid point."""
+        return matrices.plus(matrices.applied(self.index_to_physical, index), self.origin)
+
+
+class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True):
+    """What a reader tells of a volume without reading its voxels."""
+
+    name: str
+    format: str
+    geometry: Geometry
+    scalar_type: str  # a torch name: uint8, int16, float32, ...
+    unit: str = ""  # of lengths: "mm", or "" where the file states none
+    anatomical: bool = False  # physical axes are left, posterior, superior
+    density_name: str = "density"  # what the packet's first byte holds
+    strength_name: str = "gradient strength"  # what its second byte holds
+    reads_sub_cubes: bool = True  # False: every server reads the whole file
+    why_whole: str = ""  # the reason, when it does
