@@ -1,0 +1,21 @@
+"""The errors that a person sees: each is one line that names the cause and the cure."""
+
+
+class VolsplatError(Exception):
+    """Base of all errors that are shown as one line, without a traceback."""
+
+
+class BadInput(VolsplatError):
+    """Something that a person gave cannot be used: a file, an option, a scene."""
+
+
+class LocalProtocolError(VolsplatError):
+    """We were about to break the protocol: a mistake of ours."""
+
+
+class RemoteProtocolError(VolsplatError):
+    """The peer broke the protocol; the connection must be closed."""
+
+
+class PeerLost(VolsplatError):
+    """A server that a frame needs is gone."""

@@ -1,0 +1,21 @@
+"""What all tests share: where the real volumes are, and how patiently Hypothesis searches."""
+
+import os
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, settings
+
+settings.register_profile("volsplat", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
+settings.register_profile("thorough", parent=settings.get_profile("volsplat"), max_examples=500)
+settings.load_profile(os.environ.get("VOLSPLAT_HYPOTHESIS", "volsplat"))
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of real volumes beside the checkout."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip("the real volumes are not here: no folder shared/data beside the checkout")
+    return SHARED_DATA

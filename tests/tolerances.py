@@ -1,0 +1,4 @@
+"""Every tolerance of the tests, with its reason. Tests never type a number of their own."""
+
+ONE_LEVEL = 1 / 255
+"""One level of an 8-bit display: what nobody can see (design, section 4)."""
