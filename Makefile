@@ -1,0 +1,37 @@
+# Two commands do everything: `make demo` and `make test`. Each sets up .venv by itself.
+
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+READY := $(VENV)/.ready
+BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(wildcard */kernels/*.cpp */kernels/*.h */kernels/paths/*)
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check bench clean
+
+help: ## list the targets
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+# torch comes first and through the constraints file: its newest build on PyPI pulls in gigabytes of CUDA.
+$(READY): $(BUILD_INPUTS)
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --editable '.[dev]'
+	@touch $@
+
+demo: $(READY) ## render the head phantom with two map/shade servers and a splat server, six steps
+	$(BIN)/volsplat demo --output demo
+
+test: $(READY) ## lint, type-check and test
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/pytest -n auto
+
+bench: $(READY) ## print the kernels' speeds beside their floors
+	$(BIN)/python benchmarks/bench_map_shade.py
+	$(BIN)/python benchmarks/bench_splat.py
+	$(BIN)/python benchmarks/bench_abort.py
+
+clean: ## remove the virtual environment, builds and demo images
+	rm -rf $(VENV) build demo
