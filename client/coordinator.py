@@ -1,0 +1,462 @@
+"""The client's decisions: events in, instructions out. It knows no socket, thread or clock.
+
+An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
+list of instructions that the session carries out. Handlers are found by name: `_handle_<event>` for events,
+`_received_<message>` for messages of servers. Servers may join at any time; those that join after the sub-cubes
+were handed out stay idle.
+"""
+
+from array import array
+from dataclasses import dataclass, field, replace
+from enum import Enum, auto
+
+from volsplat.client.sub_cubes import divided
+from volsplat.protocol import index_rules, messages
+from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.messages import Role
+from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import Box, VolumeDescription
+
+# -- events -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ServerJoined:
+    server: int
+    role: Role
+    name: str  # for a person: role, host and process
+    host: str
+    data_port: int  # of a splat server; 0 for others
+
+
+@dataclass(frozen=True)
+class ServerLost:
+    server: int
+    cause: str
+
+
+@dataclass(frozen=True)
+class MessageReceived:
+    server: int
+    message: messages.Message
+    payload: memoryview
+
+
+@dataclass(frozen=True)
+class VolumeAsked:
+    path: str
+    workers: int
+
+
+@dataclass(frozen=True)
+class FrameAsked:
+    frame: int  # rises with every request
+    scene: Scene
+    step: Step
+
+
+@dataclass(frozen=True)
+class PartialImageAsked:
+    frame: int
+
+
+@dataclass(frozen=True)
+class AbortAsked:
+    frame: int
+
+
+Event = ServerJoined | ServerLost | MessageReceived | VolumeAsked | FrameAsked | PartialImageAsked | AbortAsked
+
+# -- instructions -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Send:
+    server: int
+    message: messages.Message
+
+
+@dataclass(frozen=True)
+class ReportProgress:
+    """Tell the person what is going on."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class PublishVolume:
+    """The volume is described and surveyed; scenes can be made for it."""
+
+    volume: "SurveyedVolume"
+
+
+@dataclass(frozen=True)
+class PublishImage:
+    """An image of `frame` arrived; `complete` where the frame is done, and then statistics come with it."""
+
+    frame: int
+    step: Step
+    width: int
+    height: int
+    pixels: memoryview  # float32 RGBA, associated
+    complete: bool
+    outcome: "FrameOutcome | None" = None
+
+
+@dataclass(frozen=True)
+class EndFrame:
+    """`frame` ends without an image: aborted (no error) or failed."""
+
+    frame: int
+    error: VolsplatError | None = None
+
+
+@dataclass(frozen=True)
+class FailSession:
+    """Nothing can be drawn any more."""
+
+    error: VolsplatError
+
+
+Instruction = Send | ReportProgress | PublishVolume | PublishImage | EndFrame | FailSession
+
+# -- state ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SurveyedVolume:
+    """What is known of a volume once every server has read its sub-cube."""
+
+    description: VolumeDescription
+    survey: Survey
+    density_counts: list[int]
+    strength_counts: list[int]
+
+
+@dataclass(frozen=True)
+class FrameOutcome:
+    """What the servers report of a finished frame."""
+
+    map_shade: dict[int, messages.MapShadeStats]
+    splat: messages.SplatStats
+
+
+class Phase(Enum):
+    GATHERING = auto()  # waiting for servers
+    DESCRIBING = auto()
+    READING = auto()  # sub-cubes
+    COUNTING = auto()  # histograms
+    SURVEYED = auto()  # scenes can be made, nothing is packed yet
+    PACKING = auto()
+    READY = auto()
+
+
+@dataclass
+class RunningFrame:
+    frame: int
+    scene: Scene
+    step: Step
+    started: bool = False  # sent to the servers
+    unacknowledged: set[int] = field(default_factory=set)  # servers that were told to abort and have not said so
+    image: PublishImage | None = None
+    map_shade: dict[int, messages.MapShadeStats] = field(default_factory=dict)
+    splat: messages.SplatStats | None = None
+
+
+class Coordinator:
+    """The state machine of a session. `handle` is its only door."""
+
+    def __init__(self) -> None:
+        self.phase = Phase.GATHERING
+        self.servers: dict[int, ServerJoined] = {}
+        self.boxes: dict[int, list[Box]] = {}  # by map/shade server
+        self.description: VolumeDescription | None = None
+        self.survey: Survey | None = None
+        self.quantisation: Quantisation | None = None
+        self.frame: RunningFrame | None = None
+        self._path = ""
+        self._wanted_workers = 0
+        self._assignment = 0
+        self._pending: set[int] = set()  # servers whose answer the phase waits for
+        self._density_counts: list[int] = []
+        self._strength_counts: list[int] = []
+        self.failure: VolsplatError | None = None
+
+    def handle(self, event: Event) -> list[Instruction]:
+        """Take one event. Raises nothing: what goes wrong is an instruction."""
+        if self.failure is not None:
+            return [EndFrame(event.frame, self.failure)] if isinstance(event, FrameAsked) else []
+        handler = getattr(self, f"_handle_{type(event).__name__}")
+        instructions: list[Instruction] = handler(event)
+        return instructions
+
+    # -- servers come and go
+
+    def _handle_ServerJoined(self, event: ServerJoined) -> list[Instruction]:
+        self.servers[event.server] = event
+        return self._gathered()
+
+    def _handle_ServerLost(self, event: ServerLost) -> list[Instruction]:
+        server = self.servers.pop(event.server, None)
+        needed = event.server in self.boxes or (server is not None and server.role == Role.SPLAT_SERVER)
+        if server is None or not needed:
+            return []
+        return self._fail(
+            PeerLost(f"lost the {server.name}: {event.cause}; the image cannot be finished, start again without it")
+        )
+
+    def _handle_VolumeAsked(self, event: VolumeAsked) -> list[Instruction]:
+        self._path, self._wanted_workers = event.path, event.workers
+        return self._gathered()
+
+    def _gathered(self) -> list[Instruction]:
+        if self.phase != Phase.GATHERING or not self._path:
+            return []
+        workers, splat_servers = self._workers(), self._splat_servers()
+        if len(workers) < self._wanted_workers or not splat_servers:
+            missing = (
+                f"{len(workers)} of {self._wanted_workers} map/shade servers, {len(splat_servers)} of 1 splat server"
+            )
+            return [ReportProgress(f"waiting for servers: {missing} joined")]
+        self.phase = Phase.DESCRIBING
+        self._pending = {workers[0]}
+        return [
+            ReportProgress("reading the volume's header"),
+            Send(workers[0], messages.DescribeVolume(path=self._path)),
+        ]
+
+    def _workers(self) -> list[int]:
+        return sorted(n for n, server in self.servers.items() if server.role == Role.MAPSHADE_SERVER)
+
+    def _splat_servers(self) -> list[int]:
+        return sorted(n for n, server in self.servers.items() if server.role == Role.SPLAT_SERVER)
+
+    # -- the volume: described, read, counted, packed
+
+    def _handle_MessageReceived(self, event: MessageReceived) -> list[Instruction]:
+        handler = getattr(self, f"_received_{type(event.message).__name__}")
+        instructions: list[Instruction] = handler(event.server, event.message, event.payload)
+        return instructions
+
+    def _received_VolumeDescribed(
+        self, server: int, message: messages.VolumeDescribed, payload: memoryview
+    ) -> list[Instruction]:
+        self.description = message.description
+        workers = self._workers()[: self._wanted_workers]
+        try:
+            boxes = divided(self.description.geometry, len(workers))
+        except BadInput as error:
+            return self._fail(error)
+        self.boxes = {worker: [box] for worker, box in zip(workers, boxes, strict=True)}
+        routes = [
+            messages.Route(server=n, host=self.servers[n].host, port=self.servers[n].data_port)
+            for n in self._splat_servers()[:1]
+        ]
+        connect: list[Instruction] = [
+            Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in self.boxes
+        ]
+        return connect + self._read_sub_cubes()
+
+    def _read_sub_cubes(self) -> list[Instruction]:
+        self.phase = Phase.READING
+        self._assignment += 1
+        self._pending = set(self.boxes)
+        read: list[Instruction] = [
+            Send(worker, messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=boxes))
+            for worker, boxes in self.boxes.items()
+        ]
+        return [ReportProgress(f"reading the volume as {len(self.boxes)} sub-cubes"), *read]
+
+    def _received_ConnectedToSplatServers(
+        self, server: int, message: messages.ConnectedToSplatServers, payload: memoryview
+    ) -> list[Instruction]:
+        return []
+
+    def _received_SubCubesRead(
+        self, server: int, message: messages.SubCubesRead, payload: memoryview
+    ) -> list[Instruction]:
+        first_reading = not self._density_counts
+        if first_reading:
+            self.survey = message.survey if self.survey is None else self.survey.joined(message.survey)
+        if not self._answered(server):
+            return []
+        if not first_reading:
+            self.phase, self.quantisation = Phase.SURVEYED, None
+            return self._begin_frame()
+        assert self.survey is not None
+        self.phase = Phase.COUNTING
+        self._pending = set(self.boxes)
+        count = messages.CountHistograms(
+            assignment=self._assignment,
+            low=self.survey.low,
+            high=self.survey.high,
+            max_gradient=self.survey.max_gradient,
+        )
+        return [ReportProgress("counting the histograms"), *(Send(worker, count) for worker in self.boxes)]
+
+    def _received_HistogramsCounted(
+        self, server: int, message: messages.HistogramsCounted, payload: memoryview
+    ) -> list[Instruction]:
+        counts = array("q", payload.tobytes())
+        density, strength = counts[: message.bins], counts[message.bins :]
+        self._density_counts = _added(self._density_counts, density)
+        self._strength_counts = _added(self._strength_counts, strength)
+        if not self._answered(server):
+            return []
+        assert self.description is not None and self.survey is not None
+        self.phase = Phase.SURVEYED
+        volume = SurveyedVolume(self.description, self.survey, self._density_counts, self._strength_counts)
+        return [PublishVolume(volume), *self._begin_frame()]
+
+    def _pack(self, scene: Scene) -> list[Instruction]:
+        self.quantisation = self._quantisation_for(scene)
+        self.phase = Phase.PACKING
+        self._pending = set(self.boxes)
+        pack = messages.PackVoxels(assignment=self._assignment, quantisation=self.quantisation)
+        return [ReportProgress("making voxel packets"), *(Send(worker, pack) for worker in self.boxes)]
+
+    def _quantisation_for(self, scene: Scene) -> Quantisation:
+        assert self.description is not None and self.survey is not None
+        return Quantisation(
+            window=index_rules.density_window(
+                self.survey, self._density_counts, self.description.scalar_type, scene.quantise.window
+            ),
+            strength_scale=index_rules.strength_scale(self.survey, self._strength_counts),
+            directions=scene.quantise.directions,
+        )
+
+    def _received_VoxelsPacked(
+        self, server: int, message: messages.VoxelsPacked, payload: memoryview
+    ) -> list[Instruction]:
+        if not self._answered(server):
+            return []
+        self.phase = Phase.READY
+        return self._begin_frame()
+
+    def _answered(self, server: int) -> bool:
+        """Note an answer; True once all are in."""
+        self._pending.discard(server)
+        return not self._pending
+
+    def _received_Refused(self, server: int, message: messages.Refused, payload: memoryview) -> list[Instruction]:
+        return self._fail(BadInput(message.cause))
+
+    # -- frames
+
+    def _handle_FrameAsked(self, event: FrameAsked) -> list[Instruction]:
+        # A newer RenderFrame makes every server drop the older frame by itself, so nothing is awaited here.
+        replaced: list[Instruction] = [EndFrame(self.frame.frame)] if self.frame is not None else []
+        self.frame = RunningFrame(event.frame, event.scene, event.step)
+        return [*replaced, *self._begin_frame()]
+
+    def _begin_frame(self) -> list[Instruction]:
+        """Send the waiting frame, after packing for its quantisation where that is still to be done."""
+        frame = self.frame
+        if frame is None or frame.started or self.phase not in (Phase.SURVEYED, Phase.READY):
+            return []
+        if self._quantisation_for(frame.scene) != self.quantisation:
+            return self._pack(frame.scene) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
+        assert self.description is not None and self.quantisation is not None
+        try:
+            plan_frame(frame.scene, self.description.geometry, frame.step)
+        except ValueError as error:
+            self.frame = None
+            return [EndFrame(frame.frame, BadInput(str(error)))]
+        frame.started = True
+        render = messages.RenderFrame(
+            frame=frame.frame,
+            assignment=self._assignment,
+            scene=frame.scene,
+            step=frame.step,
+            geometry=self.description.geometry,
+            quantisation=self.quantisation,
+            workers=list(self.boxes),
+        )
+        return [ReportProgress(f"step {frame.step}"), *(Send(server, render) for server in self._drawing())]
+
+    def _drawing(self) -> list[int]:
+        """The servers of a frame: the splat server first, so that it expects what comes."""
+        return [*self._splat_servers()[:1], *self.boxes]
+
+    def _handle_AbortAsked(self, event: AbortAsked) -> list[Instruction]:
+        frame = self.frame
+        if frame is None or frame.frame != event.frame or frame.unacknowledged:
+            return []
+        if not frame.started:
+            self.frame = None
+            return [EndFrame(frame.frame)]
+        frame.unacknowledged = set(self._drawing())
+        return [Send(server, messages.AbortFrame(frame=frame.frame)) for server in self._drawing()]
+
+    def _received_FrameAborted(
+        self, server: int, message: messages.FrameAborted, payload: memoryview
+    ) -> list[Instruction]:
+        frame = self._current(message.frame)
+        if frame is None:
+            return []
+        frame.unacknowledged.discard(server)
+        if frame.unacknowledged:
+            return []
+        self.frame = None
+        return [EndFrame(frame.frame)]
+
+    def _handle_PartialImageAsked(self, event: PartialImageAsked) -> list[Instruction]:
+        frame = self._current(event.frame)
+        if frame is None or not frame.started or frame.unacknowledged or frame.splat is not None:
+            return []
+        return [Send(self._splat_servers()[0], messages.ReadImage(frame=event.frame))]
+
+    def _received_FrameMapped(
+        self, server: int, message: messages.FrameMapped, payload: memoryview
+    ) -> list[Instruction]:
+        frame = self._current(message.frame)
+        if frame is None:
+            return []
+        frame.map_shade[server] = message.stats
+        return self._finished(frame)
+
+    def _received_FrameFinished(
+        self, server: int, message: messages.FrameFinished, payload: memoryview
+    ) -> list[Instruction]:
+        frame = self._current(message.frame)
+        if frame is None or frame.unacknowledged:
+            return []
+        if not message.complete:
+            self.frame = None
+            names = ", ".join(self.servers[n].name if n in self.servers else f"server {n}" for n in message.lost)
+            return [EndFrame(frame.frame, PeerLost(f"the image is incomplete: lost the packets of {names}"))]
+        frame.splat = message.stats
+        return [Send(server, messages.ReadImage(frame=frame.frame))]
+
+    def _received_ImageRead(self, server: int, message: messages.ImageRead, payload: memoryview) -> list[Instruction]:
+        frame = self._current(message.frame)
+        if frame is None:
+            return []
+        image = PublishImage(frame.frame, frame.step, message.width, message.height, payload, complete=message.complete)
+        if not message.complete:
+            return [image]
+        frame.image = image
+        return self._finished(frame)
+
+    def _finished(self, frame: RunningFrame) -> list[Instruction]:
+        """Publish the image once it and the statistics of all servers are here."""
+        if frame.image is None or frame.splat is None or set(frame.map_shade) != set(self.boxes):
+            return []
+        self.frame = None
+        return [replace(frame.image, outcome=FrameOutcome(frame.map_shade, frame.splat))]
+
+    def _current(self, frame: int) -> RunningFrame | None:
+        """The running frame if it has this id; messages of older frames are of no use any more."""
+        return self.frame if self.frame is not None and self.frame.frame == frame else None
+
+    def _fail(self, error: VolsplatError) -> list[Instruction]:
+        self.failure = error
+        frame, self.frame = self.frame, None
+        ended: list[Instruction] = [EndFrame(frame.frame, error)] if frame is not None else []
+        return [*ended, FailSession(error)]
+
+
+def _added(sums: list[int], counts: array[int]) -> list[int]:
+    return [a + b for a, b in zip(sums, counts, strict=True)] if sums else list(counts)
