@@ -12,12 +12,31 @@ from volsplat.protocol.frame_plan import FramePlan
 from volsplat.protocol.matrices import dot
 from volsplat.protocol.scene import Kernel, Reconstruction
 
-# Where each kernel is cut unless the scene says otherwise, in voxels.
+# Radial kernels K(r) of the design's section 4, r in voxels, each zero from its radius R on:
+#   gaussian       exp(-r^2 / (2 sigma^2)), cut at R
+#   bspline        B(2 r / R), B the cubic B-spline: 2/3 - t^2 + t^3/2 below 1, (2 - t)^3/6 below 2
+#   kaiser-bessel  q^2 I2(5.2 R q), q = sqrt(1 - (r / R)^2), I2 the modified Bessel function (Lewitt 1990)
+#   cone           1 - r / R
+# P(rho) is the integral of K(sqrt(rho^2 + z^2)) over z, divided by the integral of K over space.
+
+GAUSSIAN_SIGMA = 0.62  # voxels: the widest whose sums stay well within 1 % when cut at 2 voxels, at any zoom
+KAISER_BESSEL_ALPHA = 5.2  # per voxel of radius: the usual 10.4 at 2 voxels
+
+# Where each kernel is cut unless the scene says otherwise, in voxels. At 2, a zoom of 2 means 8 x 8 pixels.
 DEFAULT_RADIUS = {
     Kernel.GAUSSIAN: 2.0,
     Kernel.BSPLINE: 2.0,
     Kernel.KAISER_BESSEL: 2.0,
-    Kernel.CONE: 1.6,
+    Kernel.CONE: 2.0,
+}
+
+# How far, at the default radius, the weights over a pixel may be from thickness / reference spacing, as a fraction,
+# over all views, zooms and matrices. The cone's and the B-spline's worst is below one pixel a voxel.
+DOCUMENTED_RIPPLE = {
+    Kernel.GAUSSIAN: 0.01,
+    Kernel.BSPLINE: 0.005,
+    Kernel.KAISER_BESSEL: 0.003,
+    Kernel.CONE: 0.025,
 }
 
 
