@@ -98,7 +98,7 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step) -> FramePlan:
     x, y, depth = (_dda(origin[axis], to_pixels[axis]) for axis in range(3))
     rule = STEP_RULES[step]
     visits = tuple(visits_of(bounds.low[axis], bounds.high[axis], rule.stride) for axis in range(3))
-    traversal = traversal_of(depth.half_steps, scene.order)
+    traversal = traversal_of(_ray_to_viewer(to_pixels, zoom), scene.order)
     reach = Reach.FOOTPRINT if rule.footprint else _nearest_reach(to_pixels, traversal, rule.stride)
     return FramePlan(
         step=step,
@@ -152,6 +152,12 @@ def bounding_radius(geometry: Geometry) -> float:
     m = geometry.index_to_physical
     corners = [matrices.applied(m, (ni / 2, sj * nj / 2, sk * nk / 2)) for sj in (-1.0, 1.0) for sk in (-1.0, 1.0)]
     return max(matrices.length(corner) for corner in corners)
+
+
+def _ray_to_viewer(to_pixels: Matrix, zoom: float) -> Index:
+    """What a ray adds to i, j and k over one reference spacing of depth, in fixed point, so that ties are ties."""
+    ray = matrices.scaled(matrices.column(matrices.inverse(to_pixels), 2), zoom * FIXED_ONE)
+    return (math.floor(ray[0] + 0.5), math.floor(ray[1] + 0.5), math.floor(ray[2] + 0.5))
 
 
 def _dda(origin: float, steps: Vector) -> Dda:

@@ -1,7 +1,8 @@
 """The order in which samples are visited (paper: "Screen Mapping").
 
-The axis along which depth changes most is the outermost loop (sheet), the one along which it changes least the
-innermost (sample). A zero delta counts as positive; of equal magnitudes k comes before j before i.
+A ray to the viewer changes i, j and k at constant rates. The axis that changes most is the outermost loop (sheet),
+the one that changes least the innermost (sample). A zero delta counts as positive; of equal magnitudes k comes
+before j before i.
 """
 
 from dataclasses import dataclass
@@ -18,17 +19,21 @@ class Traversal:
     ascending: tuple[bool, bool, bool]
 
 
-def traversal_of(depth_deltas: Index, order: Order) -> Traversal:
-    """The traversal for depth changes per step of i, j, k (any unit; greater is nearer to the viewer)."""
-    axes = sorted((2, 1, 0), key=lambda axis: -abs(depth_deltas[axis]))
+def traversal_of(ray: Index, order: Order) -> Traversal:
+    """The traversal for a ray that runs to the viewer by `ray` in i, j and k (any unit).
+
+    With equal spacings the ray's deltas are those of depth, dz/di, dz/dj and dz/dk, that the paper inspects. With
+    unequal ones or skew they are not: rays cross the grid's cells by the rule here, whatever the spacings.
+    """
+    axes = sorted((2, 1, 0), key=lambda axis: -abs(ray[axis]))
     back_to_front = order == Order.BACK_TO_FRONT
     sheet, row, sample = axes
     return Traversal(
         axes=(sheet, row, sample),
         ascending=(
-            (depth_deltas[sheet] >= 0) == back_to_front,
-            (depth_deltas[row] >= 0) == back_to_front,
-            (depth_deltas[sample] >= 0) == back_to_front,
+            (ray[sheet] >= 0) == back_to_front,
+            (ray[row] >= 0) == back_to_front,
+            (ray[sample] >= 0) == back_to_front,
         ),
     )
 
