@@ -1,0 +1,88 @@
+"""Grid to screen mapping (paper: "Screen Mapping"): which samples a frame visits, and where they lie.
+
+Exact positions follow the view's definition in real numbers (design, section 5) and know nothing of the DDA.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from volsplat.protocol.frame_plan import Dda, FramePlan, resolved_center, resolved_zoom
+from volsplat.protocol.packet_layout import SUBPIXEL_BITS
+from volsplat.protocol.scene import Scene
+from volsplat.protocol.volume import Geometry
+
+
+@dataclass(frozen=True)
+class Samples:
+    """The visited samples of a frame in traversal order; n of them, all tensors on the CPU."""
+
+    indices: Tensor  # (n, 3) int64, grid i, j, k
+    ordinals: Tensor  # (n, 3) int64, sheet, row, sample
+    blocks: Tensor  # (n, 3, 2) int64, the half-open range of voxels each stands for, on i, j, k
+    lattice: Tensor  # (n, 2) int64, x and y (down) in 1/64 pixel, as on the wire
+    exact: Tensor  # (n, 2) float64, the same positions in pixels, not quantised
+
+    @property
+    def block_sizes(self) -> Tensor:
+        """(n, 3) int64: voxels along i, j and k."""
+        return self.blocks[..., 1] - self.blocks[..., 0]
+
+
+def rotated(quaternion: tuple[float, float, float, float], vectors: Tensor) -> Tensor:
+    """q v q* for `vectors` (..., 3) and a quaternion (x, y, z, w) of any length."""
+    q = torch.tensor(quaternion, dtype=torch.float64)
+    q = q / torch.linalg.vector_norm(q)
+    axis = q[:3].expand_as(vectors)
+    turned = 2 * torch.linalg.cross(axis, vectors)
+    return vectors + q[3] * turned + torch.linalg.cross(axis, turned)
+
+
+def steps_on_screen(scene: Scene, geometry: Geometry) -> Tensor:
+    """(3, 3) float64: the columns are a step of i, j and k in pixels, x right, y UP, z to the viewer."""
+    matrix = torch.tensor(geometry.index_to_physical, dtype=torch.float64)
+    reference_spacing = torch.linalg.det(matrix).abs() ** (1 / 3)
+    return rotated(scene.view.rotation, matrix.T).T * (resolved_zoom(scene, geometry) / reference_spacing)
+
+
+def on_screen(points: Tensor, scene: Scene, geometry: Geometry) -> Tensor:
+    """Pixel positions (n, 2), x right and y down from the top-left pixel's centre, of grid points (n, 3)."""
+    center = torch.tensor(resolved_center(scene, geometry), dtype=torch.float64)
+    screen = (points - center) @ steps_on_screen(scene, geometry).T
+    return torch.stack(
+        ((scene.image.width - 1) / 2 + screen[:, 0], (scene.image.height - 1) / 2 - screen[:, 1]),
+        dim=1,
+    )
+
+
+def on_lattice(dda: Dda, doubled: Tensor) -> Tensor:
+    """The DDA's positions (n,) of doubled grid indices (n, 3), rounded to 1/64 pixel, halves up."""
+    value = dda.origin + (doubled * torch.tensor(dda.half_steps, dtype=torch.int64)).sum(dim=1)
+    fraction_bits = 32 - SUBPIXEL_BITS
+    return (value + (1 << (fraction_bits - 1))) >> fraction_bits
+
+
+def samples_of(scene: Scene, geometry: Geometry, plan: FramePlan) -> Samples:
+    """All visited samples in the nested-loop order of the plan's traversal."""
+    indices_on, blocks_on = [], []
+    for visits in plan.visits:
+        indices_on.append(torch.tensor([visits.index(n) for n in range(visits.count)]))
+        blocks_on.append(torch.tensor([visits.block(n) for n in range(visits.count)]))
+    traversal = plan.traversal
+    counts = [plan.visits[axis].count for axis in traversal.axes]
+    ordinals = torch.cartesian_prod(*(torch.arange(count) for count in counts)).reshape(-1, 3)
+    indices = torch.empty_like(ordinals)
+    blocks = torch.empty((len(ordinals), 3, 2), dtype=torch.int64)
+    for loop, axis in enumerate(traversal.axes):
+        visit = ordinals[:, loop] if traversal.ascending[loop] else counts[loop] - 1 - ordinals[:, loop]
+        indices[:, axis] = indices_on[axis][visit]
+        blocks[:, axis] = blocks_on[axis][visit]
+    doubled = blocks[..., 0] + blocks[..., 1] - 1
+    return Samples(
+        indices=indices,
+        ordinals=ordinals,
+        blocks=blocks,
+        lattice=torch.stack((on_lattice(plan.x, doubled), on_lattice(plan.y, doubled)), dim=1),
+        exact=on_screen(doubled.double() / 2, scene, geometry),
+    )

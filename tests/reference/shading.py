@@ -1,0 +1,139 @@
+"""The paper's shading rules in plain float64 torch (paper: "Shading"; signs and halves: design, sections 4 and 5)."""
+
+import torch
+from torch import Tensor
+
+from reference import voxel_packets
+from volsplat.protocol import matrices
+from volsplat.protocol.frame_plan import FramePlan
+from volsplat.protocol.index_rules import grid_index_bytes
+from volsplat.protocol.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, OPACITY_UNIT, code_of_opacity
+from volsplat.protocol.refinement import active_shading
+from volsplat.protocol.scene import ColourTable, Field, ScalarTable, Scene, Step
+from volsplat.protocol.volume import Geometry
+
+GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+GRADIENT_FIELDS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
+SCREEN_FIELDS = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
+
+
+def blocks(plan: FramePlan, indices: Tensor) -> tuple[Tensor, Tensor]:
+    """Low (inclusive) and high (exclusive) of the clipped blocks of visited samples: int64 (n, 3) each."""
+    low, high = [], []
+    for axis in range(3):
+        visits = plan.visits[axis]
+        index = indices[:, axis]
+        ordinal = (index - visits.first) // visits.stride
+        start = index - visits.stride // 2
+        low.append(torch.where(ordinal == 0, visits.low, start))
+        high.append(torch.where(ordinal == visits.count - 1, visits.high, start + visits.stride))
+    return torch.stack(low, -1), torch.stack(high, -1)
+
+
+def opacity_exponents(plan: FramePlan, indices: Tensor) -> Tensor:
+    """The t of 1 - (1 - a)^t for visited samples: float64 (n,)."""
+    low, high = blocks(plan, indices)
+    sizes, inverse = torch.unique(high - low, dim=0, return_inverse=True)
+    each = [plan.opacity_exponent((int(s[0]), int(s[1]), int(s[2]))) for s in sizes]
+    return torch.tensor(each, dtype=torch.float64)[inverse]
+
+
+def field_bytes(
+    plan: FramePlan, geometry: Geometry, directions: str, indices: Tensor, packets: Tensor
+) -> dict[Field, Tensor]:
+    """The bytes of all packet fields of visited samples.
+
+    `indices` is int64 (n, 3) of grid i, j, k; `packets` int64 (n,); `directions` the direction scheme. Each
+    result is int64 (n,).
+    """
+    low, high = blocks(plan, indices)
+    doubled = low + high - 1
+    code = packets >> DIRECTION_SHIFT & 0x7FFF
+    fields = {Field.DENSITY: packets & 255, Field.STRENGTH: packets >> 8 & 255}
+    gradient = voxel_packets.gradient_field_bytes(directions, geometry)
+    for axis in range(3):
+        fields[GRADIENT_FIELDS[axis]] = gradient[axis][code]
+        dda = plan.screen_index[axis]
+        h = dda.half_steps
+        value = dda.origin + doubled[:, 0] * h[0] + doubled[:, 1] * h[1] + doubled[:, 2] * h[2]
+        fields[SCREEN_FIELDS[axis]] = (value >> 32).clamp(0, 255)
+        fields[GRID_FIELDS[axis]] = torch.tensor(grid_index_bytes(geometry.dims[axis]))[indices[:, axis]]
+    return fields
+
+
+def light_of_directions(scene: Scene, step: Step, plan: FramePlan, directions: Tensor) -> Tensor:
+    """What multiplies the reflected colour, for unit gradient directions (n, 3) or zeros: float64 (n,)."""
+    active = active_shading(scene, step)
+    to_physical = matrices.transposed(plan.rotation)
+    light = matrices.normalised(scene.light.direction)
+    if scene.light.fixed_to == "world":
+        light = matrices.applied(to_physical, light)
+    eye = matrices.applied(to_physical, (0.0, 0.0, 1.0))
+    between = matrices.plus(light, eye)
+    half = matrices.normalised(between) if any(between) else (0.0, 0.0, 0.0)
+
+    outward = -directions
+    lambert = outward @ torch.tensor(light, dtype=torch.float64)
+    towards_half = outward @ torch.tensor(half, dtype=torch.float64)
+    if scene.shading.two_sided:
+        lambert, towards_half = lambert.abs(), towards_half.abs()
+    specular = torch.where(lambert > 0, towards_half.clamp(min=0) ** scene.shading.specular_power, 0.0)
+    total = torch.zeros(len(directions), dtype=torch.float64)
+    if active.diffuse:
+        total = total + lambert.clamp(min=0)
+    if active.specular:
+        total = total + specular
+    return torch.where(directions.abs().sum(-1) > 0, total, 0.0)
+
+
+def shade(
+    packets: Tensor,
+    fields: dict[Field, Tensor],
+    scene: Scene,
+    step: Step,
+    plan: FramePlan,
+    exponent: Tensor,
+    directions: Tensor,
+) -> tuple[Tensor, Tensor]:
+    """Colour (n, 3) and opacity (n,) of samples, float64 0..1, unrounded; opacity is 0 where there is no data.
+
+    `packets` int64 (n,); `fields` their bytes; `exponent` float64 (n,); `directions` (32768, 3) unit vectors.
+    """
+    cross_bar, shading = scene.cross_bar, scene.shading
+    colour = torch.zeros(len(packets), 3, dtype=torch.float64)
+    if active_shading(scene, step).emitted:
+        colour = colour + _colours(scene.tables.emit)[fields[cross_bar.emit]]
+    light = light_of_directions(scene, step, plan, directions)[packets >> DIRECTION_SHIFT & 0x7FFF]
+    colour = colour + _colours(scene.tables.refl)[fields[cross_bar.refl]] * light[:, None]
+
+    alpha = _scalars(scene.tables.opac)[fields[cross_bar.opac]]
+    if shading.modulation:
+        alpha = alpha * _scalars(scene.tables.modu)[fields[cross_bar.modu]]
+    no_data = packets >> 31 & 1 == 1
+    return colour.clamp(0, 1), torch.where(no_data, 0.0, thickened(alpha, exponent))
+
+
+def thickened(alpha: Tensor, exponent: Tensor) -> Tensor:
+    """1 - (1 - alpha)^exponent, without cancellation for thin fog."""
+    return torch.where(exponent == 1.0, alpha, -torch.expm1(exponent * torch.log1p(-alpha)))
+
+
+def opacity_codes(opacity: Tensor) -> Tensor:
+    """The 12-bit codes of opacities (n,): int64."""
+    return torch.tensor([code_of_opacity(value) for value in opacity.tolist()], dtype=torch.int64)
+
+
+def opacity_values() -> Tensor:
+    """The opacity of each of the 4096 codes, float64."""
+    code = torch.arange(OPACITY_CODES)
+    exponent, mantissa = code >> 8, code & 255
+    units = torch.where(exponent == 0, mantissa, (256 + mantissa) << (exponent - 1).clamp(min=0))
+    return units.to(torch.float64) / OPACITY_UNIT
+
+
+def _colours(table: ColourTable) -> Tensor:
+    return torch.tensor(table.entries(), dtype=torch.float64)
+
+
+def _scalars(table: ScalarTable) -> Tensor:
+    return torch.tensor(table.entries(), dtype=torch.float64)

@@ -1,0 +1,124 @@
+"""Preprocessing to voxel packets in plain float64 torch (paper: "Shading"; rules: protocol.index_rules)."""
+
+import torch
+from torch import Tensor
+
+from volsplat.protocol import matrices
+from volsplat.protocol.index_rules import (
+    DIRECTION_CODES,
+    OCTAHEDRAL_NO_GRADIENT,
+    OCTAHEDRAL_SIDE,
+    PAPER_NO_GRADIENT,
+    Quantisation,
+    physical_gradient,
+)
+from volsplat.protocol.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
+from volsplat.protocol.volume import Geometry
+
+
+def with_no_data_as_nan(values: Tensor) -> Tensor:
+    """float64 values (k, j, i) with infinite values counted as no data, like NaN."""
+    values = values.to(torch.float64)
+    return torch.where(torch.isfinite(values), values, torch.nan)
+
+
+def gradients(values: Tensor, geometry: Geometry) -> Tensor:
+    """The gradient per unit of physical length, float64 (k, j, i, 3) with components along the physical axes.
+
+    Central differences by two steps; one-sided by one step where a neighbour is outside or no data; 0 where both are.
+    """
+    values = with_no_data_as_nan(values)
+    per_step = torch.stack([_difference(values, dim) for dim in (2, 1, 0)], dim=-1)
+    m = physical_gradient(geometry)
+    components = [
+        m[a][0] * per_step[..., 0] + m[a][1] * per_step[..., 1] + m[a][2] * per_step[..., 2] for a in range(3)
+    ]
+    return torch.stack(components, dim=-1)
+
+
+def _difference(values: Tensor, dim: int) -> Tensor:
+    missing = torch.full_like(values.narrow(dim, 0, 1), torch.nan)
+    size = values.shape[dim]
+    after = torch.cat([values.narrow(dim, 1, size - 1), missing], dim)
+    before = torch.cat([missing, values.narrow(dim, 0, size - 1)], dim)
+    has_after, has_before = ~torch.isnan(after), ~torch.isnan(before)
+    central = (after - before) * 0.5
+    forward, backward = after - values, values - before
+    one_sided = torch.where(has_after, forward, torch.where(has_before, backward, 0.0))
+    return torch.where(has_after & has_before, central, one_sided)
+
+
+def strengths(gradient: Tensor) -> Tensor:
+    """|gradient| of (…, 3); 0 where it is not finite."""
+    x, y, z = gradient.unbind(-1)
+    size = torch.sqrt(x * x + y * y + z * z)
+    return torch.where(torch.isfinite(size), size, 0.0)
+
+
+def octahedral_codes(gradient: Tensor) -> Tensor:
+    """int64 direction codes of gradients (…, 3), which must not be zero."""
+    p = gradient / gradient.abs().sum(-1, keepdim=True)
+    x, y, z = p.unbind(-1)
+    fold = z < 0
+    folded_x = torch.where(fold, (1 - y.abs()) * _sign(x), x)
+    folded_y = torch.where(fold, (1 - x.abs()) * _sign(y), y)
+    u = torch.floor((folded_x + 1) * 90 + 0.5)
+    v = torch.floor((folded_y + 1) * 90 + 0.5)
+    return (OCTAHEDRAL_SIDE * v + u).to(torch.int64)
+
+
+def paper_codes(gradient: Tensor) -> Tensor:
+    """int64 direction codes of 5 + 5 + 5 bits of gradients (…, 3), which must not be zero."""
+    c = gradient / gradient.abs().amax(-1, keepdim=True) * 15
+    rounded = (torch.floor(c.abs() + 0.5) * _sign(c)).to(torch.int64) + 16
+    return rounded[..., 0] | rounded[..., 1] << 5 | rounded[..., 2] << 10
+
+
+def _sign(x: Tensor) -> Tensor:
+    return torch.where(x < 0, -1.0, 1.0).to(torch.float64)
+
+
+def pack(values: Tensor, geometry: Geometry, quantisation: Quantisation) -> Tensor:
+    """The voxel packets of a whole volume: int64 (k, j, i) from float64 values (k, j, i), NaN where there are none."""
+    values = with_no_data_as_nan(values)
+    gradient = gradients(values, geometry)
+    size = strengths(gradient)
+    lit = size > 0
+    window_low = quantisation.window[0]
+    density = torch.floor(((values - window_low) * quantisation.density_scale).clamp(0, 255) + 0.5)
+    strength = torch.floor((size * quantisation.strength_scale).clamp(max=255) + 0.5)
+    octahedral = quantisation.directions == "octahedral"
+    coded = (octahedral_codes if octahedral else paper_codes)(torch.where(lit[..., None], gradient, 1.0))
+    code = torch.where(lit, coded, OCTAHEDRAL_NO_GRADIENT if octahedral else PAPER_NO_GRADIENT)
+    no_data = torch.isnan(values)
+    packets = density.nan_to_num().to(torch.int64) | strength.to(torch.int64) << 8 | code << DIRECTION_SHIFT
+    return torch.where(no_data, 1 << NO_DATA_BIT, packets)
+
+
+def directions(scheme: str) -> Tensor:
+    """The unit vectors of all direction codes, float64 (32768, 3), physical axes; zeros for codes without direction."""
+    code = torch.arange(DIRECTION_CODES)
+    if scheme == "octahedral":
+        u, v = code % OCTAHEDRAL_SIDE, code // OCTAHEDRAL_SIDE
+        x, y = (u - 90).to(torch.float64), (v - 90).to(torch.float64)
+        z = 90 - x.abs() - y.abs()
+        fold = z < 0
+        folded_x = torch.where(fold, (90 - y.abs()) * _sign(x), x)
+        folded_y = torch.where(fold, (90 - x.abs()) * _sign(y), y)
+        d = torch.stack([folded_x, folded_y, z], dim=-1)
+        d = torch.where((code < OCTAHEDRAL_NO_GRADIENT)[:, None], d, 0.0)
+    else:
+        d = torch.stack([(code >> shift & 31) - 16 for shift in (0, 5, 10)], dim=-1).to(torch.float64)
+    size = d.square().sum(-1, keepdim=True).sqrt()
+    return torch.where(size > 0, d / torch.where(size > 0, size, 1.0), 0.0)
+
+
+def gradient_field_bytes(scheme: str, geometry: Geometry) -> Tensor:
+    """The bytes of the fields gradient i, j, k for all direction codes, int64 (3, 32768)."""
+    d = directions(scheme)
+    rows = []
+    for axis in range(3):
+        along = matrices.normalised(matrices.column(geometry.index_to_physical, axis))
+        c = d[:, 0] * along[0] + d[:, 1] * along[1] + d[:, 2] * along[2]
+        rows.append(torch.floor(128.5 + 127 * c).to(torch.int64))
+    return torch.stack(rows)
