@@ -12,11 +12,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from volsplat.protocol.footprint_shape import DEFAULT_RADIUS
+from volsplat.protocol.footprint_shape import DEFAULT_RADIUS, GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA
 from volsplat.protocol.scene import Kernel, Reconstruction
 
-GAUSSIAN_SIGMA = 0.7
-KAISER_BESSEL_ALPHA = 10.4
 PROFILE_POINTS = 8193
 QUADRATURE_POINTS = 96
 
@@ -27,12 +25,13 @@ def kernel_density(kernel: Kernel, r: Tensor, radius: float) -> Tensor:
         case Kernel.GAUSSIAN:
             return torch.exp(-(r**2) / (2 * GAUSSIAN_SIGMA**2))
         case Kernel.BSPLINE:
-            inner = 2 / 3 - r**2 + r**3 / 2
-            outer = (2 - r).clamp(min=0) ** 3 / 6
-            return torch.where(r < 1, inner, outer)
+            t = 2 * r / radius
+            inner = 2 / 3 - t**2 + t**3 / 2
+            outer = (2 - t).clamp(min=0) ** 3 / 6
+            return torch.where(t < 1, inner, outer)
         case Kernel.KAISER_BESSEL:
             u = (1 - (r / radius) ** 2).clamp(min=0).sqrt()
-            return u**2 * _bessel_i2(KAISER_BESSEL_ALPHA * u)
+            return u**2 * _bessel_i2(KAISER_BESSEL_ALPHA * radius * u)
         case Kernel.CONE:
             return (1 - r / radius).clamp(min=0)
 

@@ -35,15 +35,17 @@ def rotated(quaternion: tuple[float, float, float, float], vectors: Tensor) -> T
     q = torch.tensor(quaternion, dtype=torch.float64)
     q = q / torch.linalg.vector_norm(q)
     axis = q[:3].expand_as(vectors)
-    turned = 2 * torch.linalg.cross(axis, vectors)
-    return vectors + q[3] * turned + torch.linalg.cross(axis, turned)
+    turned: Tensor = 2 * torch.linalg.cross(axis, vectors)
+    result: Tensor = vectors + q[3] * turned + torch.linalg.cross(axis, turned)
+    return result
 
 
 def steps_on_screen(scene: Scene, geometry: Geometry) -> Tensor:
     """(3, 3) float64: the columns are a step of i, j and k in pixels, x right, y UP, z to the viewer."""
     matrix = torch.tensor(geometry.index_to_physical, dtype=torch.float64)
     reference_spacing = torch.linalg.det(matrix).abs() ** (1 / 3)
-    return rotated(scene.view.rotation, matrix.T).T * (resolved_zoom(scene, geometry) / reference_spacing)
+    pixels_per_unit = resolved_zoom(scene, geometry) / reference_spacing
+    return (rotated(scene.view.rotation, matrix.T) * pixels_per_unit).T
 
 
 def on_screen(points: Tensor, scene: Scene, geometry: Geometry) -> Tensor:

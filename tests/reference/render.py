@@ -1,0 +1,176 @@
+"""The paper's renderer in plain float64: packets in, image out. This is the truth that the programs answer to.
+
+The white edges are left out.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from reference import combining, mapping, shading, voxel_packets
+from reference.footprint import Footprint, footprint_of
+from volsplat.protocol.frame_plan import FramePlan, Reach, plan_frame
+from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
+from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import Geometry
+
+LATTICE = 1 << SUBPIXEL_BITS
+CONTRIBUTIONS_AT_ONCE = 4_000_000  # (sample, pixel) pairs, which bounds the memory
+
+# Weights (n, rows, columns) of the lattice positions (n, 2) at pixels x (n, columns) and y (n, rows).
+Weights = Callable[[Tensor, Tensor, Tensor], Tensor]
+
+
+@dataclass(frozen=True)
+class Shaded:
+    """The samples of a frame that are not transparent, in traversal order, with what the shader made of them."""
+
+    samples: mapping.Samples
+    colour: Tensor  # (n, 3) float64, 0..1
+    opacity: Tensor  # (n,) float64, 0..1
+
+
+def render(
+    packets: Tensor,
+    geometry: Geometry,
+    quantisation: Quantisation,
+    scene: Scene,
+    step: Step,
+    exact: bool,
+    weights: Weights | None = None,
+) -> Tensor:
+    """The image (H, W, 4) float64, associated alpha, of voxel packets (k, j, i) int64.
+
+    Not `exact`: positions, colours and opacities are those of the wire, and `weights` may give the footprint table
+    of the splat server. `exact`: nothing but the voxel packets is quantised.
+    """
+    plan = plan_frame(scene, geometry, step)
+    shaded = shaded_samples(packets, geometry, quantisation, scene, plan, exact)
+    buffer = torch.zeros((plan.height * plan.width, 4), dtype=torch.float64)
+    if plan.reach == Reach.CELL:
+        _splat_cells(buffer, shaded, plan, scene, geometry)
+    elif plan.reach == Reach.PIXEL:
+        _splat_pixels(buffer, shaded, plan, scene, exact)
+    else:
+        steps = mapping.steps_on_screen(scene, geometry)
+        footprint = footprint_of(steps, plan.zoom, plan.stride, scene.reconstruction)
+        _splat_footprints(buffer, shaded, plan, scene, footprint, exact, weights)
+    return buffer.reshape(plan.height, plan.width, 4)
+
+
+def shaded_samples(
+    packets: Tensor, geometry: Geometry, quantisation: Quantisation, scene: Scene, plan: FramePlan, exact: bool
+) -> Shaded:
+    """Map and shade every visited sample; what is transparent or has no data is left out."""
+    samples = mapping.samples_of(scene, geometry, plan)
+    i, j, k = samples.indices.unbind(1)
+    here = packets[k, j, i]
+    fields = shading.field_bytes(plan, geometry, quantisation.directions, samples.indices, here)
+    exponent = shading.opacity_exponents(plan, samples.indices)
+    directions = voxel_packets.directions(quantisation.directions)
+    colour, opacity = shading.shade(here, fields, scene, plan.step, plan, exponent, directions)
+    if not exact:
+        colour = torch.floor(255 * colour + 0.5) / 255
+        opacity = coded(opacity)
+    kept = opacity > 0
+    return Shaded(
+        samples=mapping.Samples(
+            indices=samples.indices[kept],
+            ordinals=samples.ordinals[kept],
+            blocks=samples.blocks[kept],
+            lattice=samples.lattice[kept],
+            exact=samples.exact[kept],
+        ),
+        colour=colour[kept],
+        opacity=opacity[kept],
+    )
+
+
+def coded(opacity: Tensor) -> Tensor:
+    """The nearest opacities (n,) that the 12-bit code can state."""
+    codes = torch.tensor([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=torch.float64)
+    return codes[torch.searchsorted((codes[1:] + codes[:-1]) / 2, opacity, right=True)]
+
+
+def _splat_footprints(
+    buffer: Tensor,
+    shaded: Shaded,
+    plan: FramePlan,
+    scene: Scene,
+    footprint: Footprint,
+    exact: bool,
+    weights: Weights | None,
+) -> None:
+    """Add every sample, weighted by its footprint at the pixel centres around it."""
+    half_x, half_y = footprint.half_size
+    columns, rows = torch.arange(int(2 * half_x) + 3), torch.arange(int(2 * half_y) + 3)
+    at_once = max(CONTRIBUTIONS_AT_ONCE // (len(columns) * len(rows)), 1)
+    positions = shaded.samples.exact if exact else shaded.samples.lattice.double() / LATTICE
+    for start in range(0, len(positions), at_once):
+        here = slice(start, start + at_once)
+        x, y = positions[here].unbind(1)
+        pixel_x = torch.floor(x - half_x).long()[:, None] + columns
+        pixel_y = torch.floor(y - half_y).long()[:, None] + rows
+        if weights is None:
+            weight = footprint.weights((pixel_x - x[:, None])[:, None, :], (pixel_y - y[:, None])[:, :, None])
+        else:
+            weight = weights(shaded.samples.lattice[here], pixel_x, pixel_y)
+        inside_x = (pixel_x >= 0) & (pixel_x < plan.width)
+        inside_y = (pixel_y >= 0) & (pixel_y < plan.height)
+        sample, row, column = torch.nonzero((weight > 0) & inside_x[:, None, :] & inside_y[:, :, None], as_tuple=True)
+        combining.combine(
+            scene.order,
+            buffer,
+            pixel_y[sample, row] * plan.width + pixel_x[sample, column],
+            combining.weighted(weight[sample, row, column], shaded.opacity[here][sample]),
+            shaded.colour[here][sample],
+        )
+
+
+def _splat_pixels(buffer: Tensor, shaded: Shaded, plan: FramePlan, scene: Scene, exact: bool) -> None:
+    """Add every sample to the one pixel whose centre is nearest."""
+    lattice = (shaded.samples.lattice + LATTICE // 2) >> SUBPIXEL_BITS
+    nearest = torch.floor(shaded.samples.exact + 0.5).long() if exact else lattice
+    x, y = nearest.unbind(1)
+    inside = (x >= 0) & (x < plan.width) & (y >= 0) & (y < plan.height)
+    pixel = (y * plan.width + x)[inside]
+    combining.combine(scene.order, buffer, pixel, shaded.opacity[inside], shaded.colour[inside])
+
+
+def _splat_cells(buffer: Tensor, shaded: Shaded, plan: FramePlan, scene: Scene, geometry: Geometry) -> None:
+    """Sheet by sheet, give every pixel the sample whose cell its centre lies in."""
+    sheet_axis, row_axis, sample_axis = plan.traversal.axes
+    counts = [plan.visits[axis].count for axis in plan.traversal.axes]
+    # Visible samples by (sheet, row, sample); -1 where there is none.
+    found = torch.full((counts[0], counts[1], counts[2]), -1, dtype=torch.int64)
+    found[tuple(shaded.samples.ordinals.unbind(1))] = torch.arange(len(shaded.opacity))
+    y, x = torch.meshgrid(torch.arange(plan.height), torch.arange(plan.width), indexing="ij")
+    pixels = torch.stack((x.flatten(), y.flatten()), dim=1).double()
+    in_sheet = [row_axis, sample_axis]
+    steps = mapping.steps_on_screen(scene, geometry)[:2] * torch.tensor([[1.0], [-1.0]], dtype=torch.float64)
+    back = torch.linalg.inv(steps[:, in_sheet])
+    for sheet in torch.unique(shaded.samples.ordinals[:, 0]).tolist():
+        visits = plan.visits[sheet_axis]
+        low, high = visits.block(sheet if plan.traversal.ascending[0] else visits.count - 1 - sheet)
+        corner = torch.zeros((1, 3), dtype=torch.float64)
+        corner[0, sheet_axis] = (low + high - 1) / 2
+        grid = (pixels - mapping.on_screen(corner, scene, geometry)) @ back.T  # (pixels, 2) row, sample coordinates
+        row = _visit_at(grid[:, 0], plan, 1)
+        sample = _visit_at(grid[:, 1], plan, 2)
+        pixel = torch.nonzero((row >= 0) & (sample >= 0)).flatten()
+        which = found[sheet, row[pixel], sample[pixel]]
+        pixel, which = pixel[which >= 0], which[which >= 0]
+        combining.combine(scene.order, buffer, pixel, shaded.opacity[which], shaded.colour[which])
+
+
+def _visit_at(coordinate: Tensor, plan: FramePlan, loop: int) -> Tensor:
+    """The ordinal on a loop whose block holds each grid coordinate (n,), or -1: blocks are [low, high) - 1/2."""
+    visits = plan.visits[plan.traversal.axes[loop]]
+    edges = [visits.block(n)[0] - 0.5 for n in range(visits.count)] + [visits.high - 0.5]
+    visit = torch.searchsorted(torch.tensor(edges, dtype=torch.float64), coordinate.contiguous(), right=True) - 1
+    inside = (visit >= 0) & (visit < visits.count)
+    ordinal = visit if plan.traversal.ascending[loop] else visits.count - 1 - visit
+    return torch.where(inside, ordinal, -1)
