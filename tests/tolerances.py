@@ -5,3 +5,18 @@ ONE_LEVEL = 1 / 255
 
 ROTATION_ENTRY = 1e-14
 """Entries of a rotation made from a quaternion in float64: a few dozen roundings of numbers up to 1."""
+
+ROUNDING = 1e-9
+"""Of numbers near 1 after some dozens of float64 operations."""
+
+HALF_A_LATTICE_STEP = 1 / 128
+"""Positions are rounded to 1/64 pixel (design, section 3.6)."""
+
+DDA_DRIFT = 1e-6
+"""Pixels: half steps are rounded to 2^-32, and some thousands of them add up."""
+
+HALF_A_LEVEL = {"uint8": 0.5 / 255 + 1e-6, "uint16": 0.5 / 65535 + 1e-6, "float": 0.0}
+"""What rounding to a file's pixels may change; float32 itself holds 0..1 to 6e-8."""
+
+JPEG_LEVELS = 6 / 255
+"""JPEG of quality 95 on smooth ramps: quantised coefficients, and YCbCr rounded to 8 bits."""

@@ -1,0 +1,199 @@
+"""Images on disk, by OpenImageIO: written whole or not at all, and always with the scene that made them.
+
+Values are display-referred sRGB 0..1 and are never converted. EXR and PNG carry one attribute for each property;
+JPEG and TIFF have room for a single text, which holds all of them as a JSON object.
+"""
+
+import base64
+import json
+import os
+import secrets
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import OpenImageIO as oiio
+import torch
+from torch import Tensor
+
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Colour, Scene
+
+Depth = Literal["uint8", "uint16", "float"]
+
+# What each format can hold; the first is its default.
+DEPTHS: dict[str, tuple[Depth, ...]] = {
+    ".png": ("uint8", "uint16"),
+    ".jpg": ("uint8",),
+    ".jpeg": ("uint8",),
+    ".tif": ("uint8", "uint16", "float"),
+    ".tiff": ("uint8", "uint16", "float"),
+    ".exr": ("float",),
+}
+JPEG_QUALITY = 95
+
+_PREFIX = "volsplat:"
+_SCENE = _PREFIX + "scene"
+_ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
+_PACKED = "zlib,base64:"
+_LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
+
+
+def check_writable(path: Path) -> None:
+    """Raise BadInput, in one line, where no image could be written to `path`. Nothing is left behind."""
+    if path.suffix.lower() not in DEPTHS:
+        raise BadInput(f"{path}: cannot write this kind of image; end the name in one of {', '.join(DEPTHS)}")
+    if path.is_dir():
+        raise BadInput(f"{path}: is a folder; give the name of a file")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise BadInput(f"{path}: the file there is write-protected; give another name")
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: there is no folder {path.parent}; make it first")
+    trial = _temporary(path)
+    try:
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot write into the folder {path.parent}: {error.strerror}") from error
+
+
+def write_image(
+    path: Path,
+    image: Tensor,
+    scene: Scene,
+    properties: Mapping[str, str] | None = None,
+    depth: Depth | None = None,
+    jpeg_quality: int = JPEG_QUALITY,
+) -> None:
+    """Write an (H, W, 4) float32 image with associated alpha; equal images give equal bytes.
+
+    The scene's background is put under the image, except in EXR, which keeps alpha. `properties` are stored beside
+    the scene. Raises BadInput where the file cannot be written; an older file of that name then stays as it was.
+    """
+    check_writable(path)
+    kind = path.suffix.lower()
+    depth = depth or DEPTHS[kind][0]
+    if depth not in DEPTHS[kind]:
+        raise BadInput(f"{path}: {kind} cannot hold {depth} pixels; choose one of {', '.join(DEPTHS[kind])}")
+    pixels = _coded(image if kind == ".exr" else over_background(image, scene.image.background), depth)
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels, depth)
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    spec.attribute("DateTime", "")  # otherwise the time of writing is stored
+    if kind in (".jpg", ".jpeg"):
+        spec.attribute("Compression", f"jpeg:{jpeg_quality}")
+        spec.attribute("jpeg:subsampling", "4:4:4")
+    else:
+        spec.attribute("Compression", "zip")
+    _store(spec, path, {"scene": msgspec.json.encode(scene).decode(), **(properties or {})})
+    _write_whole(path, spec, pixels)
+
+
+def read_image(path: Path) -> Tensor:
+    """The image in a file as (H, W, C) float32, alpha associated, 8 and 16 bits as 0..1. Raises BadInput."""
+    opened = _opened(path)
+    try:
+        pixels = opened.read_image("float")
+        if pixels is None:
+            raise BadInput(f"{path}: cannot read the image: {_one_line(opened.geterror())}")
+    finally:
+        opened.close()
+    return torch.from_numpy(pixels)
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene stored in an image that volsplat wrote. Raises BadInput."""
+    text = read_properties(path).get("scene")
+    if text is None:
+        raise BadInput(f"{path}: holds no scene; only images that volsplat wrote do")
+    try:
+        return msgspec.json.decode(text, type=Scene)
+    except msgspec.MsgspecError as error:
+        raise BadInput(f"{path}: the scene stored in it cannot be used: {_one_line(str(error))}") from error
+
+
+def read_properties(path: Path) -> dict[str, str]:
+    """What volsplat stored with an image: "scene" as JSON, and whatever else was given. Raises BadInput."""
+    opened = _opened(path)
+    try:
+        spec = opened.spec()
+        stored = {a.name.removeprefix(_PREFIX): str(a.value) for a in spec.extra_attribs if a.name.startswith(_PREFIX)}
+        return stored or _from_description(spec.get_string_attribute("ImageDescription"))
+    finally:
+        opened.close()
+
+
+def over_background(image: Tensor, background: Colour) -> Tensor:
+    """(H, W, 4) with associated alpha over an opaque colour: (H, W, 3)."""
+    return image[..., :3] + (1.0 - image[..., 3:4]) * torch.tensor(background, dtype=image.dtype)
+
+
+def _coded(image: Tensor, depth: Depth) -> Tensor:
+    if depth == "float":
+        return image.to(torch.float32).contiguous()
+    largest = 255 if depth == "uint8" else 65535
+    levels = torch.floor(image.clamp(0.0, 1.0).to(torch.float64) * largest + 0.5)
+    return levels.to(torch.uint8 if depth == "uint8" else torch.uint16).contiguous()
+
+
+def _store(spec: "oiio.ImageSpec", path: Path, properties: Mapping[str, str]) -> None:
+    if path.suffix.lower() not in _ONE_TEXT:
+        for name, value in properties.items():
+            spec.attribute(_PREFIX + name, value)
+        return
+    text = json.dumps({_PREFIX + name: value for name, value in properties.items()})
+    if len(text) > _LONGEST_COMMENT:
+        text = _PACKED + base64.b64encode(zlib.compress(text.encode(), 9)).decode()
+    if len(text) > _LONGEST_COMMENT and path.suffix.lower() in (".jpg", ".jpeg"):
+        raise BadInput(f"{path}: the scene's tables have too many points for a JPEG file; write PNG, TIFF or EXR")
+    spec.attribute("ImageDescription", text)
+
+
+def _from_description(text: str) -> dict[str, str]:
+    """The properties in a JPEG's or TIFF's text; none where another program wrote it."""
+    try:
+        if text.startswith(_PACKED):
+            text = zlib.decompress(base64.b64decode(text.removeprefix(_PACKED))).decode()
+        found = json.loads(text)
+    except (ValueError, RecursionError, zlib.error):
+        return {}
+    if not isinstance(found, dict):
+        return {}
+    return {name.removeprefix(_PREFIX): str(value) for name, value in found.items() if name.startswith(_PREFIX)}
+
+
+def _opened(path: Path) -> "oiio.ImageInput":
+    if not path.is_file():
+        raise BadInput(f"{path}: no such image file")
+    opened = oiio.ImageInput.open(str(path))
+    if opened is None:
+        raise BadInput(f"{path}: cannot read the image: {_one_line(oiio.geterror())}")
+    return opened
+
+
+def _write_whole(path: Path, spec: "oiio.ImageSpec", pixels: Tensor) -> None:
+    """Write beside the target, then rename: whoever looks finds the old file or the new one."""
+    target = Path(os.path.realpath(path))
+    temporary = _temporary(target)
+    try:
+        output = oiio.ImageOutput.create(str(temporary))
+        if output is None:
+            raise BadInput(f"{path}: cannot write the image: {_one_line(oiio.geterror())}")
+        written = output.open(str(temporary), spec) and output.write_image(pixels.numpy())
+        if not (output.close() and written):
+            raise BadInput(f"{path}: cannot write the image: {_one_line(output.geterror() or 'the disk may be full')}")
+        os.replace(temporary, target)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot write the image: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _temporary(path: Path) -> Path:
+    return path.with_name(f".volsplat-{secrets.token_hex(8)}{path.suffix.lower()}")
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())
