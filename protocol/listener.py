@@ -1,0 +1,226 @@
+"""The accepting side: a port that lets in peers that know the session token, and nobody else.
+
+Each handshake runs in its own thread under a time limit, so a peer that says nothing holds up no other. Of those
+that have not proved themselves only so many may wait; the oldest makes room, since honest ones take milliseconds.
+"""
+
+import errno
+import itertools
+import logging
+import queue
+import socket
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+
+from volsplat.protocol.addresses import LOOPBACK, Address
+from volsplat.protocol.connection import Connection, ConnectionClosed, Peer
+from volsplat.protocol.errors import BadInput, RemoteProtocolError, VolsplatError
+from volsplat.protocol.framing import Allocate, new_buffer
+from volsplat.protocol.greetings import Hello
+from volsplat.protocol.handshake import AccepterHandshake, State, printable
+from volsplat.protocol.roles import Role
+from volsplat.protocol.tokens import Token
+from volsplat.protocol.versions import SPOKEN, VersionRange
+
+HANDSHAKE_SECONDS = 5.0
+MOST_PENDING = 64  # handshakes at a time
+BACKLOG = 128
+SHORTAGE_PAUSE_SECONDS = 0.1  # when the system has no socket left to give
+
+log = logging.getLogger(__name__)
+
+
+class IdCounter:
+    """Gives ids 1, 2, 3, … to servers; a data link keeps that of its server."""
+
+    def __init__(self) -> None:
+        self._numbers = itertools.count(1)
+
+    def __call__(self, hello: Hello) -> int:
+        if hello.role != Role.DATA_LINK:
+            return next(self._numbers)
+        if hello.server == 0:
+            raise BadInput("a data link must name its server's id, but Hello.server is 0")
+        return hello.server
+
+
+class Listener:
+    """Listens from when it is made; accept() gives the connections that have passed the handshake."""
+
+    def __init__(
+        self,
+        role: Role,
+        token: Token,
+        *,
+        host: str = LOOPBACK,
+        port: int = 0,
+        assign_id: Callable[[Hello], int] | None = None,
+        allocate: Allocate = new_buffer,
+        versions: VersionRange = SPOKEN,
+        handshake_seconds: float = HANDSHAKE_SECONDS,
+        most_pending: int = MOST_PENDING,
+    ) -> None:
+        """`port` 0 takes any free one. `assign_id` gives a proven peer its id, or raises VolsplatError to reject it.
+
+        Raises BadInput where the address cannot be had.
+        """
+        self._role, self._token, self._versions = role, token, versions
+        self._assign_id = assign_id or IdCounter()
+        self._allocate = allocate
+        self._handshake_seconds = handshake_seconds
+        self._most_pending = most_pending
+        self._socket = _bound(host, port)
+        self.address = Address(*self._socket.getsockname()[:2])
+        self._lock = threading.Lock()  # guards _pending, what is put into _accepted, and calls of _assign_id
+        self._pending: dict[Connection, threading.Thread] = {}  # oldest first
+        self._closing = threading.Event()
+        self._accepted: queue.SimpleQueue[Connection | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._take_calls, name=f"accept at {self.address}", daemon=True)
+        self._thread.start()
+
+    def accept(self, timeout: float | None = None) -> Connection | None:
+        """The next connection that is open; None once the listener is closed, or after `timeout` seconds."""
+        try:
+            connection = self._accepted.get(timeout=timeout)
+        except queue.Empty:
+            return None
+        if connection is None:
+            self._accepted.put(None)  # for the next caller
+        return connection
+
+    def close(self) -> None:
+        """Stop listening, and close what is not accepted yet. Accepted connections stay. May be called again."""
+        with self._lock:
+            if self._closing.is_set():
+                return
+            self._closing.set()
+            pending = list(self._pending.items())
+        with suppress(OSError):  # macOS has nothing to shut down here
+            self._socket.shutdown(socket.SHUT_RDWR)  # wakes accept(); close() alone does not
+        self._thread.join()
+        self._socket.close()
+        for connection, thread in pending:
+            connection.close()
+            thread.join()
+        self._accepted.put(None)
+        while (unclaimed := self._accepted.get()) is not None:
+            unclaimed.close()
+        self._accepted.put(None)
+
+    def __enter__(self) -> "Listener":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _take_calls(self) -> None:
+        while not self._closing.is_set():
+            try:
+                caller, address = self._socket.accept()
+            except OSError as error:
+                if not self._closing.is_set():
+                    self._drop_oldest(f"{self.address} cannot accept: {error.strerror}")
+                    self._closing.wait(SHORTAGE_PAUSE_SECONDS)
+                continue
+            self._begin(caller, Address(*address[:2]))
+
+    def _begin(self, caller: socket.socket, address: Address) -> None:
+        connection = Connection(caller, f"the peer at {address}")
+        connection.limit(self._handshake_seconds)
+        thread = threading.Thread(
+            target=self._handle, args=(connection, address), name=f"handshake with {address}", daemon=True
+        )
+        if len(self._pending) >= self._most_pending:
+            self._drop_oldest(f"{self._most_pending} handshakes are waiting at {self.address}")
+        with self._lock:
+            self._pending[connection] = thread
+        thread.start()
+
+    def _drop_oldest(self, cause: str) -> None:
+        with self._lock:
+            connection = next(iter(self._pending), None)
+            if connection is not None:
+                del self._pending[connection]
+        if connection is None:
+            log.warning("%s", cause)
+        else:
+            log.warning("%s; %s is dropped, the oldest in its handshake", cause, connection)
+            connection.close()
+
+    def _handle(self, connection: Connection, address: Address) -> None:
+        failure = ""
+        try:
+            self._shake_hands(connection, address)
+        except ConnectionClosed:
+            log.debug("%s is gone: this side closed it", connection)
+        except VolsplatError as error:
+            failure = printable(str(error))
+        with self._lock:
+            mine = self._pending.pop(connection, None) is not None
+            if mine and connection.opened and not self._closing.is_set():
+                self._accepted.put(connection)
+                return
+        connection.close()
+        if mine and failure:
+            log.warning("%s; the connection is closed", failure)
+
+    def _shake_hands(self, connection: Connection, address: Address) -> None:
+        """Runs the handshake. Raises BadInput where the peer is rejected, or what the connection raises."""
+        handshake = AccepterHandshake(self._token, self._role, self._versions)
+        while handshake.state is not State.PROVEN:
+            received = connection.receive()
+            if received is None:
+                raise ConnectionClosed(f"{connection} was dropped during its handshake")
+            try:
+                answer = handshake.receive(received.message)
+            except RemoteProtocolError as error:
+                raise RemoteProtocolError(f"{connection} broke the protocol: {error}") from error
+            if answer is not None:
+                connection.send(answer)
+            if handshake.state is State.REJECTED:
+                raise BadInput(f"{connection} is rejected: {handshake.rejection}")
+        hello = handshake.hello
+        assert hello is not None
+        try:
+            with self._lock:
+                server = self._assign_id(hello)
+        except VolsplatError as error:
+            connection.send(handshake.reject(str(error)))
+            raise BadInput(f"{connection} is rejected: {error}") from error
+        peer = Peer(
+            role=hello.role,
+            host=address.host,
+            port=address.port,
+            id=server,
+            version=handshake.version,
+            name=printable(hello.name),
+            data_host=(hello.data_host or address.host) if hello.data_port else "",
+            data_port=hello.data_port,
+        )
+        connection.send(handshake.welcome(server))
+        connection.open(peer, self._role, 0, self._allocate)
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    place = Address(host, port)
+    try:
+        family, kind, protocol, _, address = socket.getaddrinfo(
+            host, port, type=socket.SOCK_STREAM, flags=socket.AI_PASSIVE
+        )[0]
+    except socket.gaierror as error:
+        raise BadInput(
+            f"cannot listen at {place}: the name {host} is unknown; give an address of this machine"
+        ) from error
+    listening = socket.socket(family, kind, protocol)
+    try:
+        # Without it, a port stays unusable for minutes after a listener's connections have closed.
+        listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listening.bind(address)
+        listening.listen(BACKLOG)
+    except OSError as error:
+        listening.close()
+        if error.errno == errno.EADDRINUSE:
+            raise BadInput(f"port {port} at {host} is already in use; choose another, or 0 for any free one") from error
+        raise BadInput(f"cannot listen at {place}: {error.strerror}; choose another host or port") from error
+    return listening

@@ -1,0 +1,269 @@
+"""Every message of an open connection: one immutable, strictly checked struct each.
+
+The docstring says who sends it to whom; message_rules.py holds the same as a table, with the payloads.
+"""
+
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+
+LARGEST_ID = 2**31 - 1
+LARGEST_COUNT = 2**62
+LARGEST_EXTENT = 16384  # pixels, as in the scene
+MAX_SERVERS = 4096
+MAX_BOXES = 4096
+LONGEST_LINE = 1000  # characters
+LONGEST_PATH = 4096
+
+ServerId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # given by the client at Welcome, never used again
+FrameId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each image request of a session
+AssignmentId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # one partition of the volume among the workers
+Count = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
+Ordinal = Annotated[int, Meta(ge=0, le=2**32 - 1)]  # as in a row run
+Seconds = Annotated[float, Meta(ge=0)]
+Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]
+Port = Annotated[int, Meta(ge=1, le=65535)]
+Line = Annotated[str, Meta(max_length=LONGEST_LINE)]
+Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
+ServerIds = Annotated[tuple[ServerId, ...], Meta(max_length=MAX_SERVERS)]
+
+
+class Message(msgspec.Struct, frozen=True, tag=True, tag_field="message", forbid_unknown_fields=True):
+    """Base of all messages: immutable, told apart by their name, strict about unknown fields."""
+
+
+class Detail(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Base of what messages are made of."""
+
+
+class Route(Detail, frozen=True):
+    """Where a splat server takes data links."""
+
+    server: ServerId
+    host: Line
+    port: Port
+
+
+class MapShadeStats(Detail, frozen=True):
+    """What a frame cost one map/shade server. `waiting_seconds` were spent in sends that back-pressure held up."""
+
+    voxels_visited: Count
+    packets: Count
+    batches: Count
+    bytes: Count
+    map_shade_seconds: Seconds
+    waiting_seconds: Seconds
+    peak_memory_bytes: Count
+
+
+class SplatStats(Detail, frozen=True):
+    """What a frame cost the splat server.
+
+    `waiting_seconds` had nothing to splat; `held_back_seconds` tells for each worker how long its connection was
+    not read because its buffers were full.
+    """
+
+    packets: Count
+    bytes: Count
+    merge_seconds: Seconds
+    splat_seconds: Seconds
+    waiting_seconds: Seconds
+    held_back_seconds: dict[ServerId, Seconds]
+    peak_memory_bytes: Count
+
+
+# The volume: client and map/shade servers.
+
+
+class DescribeVolume(Message, frozen=True):
+    """Client to map/shade server: tell what the volume at `path` is, without reading its voxels."""
+
+    path: Path
+
+
+class VolumeDescribed(Message, frozen=True):
+    """Map/shade server to client: the answer to DescribeVolume."""
+
+    description: VolumeDescription
+
+
+class ReadSubCubes(Message, frozen=True):
+    """Client to map/shade server: read these boxes and their halo, and survey them. Replaces what was held."""
+
+    assignment: AssignmentId
+    path: Path
+    boxes: Annotated[tuple[Box, ...], Meta(max_length=MAX_BOXES)]
+
+    def __post_init__(self) -> None:
+        for box in self.boxes:
+            if min(box.low) < 0 or min(box.size) < 1:
+                raise ValueError(f"a box must have 0 <= low < high on each axis, not {box.low} to {box.high}")
+
+
+class SubCubesRead(Message, frozen=True):
+    """Map/shade server to client: the boxes are held; `survey` counts their voxels, halos left out."""
+
+    assignment: AssignmentId
+    survey: Survey
+    bytes: Count
+    seconds: Seconds
+
+
+class CountHistograms(Message, frozen=True):
+    """Client to map/shade server: count values over low..high and gradient strengths over 0..max_gradient."""
+
+    assignment: AssignmentId
+    low: float
+    high: float
+    max_gradient: float
+
+
+class HistogramsCounted(Message, frozen=True):
+    """Map/shade server to client: payload `bins` int64 of density, then `bins` int64 of gradient strength."""
+
+    assignment: AssignmentId
+    bins: Annotated[int, Meta(ge=1, le=HISTOGRAM_BINS)]
+
+
+class PackVoxels(Message, frozen=True):
+    """Client to map/shade server: make the voxel packets of the held boxes by the rules of the whole volume."""
+
+    assignment: AssignmentId
+    quantisation: Quantisation
+
+
+class VoxelsPacked(Message, frozen=True):
+    """Map/shade server to client: the voxel packets of the assignment are ready for frames."""
+
+    assignment: AssignmentId
+    voxels: Count
+    bytes: Count
+    seconds: Seconds
+
+
+class ConnectToSplatServers(Message, frozen=True):
+    """Client to map/shade server: have a data link to each of these splat servers and to no other."""
+
+    routes: Annotated[tuple[Route, ...], Meta(max_length=MAX_SERVERS)]
+
+
+class ConnectedToSplatServers(Message, frozen=True):
+    """Map/shade server to client: the data links stand."""
+
+    servers: ServerIds
+
+
+# A frame.
+
+
+class RenderFrame(Message, frozen=True):
+    """Client to map/shade server and splat server: begin this frame; it ends any older one.
+
+    All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
+    map/shade servers whose batches make up the image.
+    """
+
+    frame: FrameId
+    assignment: AssignmentId
+    scene: Scene
+    step: Step
+    geometry: Geometry
+    quantisation: Quantisation
+    workers: ServerIds
+
+
+class AbortFrame(Message, frozen=True):
+    """Client to map/shade server and splat server: stop this frame."""
+
+    frame: FrameId
+
+
+class FrameAborted(Message, frozen=True):
+    """Map/shade server or splat server to client: nothing more of this frame will be sent or splatted."""
+
+    frame: FrameId
+
+
+class FrameMapped(Message, frozen=True):
+    """Map/shade server to client: all batches of the frame are on their way."""
+
+    frame: FrameId
+    stats: MapShadeStats
+
+
+class FrameFinished(Message, frozen=True):
+    """Splat server to client: the image will not change any more. `lost` are workers it had to do without."""
+
+    frame: FrameId
+    complete: bool
+    lost: ServerIds
+    stats: SplatStats
+
+
+class ReadImage(Message, frozen=True):
+    """Client to splat server: send the image buffer of this frame as it is now."""
+
+    frame: FrameId
+
+
+class ImageRead(Message, frozen=True):
+    """Splat server to client: payload (height, width, 4) float32, RGBA 0..1, alpha associated, top row first."""
+
+    frame: FrameId
+    step: Step
+    complete: bool
+    width: Extent
+    height: Extent
+
+
+class Batch(Message, frozen=True):
+    """Map/shade data link to splat server: the next shaded packets of `worker`, in traversal order.
+
+    The payload holds the row runs, then the shaded packets (see packet_layout). `sequence` counts a frame's batches
+    of one worker from 0. Everything that the worker has before row (reached_sheet, reached_row) has been sent, this
+    batch included; after `last` nothing of the frame follows. A batch may be empty to say only that.
+    """
+
+    frame: FrameId
+    worker: ServerId
+    sequence: Count
+    encoding: Line
+    run_count: Ordinal
+    packet_count: Ordinal
+    reached_sheet: Ordinal
+    reached_row: Ordinal
+    last: bool
+
+    def __post_init__(self) -> None:
+        if self.run_count > self.packet_count or (self.packet_count and not self.run_count):
+            raise ValueError(
+                f"each run holds a packet and each packet is in a run, but run_count is {self.run_count} and "
+                f"packet_count is {self.packet_count}"
+            )
+
+
+# The session.
+
+
+class Refused(Message, frozen=True):
+    """Map/shade server or splat server to client: a request cannot be met, for the cause given in one line.
+
+    `request` is the message's name; `frame` or `assignment` is that of the request, 0 where it carries none.
+    """
+
+    request: Line
+    cause: Line
+    frame: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
+    assignment: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
+
+
+class EndSession(Message, frozen=True):
+    """Client to map/shade server and splat server: the session is over, exit. Nothing follows it."""
+
+
+RAW: Literal["raw"] = "raw"  # the one encoding of batches so far
