@@ -1,0 +1,156 @@
+"""MetaImage (.mha, .mhd). SimpleITK tells the place in space and streams raw voxels box by box.
+
+The header is read here too, to check what it promises: SimpleITK's own complaints go past its exceptions to the
+terminal. Compressed voxels and those in several files are read as stored.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.simple_itk import (
+    check_is_volume,
+    extracted,
+    geometry_of,
+    header_of,
+    refuse_other_dimensions,
+    refuse_vectors,
+    scalar_type_of,
+)
+from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, Index, VolumeDescription
+
+LONGEST_HEADER = 1 << 16
+SCALAR_TYPES = {
+    "MET_CHAR": "int8",
+    "MET_UCHAR": "uint8",
+    "MET_SHORT": "int16",
+    "MET_USHORT": "uint16",
+    "MET_INT": "int32",
+    "MET_UINT": "uint32",
+    "MET_LONG": "int32",  # as MetaIO has it, whatever a machine's long is
+    "MET_ULONG": "uint32",
+    "MET_LONG_LONG": "int64",
+    "MET_ULONG_LONG": "uint64",
+    "MET_FLOAT": "float32",
+    "MET_DOUBLE": "float64",
+}
+
+
+def recognises(head: bytes) -> bool:
+    return re.match(rb"\s*(ObjectType|NDims|ObjectSubType|Comment)\s*=", head) is not None and b"NDims" in head
+
+
+class MetaImageReader:
+    """One MetaImage volume; `voxels` is None where SimpleITK streams them."""
+
+    def __init__(self, path: Path, description: VolumeDescription, reader: Any, voxels: StoredVoxels | None) -> None:
+        self._path = path
+        self._description = description
+        self._reader = reader
+        self._voxels = voxels
+
+    def describe(self) -> VolumeDescription:
+        return self._description
+
+    def read(self, box: Box) -> Voxels:
+        return extracted(self._path, self._reader, box) if self._voxels is None else self._voxels.read(box)
+
+
+def open_metaimage(path: Path) -> MetaImageReader:
+    """The reader for a MetaImage. Raises BadInput where the header cannot be used or the data is missing."""
+    fields, end = _fields(path)
+    sizes = _integers(path, fields, "DimSize")
+    if not sizes or min(sizes) < 1:
+        raise _wrong(path, fields, "DimSize")
+    refuse_other_dimensions(path, sizes)
+    if fields.get("ElementNumberOfChannels", "1") != "1":
+        refuse_vectors(path, f"{fields['ElementNumberOfChannels']} channels a voxel")
+    if fields.get("ElementType") not in SCALAR_TYPES:
+        raise _wrong(path, fields, "ElementType")
+    text = fields.get("BinaryData", "True").lower() == "false"
+    compressed = fields.get("CompressedData", "False").lower() == "true"
+    voxels = _stored(path, fields, end, (sizes[0], sizes[1], sizes[2]), compressed)
+    if not text:
+        voxels.check_files()
+    reader = header_of(path, "MetaImageIO")
+    check_is_volume(path, reader)
+    why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
+    description = VolumeDescription(
+        name=path.name,
+        format="MetaImage",
+        geometry=geometry_of(path, reader),
+        scalar_type=scalar_type_of(path, reader),
+        reads_sub_cubes=not why_whole,
+        why_whole=why_whole,
+    )
+    streamed = text or not compressed and len(voxels.pieces) == 1
+    return MetaImageReader(path, description, reader, None if streamed else voxels)
+
+
+def _fields(path: Path) -> tuple[dict[str, str], int]:
+    """The header's fields, and where it ends: after ElementDataFile, or the list of files that this announces."""
+    fields: dict[str, str] = {}
+    with path.open("rb") as file:
+        while "ElementDataFile" not in fields:
+            line = file.readline(LONGEST_HEADER).decode("utf-8", "replace")
+            if not line or file.tell() > LONGEST_HEADER:
+                raise BadInput(f"{path}: the header has no ElementDataFile line; it is truncated, fetch it again")
+            name, _, value = line.partition("=")
+            fields[name.strip()] = value.strip()
+        if fields["ElementDataFile"].startswith("LIST"):
+            names = file.read(LONGEST_HEADER).decode("utf-8", "replace").split("\n")
+            fields["files"] = "\n".join(name.strip() for name in names if name.strip())
+        return fields, file.tell()
+
+
+def _wrong(path: Path, fields: dict[str, str], name: str) -> BadInput:
+    return BadInput(f'{path}: the header\'s "{name} = {fields.get(name, "")}" cannot be used; correct the header')
+
+
+def _integers(path: Path, fields: dict[str, str], name: str) -> tuple[int, ...]:
+    try:
+        return tuple(int(word) for word in fields.get(name, "").split())
+    except ValueError:
+        raise _wrong(path, fields, name) from None
+
+
+def _stored(path: Path, fields: dict[str, str], end: int, dims: Index, compressed: bool) -> StoredVoxels:
+    names = _data_files(path, fields)
+    paths = [path.parent / name for name in names] or [path]
+    if dims[2] % len(paths):
+        raise BadInput(f"{path}: the header names {len(paths)} files for {dims[2]} slices; correct the header")
+    sheets = dims[2] // len(paths)
+    high_first = fields.get("BinaryDataByteOrderMSB", fields.get("ElementByteOrderMSB", "False")).lower() == "true"
+    dtype = np.dtype(SCALAR_TYPES[fields["ElementType"]]).newbyteorder(">" if high_first else "<")
+    skip = (_integers(path, fields, "HeaderSize") or (0,))[0]
+    promised = sheets * dims[0] * dims[1] * dtype.itemsize
+    pieces = []
+    for data in paths:
+        offset = end if data == path else 0
+        if skip == -1 and data.is_file():
+            offset = max(data.stat().st_size - promised, 0)
+        elif data != path:
+            offset += skip
+        pieces.append(Piece(data, sheets, offset, Packing.DEFLATE if compressed else Packing.RAW))
+    return StoredVoxels(source=path, dims=dims, dtype=dtype, pieces=tuple(pieces))
+
+
+def _data_files(path: Path, fields: dict[str, str]) -> list[str]:
+    """The names of the data files: one, a list, or a numbered pattern. Empty if the voxels follow the header."""
+    value = fields["ElementDataFile"]
+    if value.upper() == "LOCAL":
+        return []
+    if value.startswith("LIST"):
+        return fields["files"].split("\n")
+    words = value.split()
+    if re.search(r"%\d*d", value):
+        numbers = [int(word) for word in words[1:4] if word.isdigit()]
+        if len(numbers) < 3 or numbers[2] == 0:
+            raise _wrong(path, fields, "ElementDataFile")
+        return [words[0] % number for number in range(numbers[0], numbers[1] + 1, numbers[2])]
+    return [value]

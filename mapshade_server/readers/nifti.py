@@ -1,0 +1,209 @@
+"""NIfTI-1 and NIfTI-2, plain or gzip, also as .hdr and .img (nifti.nimh.nih.gov).
+
+The header is read here because SimpleITK refuses or straightens a sheared sform, and reads truncated files
+without a word. The sform counts where its code is set, else the qform, else the spacing alone.
+"""
+
+import gzip
+import math
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol import matrices
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import Matrix, Vector
+from volsplat.protocol.volume import Box, VolumeDescription
+
+HEADER_BYTES = {1: 348, 2: 540}
+MAGICS = {1: (b"n+1\0", b"ni1\0"), 2: (b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n")}
+LARGEST_OFFSET = 1 << 40
+SCALAR_TYPES = {
+    2: "uint8",
+    4: "int16",
+    8: "int32",
+    16: "float32",
+    64: "float64",
+    256: "int8",
+    512: "uint16",
+    768: "uint32",
+    1024: "int64",
+    1280: "uint64",
+}
+BYTE_ORDERS: tuple[Literal["<", ">"], ...] = ("<", ">")
+MILLIMETRES_PER_UNIT = {1: 1000.0, 2: 1.0, 3: 0.001}
+
+_NIFTI_1 = {
+    "dim": (40, "i2", 8),
+    "datatype": (70, "i2", 1),
+    "pixdim": (76, "f4", 8),
+    "vox_offset": (108, "f4", 1),
+    "scl": (112, "f4", 2),
+    "units": (123, "u1", 1),
+    "codes": (252, "i2", 2),
+    "quatern": (256, "f4", 6),
+    "srow": (280, "f4", 12),
+}
+_NIFTI_2 = {
+    "dim": (16, "i8", 8),
+    "datatype": (12, "i2", 1),
+    "pixdim": (104, "f8", 8),
+    "vox_offset": (168, "i8", 1),
+    "scl": (176, "f8", 2),
+    "units": (500, "i4", 1),
+    "codes": (344, "i4", 2),
+    "quatern": (352, "f8", 6),
+    "srow": (400, "f8", 12),
+}
+
+
+def recognises(head: bytes) -> bool:
+    return head[344:348] in MAGICS[1] or head[4:12] in MAGICS[2]
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The header's bytes, its version and byte order."""
+
+    raw: bytes
+    version: int
+    order: Literal["<", ">"]
+
+    def values(self, name: str) -> list[float]:
+        offset, kind, count = (_NIFTI_1 if self.version == 1 else _NIFTI_2)[name]
+        numbers: list[float] = np.frombuffer(self.raw, np.dtype(kind).newbyteorder(self.order), count, offset).tolist()
+        return numbers
+
+
+class NiftiReader:
+    """One NIfTI volume. Values are scaled by the header's slope and intercept, as float32 or float64."""
+
+    def __init__(self, description: VolumeDescription, voxels: StoredVoxels, slope: float, intercept: float) -> None:
+        self._description = description
+        self._voxels = voxels
+        self._slope = slope
+        self._intercept = intercept
+
+    def describe(self) -> VolumeDescription:
+        return self._description
+
+    def read(self, box: Box) -> Voxels:
+        stored = self._voxels.read(box)
+        if (self._slope, self._intercept) == (1.0, 0.0):
+            return stored
+        return (stored.astype(np.float64) * self._slope + self._intercept).astype(self._description.scalar_type)
+
+
+def open_nifti(path: Path) -> NiftiReader:
+    """The reader for a NIfTI file. Raises BadInput where the header cannot be used or promises too much."""
+    header = _header_of(path)
+    dims = _dims(path, header)
+    code = int(header.values("datatype")[0])
+    if code not in SCALAR_TYPES:
+        refuse_vectors(path, f"voxels of NIfTI's type {code}, no plain number")
+    stored_type = np.dtype(SCALAR_TYPES[code])
+    slope, intercept = header.values("scl")
+    if slope == 0.0 or not (math.isfinite(slope) and math.isfinite(intercept)):
+        slope, intercept = 1.0, 0.0
+    scaled = (slope, intercept) != (1.0, 0.0)
+    scaled_type = "float32" if stored_type.itemsize <= 2 or stored_type == np.float32 else "float64"
+    data, packing = _data_file(path, header)
+    start = header.values("vox_offset")[0]
+    if not 0 <= start <= LARGEST_OFFSET:
+        raise BadInput(f"{path}: the NIfTI header's vox_offset {start} makes no sense; correct the header")
+    offset = int(start)
+    raw = packing == Packing.RAW
+    voxels = StoredVoxels(
+        source=path,
+        dims=dims,
+        dtype=stored_type.newbyteorder(header.order),
+        pieces=(Piece(data, dims[2], offset if raw else 0, packing, 0 if raw else offset),),
+    )
+    voxels.check_files()
+    matrix, origin, anatomical = _place(header)
+    unit_code = int(header.values("units")[0]) & 7
+    to_millimetres = MILLIMETRES_PER_UNIT.get(unit_code, 1.0)
+    description = VolumeDescription(
+        name=path.name,
+        format=f"NIfTI-{header.version}",
+        geometry=checked_geometry(
+            path, dims, matrices.times(matrix, to_millimetres), matrices.scaled(origin, to_millimetres)
+        ),
+        scalar_type=scaled_type if scaled else stored_type.name,
+        unit="mm" if unit_code in MILLIMETRES_PER_UNIT else "",
+        anatomical=anatomical,
+        reads_sub_cubes=raw,
+        why_whole="" if raw else "the file is compressed by gzip",
+    )
+    return NiftiReader(description, voxels, slope, intercept)
+
+
+def _header_of(path: Path) -> _Header:
+    opened = gzip.open(path) if _is_gzip(path) else path.open("rb")
+    with opened as file:
+        try:
+            raw = file.read(HEADER_BYTES[2])
+        except (OSError, EOFError, zlib.error):
+            raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
+    for version, size in HEADER_BYTES.items():
+        for order in BYTE_ORDERS:
+            if len(raw) >= size and int.from_bytes(raw[:4], "little" if order == "<" else "big") == size:
+                return _Header(raw, version, order)
+    raise BadInput(f"{path}: the NIfTI header is truncated or its size field is wrong; fetch the file again")
+
+
+def _is_gzip(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(2) == b"\x1f\x8b"
+
+
+def _dims(path: Path, header: _Header) -> tuple[int, int, int]:
+    count, *sizes = (int(n) for n in header.values("dim"))
+    if not 1 <= count <= 7 or min(sizes[:count]) < 1:
+        raise BadInput(f"{path}: the NIfTI header's dim {[count, *sizes]} makes no sense; correct the header")
+    if count >= 5 and sizes[4] > 1:
+        refuse_vectors(path, f"{sizes[4]} components a voxel")
+    refuse_other_dimensions(path, tuple(sizes[:count]))
+    return (sizes[0], sizes[1], sizes[2])
+
+
+def _data_file(path: Path, header: _Header) -> tuple[Path, Packing]:
+    """The file with the voxels: the header's own, or the .img beside a .hdr."""
+    magic = header.raw[344:348] if header.version == 1 else header.raw[4:8]
+    data = path
+    if magic.startswith(b"ni"):
+        folder, name = path.parent, path.name
+        candidates = [folder / re_named for re_named in (name.replace(".hdr", ".img"), name.replace(".hdr", ".img.gz"))]
+        data = next((candidate for candidate in candidates if candidate.is_file()), candidates[0])
+    if not data.is_file():
+        return data, Packing.RAW
+    return data, Packing.DEFLATE if _is_gzip(data) else Packing.RAW
+
+
+def _place(header: _Header) -> tuple[Matrix, Vector, bool]:
+    """Index-to-physical matrix and origin in LPS, and whether the file states them in patient space."""
+    qform, sform = (int(code) for code in header.values("codes"))
+    if sform > 0:
+        s = header.values("srow")
+        rows: Matrix = ((s[0], s[1], s[2]), (s[4], s[5], s[6]), (s[8], s[9], s[10]))
+        return _lps(rows), (-s[3], -s[7], s[11]), True
+    flip, *spacing = header.values("pixdim")[:4]
+    di, dj, dk = (abs(step) if step else 1.0 for step in spacing)
+    if qform <= 0:
+        return ((di, 0.0, 0.0), (0.0, dj, 0.0), (0.0, 0.0, dk)), (0.0, 0.0, 0.0), False
+    b, c, d, x, y, z = header.values("quatern")
+    a = math.sqrt(max(0.0, 1.0 - (b * b + c * c + d * d)))
+    turned = matrices.rotation_from_quaternion((b, c, d, a))
+    dk = -dk if flip < 0 else dk
+    rows = tuple((row[0] * di, row[1] * dj, row[2] * dk) for row in turned)  # type: ignore[assignment]
+    return _lps(rows), (-x, -y, z), True
+
+
+def _lps(ras: Matrix) -> Matrix:
+    return (matrices.scaled(ras[0], -1.0), matrices.scaled(ras[1], -1.0), ras[2])

@@ -1,0 +1,230 @@
+"""Voxels as they lie in files: raw or compressed, in one piece or several, in either byte order.
+
+Only the rows of the wanted box are read from raw pieces. A compressed piece is unpacked up to the box's last sheet,
+sheet by sheet, so that no more than the box stays in memory. Nothing here knows a file format.
+"""
+
+import bz2
+import os
+import zlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, Index
+
+# Between two wanted runs of bytes, a gap up to this size is read through: disks and file systems do so anyway.
+READ_THROUGH_BYTES = 16384
+COMPRESSED_CHUNK_BYTES = 1 << 16
+
+
+class Packing(StrEnum):
+    """How a piece's bytes are packed."""
+
+    RAW = "raw"
+    DEFLATE = "deflate"  # zlib or gzip framing, told apart by their first bytes
+    BZIP2 = "bzip2"
+
+
+# How many bytes one stored byte can become at most.
+MOST_GROWTH = {Packing.RAW: 1, Packing.DEFLATE: 1032, Packing.BZIP2: 1 << 20}
+
+
+@dataclass(frozen=True)
+class Piece:
+    """Consecutive k-sheets in one file: from `offset` on, after dropping `skipped` unpacked bytes."""
+
+    path: Path
+    sheets: int
+    offset: int = 0
+    packing: Packing = Packing.RAW
+    skipped: int = 0
+
+
+@dataclass(frozen=True)
+class StoredVoxels:
+    """A volume's voxels in files. `source` is the path that errors name, `dtype` has the file's byte order."""
+
+    source: Path
+    dims: Index
+    dtype: np.dtype[np.generic]
+    pieces: tuple[Piece, ...]
+
+    @property
+    def sheet_bytes(self) -> int:
+        return self.dims[0] * self.dims[1] * self.dtype.itemsize
+
+    def check_files(self) -> None:
+        """Raises BadInput where a piece's file is missing or cannot hold what the header promises."""
+        for piece in self.pieces:
+            if not piece.path.is_file():
+                raise BadInput(
+                    f"{self.source}: its data file {piece.path.name} is missing; put it at {piece.path.parent}"
+                )
+            promised = piece.sheets * self.sheet_bytes
+            there = max(piece.path.stat().st_size - piece.offset, 0)
+            if there * MOST_GROWTH[piece.packing] < promised:
+                packed = "" if piece.packing == Packing.RAW else " compressed"
+                raise BadInput(
+                    f"{self.source}: the header promises {promised} bytes of voxels, but "
+                    f"{'the file' if piece.path == self.source else piece.path.name} holds only {there}{packed}; "
+                    "it is truncated or the header's sizes are wrong"
+                )
+
+    def read(self, box: Box) -> Voxels:
+        """The voxels of `box`, in native byte order. Raises BadInput where the files end too early."""
+        ni, nj, nk = box.size
+        voxels = np.empty((nk, nj, ni), self.dtype)
+        first = 0  # of the piece's sheets, in the whole volume
+        for piece in self.pieces:
+            low, high = max(box.low[2], first), min(box.high[2], first + piece.sheets)
+            if low < high:
+                part = voxels[low - box.low[2] : high - box.low[2]]
+                within = Box((*box.low[:2], low - first), (*box.high[:2], high - first))
+                try:
+                    if piece.packing == Packing.RAW:
+                        self._read_raw(piece, within, part)
+                    else:
+                        self._unpack(piece, within, part)
+                except (OSError, EOFError, zlib.error) as error:
+                    raise BadInput(f"{self.source}: {_cause(error, piece)}; fetch or export the volume again") from None
+            first += piece.sheets
+        if not self.dtype.isnative:
+            voxels = voxels.byteswap(inplace=True).view(self.dtype.newbyteorder("="))
+        return voxels
+
+    def _read_raw(self, piece: Piece, box: Box, into: Voxels) -> None:
+        row_bytes = self.dims[0] * self.dtype.itemsize
+        left = box.low[0] * self.dtype.itemsize
+        whole_rows = box.size[0] == self.dims[0]
+        gap = row_bytes - box.size[0] * self.dtype.itemsize
+        with piece.path.open("rb", buffering=0) as file:
+            if whole_rows and box.size[1] == self.dims[1]:
+                _fill(file.fileno(), into, piece.offset + box.low[2] * self.sheet_bytes)
+                return
+            through = np.empty((box.size[1], self.dims[0]), self.dtype)
+            for sheet, k in zip(into, range(box.low[2], box.high[2]), strict=True):
+                start = piece.offset + k * self.sheet_bytes + box.low[1] * row_bytes
+                if whole_rows:
+                    _fill(file.fileno(), sheet, start)
+                elif gap <= READ_THROUGH_BYTES:
+                    _fill(file.fileno(), through, start)
+                    sheet[...] = through[:, box.low[0] : box.high[0]]
+                else:
+                    for n, row in enumerate(sheet):
+                        _fill(file.fileno(), row, start + n * row_bytes + left)
+
+    def _unpack(self, piece: Piece, box: Box, into: Voxels) -> None:
+        sheet = np.empty((self.dims[1], self.dims[0]), self.dtype)
+        with piece.path.open("rb") as file:
+            file.seek(piece.offset)
+            stream = _Unpacking(file.read, piece.packing)
+            stream.drop(piece.skipped + box.low[2] * self.sheet_bytes)
+            for n in range(box.size[2]):
+                stream.fill(_bytes_of(sheet))
+                into[n] = sheet[box.low[1] : box.high[1], box.low[0] : box.high[0]]
+
+
+def unpacked_size(path: Path, offset: int, packing: Packing) -> int:
+    """How many bytes a compressed file holds from `offset` on, found by unpacking it. Raises BadInput if broken."""
+    with path.open("rb") as file:
+        file.seek(offset)
+        stream = _Unpacking(file.read, packing)
+        try:
+            return stream.drain()
+        except (OSError, EOFError, zlib.error) as error:
+            raise BadInput(f"{path}: {_cause(error, None)}; fetch or export the volume again") from None
+
+
+def _fill(descriptor: int, into: Voxels, offset: int) -> None:
+    """Reads exactly the bytes of `into`, which is contiguous, from the file's `offset` on."""
+    view = _bytes_of(into)
+    while view:
+        got = os.preadv(descriptor, [view], offset)
+        if got == 0:
+            raise EOFError
+        view = view[got:]
+        offset += got
+
+
+def _bytes_of(voxels: Voxels) -> memoryview:
+    """The contiguous bytes of an array of either byte order."""
+    return voxels.view(np.uint8).data.cast("B")
+
+
+def _cause(error: Exception, piece: Piece | None) -> str:
+    where = "the file" if piece is None else piece.path.name
+    if isinstance(error, EOFError):
+        return f"{where} is truncated, it ends before its voxels do"
+    if isinstance(error, OSError) and error.errno:
+        return f"{where} cannot be read ({os.strerror(error.errno)})"
+    return f"the compressed data of {where} is damaged"
+
+
+class _Decompressor(Protocol):
+    """What zlib's and bz2's objects have in common."""
+
+    @property
+    def eof(self) -> bool: ...
+    @property
+    def unused_data(self) -> bytes: ...
+    def decompress(self, data: bytes, /) -> bytes: ...
+
+
+class _Unpacking:
+    """A stream of unpacked bytes; several compressed streams after each other count as one, as gzip has it."""
+
+    def __init__(self, read: Callable[[int], bytes], packing: Packing) -> None:
+        self._read = read
+        self._packing = packing
+        self._decompressor = self._new()
+        self._ready = memoryview(b"")
+
+    def _new(self) -> _Decompressor:
+        # 32 added to the window bits lets zlib accept both of its framings.
+        return bz2.BZ2Decompressor() if self._packing == Packing.BZIP2 else zlib.decompressobj(zlib.MAX_WBITS | 32)
+
+    def _more(self) -> bool:
+        """Unpacks some more bytes into `_ready`, which is used up; False at the orderly end."""
+        while not self._ready:
+            rest = b""
+            if self._decompressor.eof:
+                rest = self._decompressor.unused_data
+                if not (rest or (rest := self._read(COMPRESSED_CHUNK_BYTES))):
+                    return False
+                self._decompressor = self._new()
+            rest = rest or self._read(COMPRESSED_CHUNK_BYTES)
+            if not rest:
+                raise EOFError
+            self._ready = memoryview(self._decompressor.decompress(rest))
+        return True
+
+    def fill(self, into: memoryview) -> None:
+        """Fills `into`. Raises EOFError where the stream ends first, zlib.error or OSError where it is damaged."""
+        while into:
+            if not self._more():
+                raise EOFError
+            count = min(len(into), len(self._ready))
+            into[:count] = self._ready[:count]
+            into, self._ready = into[count:], self._ready[count:]
+
+    def drop(self, count: int) -> None:
+        while count > 0:
+            if not self._more():
+                raise EOFError
+            dropped = min(count, len(self._ready))
+            self._ready = self._ready[dropped:]
+            count -= dropped
+
+    def drain(self) -> int:
+        count = 0
+        while self._more():
+            count += len(self._ready)
+            self._ready = memoryview(b"")
+        return count

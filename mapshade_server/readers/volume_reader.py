@@ -1,0 +1,24 @@
+"""What every volume reader offers, whatever the format behind it."""
+
+from typing import Any, Protocol
+
+from numpy.typing import NDArray
+
+from volsplat.protocol.volume import Box, VolumeDescription
+
+Voxels = NDArray[Any]  # shaped (k, j, i), C-contiguous, native byte order, the source's own scalar type
+
+# The scalar types that a volume may have, by their torch names, which are numpy's too.
+SCALAR_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64")
+
+
+class VolumeReader(Protocol):
+    """One opened volume. Both methods raise BadInput where the file turns out to be unusable."""
+
+    def describe(self) -> VolumeDescription:
+        """The grid, its place in space and the scalar type; no voxels are read where the format allows."""
+        ...
+
+    def read(self, box: Box) -> Voxels:
+        """The voxels of `box`, which must lie within the grid."""
+        ...
