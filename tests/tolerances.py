@@ -20,3 +20,12 @@ HALF_A_LEVEL = {"uint8": 0.5 / 255 + 1e-6, "uint16": 0.5 / 65535 + 1e-6, "float"
 
 JPEG_LEVELS = 6 / 255
 """JPEG of quality 95 on smooth ramps: quantised coefficients, and YCbCr rounded to 8 bits."""
+
+QUADRATURE = 1e-6
+"""Of integrals by 96 points over profiles whose second derivative may jump."""
+
+PROFILE = 1e-6
+"""Of P(rho), interpolated between 8193 angles."""
+
+SUM_OVER_PIXELS = 1e-3
+"""Of a sum over 513 x 513 points for an integral whose integrand has a kink at its rim."""

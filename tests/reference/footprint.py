@@ -63,11 +63,11 @@ def integral(f: Callable[[Tensor], Tensor], upper: Tensor) -> Tensor:
 
 @functools.cache
 def _profile(kernel: Kernel, radius: float) -> Tensor:
-    """P at half chords 0..radius, evenly spaced (PROFILE_POINTS,)."""
-    chord = torch.linspace(0, radius, PROFILE_POINTS, dtype=torch.float64)
-    rho_squared = radius**2 - chord**2
+    """P at rho = radius * cos(angle), for angles evenly from 0 to a right one (PROFILE_POINTS,)."""
+    angle = torch.linspace(0, math.pi / 2, PROFILE_POINTS, dtype=torch.float64)
+    rho_squared = (radius * angle.cos()) ** 2
     through = 2 * integral(
-        lambda z: kernel_density(kernel, (rho_squared[:, None] + z**2).clamp(min=0).sqrt(), radius), chord
+        lambda z: kernel_density(kernel, (rho_squared[:, None] + z**2).sqrt(), radius), radius * angle.sin()
     )
     whole = integral(
         lambda r: 4 * math.pi * r**2 * kernel_density(kernel, r, radius), torch.tensor([radius], dtype=torch.float64)
@@ -78,10 +78,10 @@ def _profile(kernel: Kernel, radius: float) -> Tensor:
 def projection(kernel: Kernel, radius: float, rho: Tensor) -> Tensor:
     """P(rho): the kernel of unit integral, cut at `radius`, integrated along a line at distance rho (any shape).
 
-    Interpolated over the half chord sqrt(radius^2 - rho^2), in which P is smooth up to the rim.
+    Interpolated over the angle whose cosine is rho / radius, in which P is smooth at the middle and at the rim.
     """
     profile = _profile(kernel, radius)
-    place = (radius**2 - rho**2).clamp(min=0).sqrt() * ((PROFILE_POINTS - 1) / radius)
+    place = (rho / radius).clamp(max=1.0).acos() * ((PROFILE_POINTS - 1) / (math.pi / 2))
     below = place.floor().clamp(max=PROFILE_POINTS - 2).long()
     part = place - below
     return profile[below] * (1 - part) + profile[below + 1] * part

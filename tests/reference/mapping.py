@@ -45,7 +45,8 @@ def steps_on_screen(scene: Scene, geometry: Geometry) -> Tensor:
     matrix = torch.tensor(geometry.index_to_physical, dtype=torch.float64)
     reference_spacing = torch.linalg.det(matrix).abs() ** (1 / 3)
     pixels_per_unit = resolved_zoom(scene, geometry) / reference_spacing
-    return (rotated(scene.view.rotation, matrix.T) * pixels_per_unit).T
+    steps: Tensor = rotated(scene.view.rotation, matrix.T) * pixels_per_unit
+    return steps.T
 
 
 def on_screen(points: Tensor, scene: Scene, geometry: Geometry) -> Tensor:
