@@ -30,7 +30,7 @@ Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]
 Port = Annotated[int, Meta(ge=1, le=65535)]
 Line = Annotated[str, Meta(max_length=LONGEST_LINE)]
 Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
-ServerIds = Annotated[tuple[ServerId, ...], Meta(max_length=MAX_SERVERS)]
+ServerIds = Annotated[list[ServerId], Meta(max_length=MAX_SERVERS)]
 
 
 class Message(msgspec.Struct, frozen=True, tag=True, tag_field="message", forbid_unknown_fields=True):
@@ -97,7 +97,7 @@ class ReadSubCubes(Message, frozen=True):
 
     assignment: AssignmentId
     path: Path
-    boxes: Annotated[tuple[Box, ...], Meta(max_length=MAX_BOXES)]
+    boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
 
     def __post_init__(self) -> None:
         for box in self.boxes:
@@ -149,7 +149,7 @@ class VoxelsPacked(Message, frozen=True):
 class ConnectToSplatServers(Message, frozen=True):
     """Client to map/shade server: have a data link to each of these splat servers and to no other."""
 
-    routes: Annotated[tuple[Route, ...], Meta(max_length=MAX_SERVERS)]
+    routes: Annotated[list[Route], Meta(max_length=MAX_SERVERS)]
 
 
 class ConnectedToSplatServers(Message, frozen=True):
