@@ -29,3 +29,6 @@ PROFILE = 1e-6
 
 SUM_OVER_PIXELS = 1e-3
 """Of a sum over 513 x 513 points for an integral whose integrand has a kink at its rim."""
+
+CODE_TIE = 1 / 256
+"""Of the smallest opacity step: opacities are first rounded to 1/256 of it, so near ties may fall either way."""
