@@ -10,137 +10,34 @@ from array import array
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
+from volsplat.client.coordinator_events import (
+    AbortAsked,
+    EndFrame,
+    Event,
+    FailSession,
+    FrameAsked,
+    FrameOutcome,
+    Instruction,
+    MessageReceived,
+    PartialImageAsked,
+    PublishImage,
+    PublishVolume,
+    ReportProgress,
+    Send,
+    ServerJoined,
+    ServerLost,
+    ServerProcessEnded,
+    SurveyedVolume,
+    VolumeAsked,
+)
 from volsplat.client.sub_cubes import divided
-from volsplat.protocol import index_rules, messages
+from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.index_rules import Quantisation, Survey
-from volsplat.protocol.messages import Role
+from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
-
-# -- events -----------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class ServerJoined:
-    server: int
-    role: Role
-    name: str  # for a person: role, host and process
-    host: str
-    data_port: int  # of a splat server; 0 for others
-
-
-@dataclass(frozen=True)
-class ServerLost:
-    server: int
-    cause: str
-
-
-@dataclass(frozen=True)
-class MessageReceived:
-    server: int
-    message: messages.Message
-    payload: memoryview
-
-
-@dataclass(frozen=True)
-class VolumeAsked:
-    path: str
-    workers: int
-
-
-@dataclass(frozen=True)
-class FrameAsked:
-    frame: int  # rises with every request
-    scene: Scene
-    step: Step
-
-
-@dataclass(frozen=True)
-class PartialImageAsked:
-    frame: int
-
-
-@dataclass(frozen=True)
-class AbortAsked:
-    frame: int
-
-
-Event = ServerJoined | ServerLost | MessageReceived | VolumeAsked | FrameAsked | PartialImageAsked | AbortAsked
-
-# -- instructions -----------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Send:
-    server: int
-    message: messages.Message
-
-
-@dataclass(frozen=True)
-class ReportProgress:
-    """Tell the person what is going on."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class PublishVolume:
-    """The volume is described and surveyed; scenes can be made for it."""
-
-    volume: "SurveyedVolume"
-
-
-@dataclass(frozen=True)
-class PublishImage:
-    """An image of `frame` arrived; `complete` where the frame is done, and then statistics come with it."""
-
-    frame: int
-    step: Step
-    width: int
-    height: int
-    pixels: memoryview  # float32 RGBA, associated
-    complete: bool
-    outcome: "FrameOutcome | None" = None
-
-
-@dataclass(frozen=True)
-class EndFrame:
-    """`frame` ends without an image: aborted (no error) or failed."""
-
-    frame: int
-    error: VolsplatError | None = None
-
-
-@dataclass(frozen=True)
-class FailSession:
-    """Nothing can be drawn any more."""
-
-    error: VolsplatError
-
-
-Instruction = Send | ReportProgress | PublishVolume | PublishImage | EndFrame | FailSession
-
-# -- state ------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class SurveyedVolume:
-    """What is known of a volume once every server has read its sub-cube."""
-
-    description: VolumeDescription
-    survey: Survey
-    density_counts: list[int]
-    strength_counts: list[int]
-
-
-@dataclass(frozen=True)
-class FrameOutcome:
-    """What the servers report of a finished frame."""
-
-    map_shade: dict[int, messages.MapShadeStats]
-    splat: messages.SplatStats
 
 
 class Phase(Enum):
@@ -174,6 +71,7 @@ class Coordinator:
         self.boxes: dict[int, list[Box]] = {}  # by map/shade server
         self.description: VolumeDescription | None = None
         self.survey: Survey | None = None
+        self.volume: SurveyedVolume | None = None
         self.quantisation: Quantisation | None = None
         self.frame: RunningFrame | None = None
         self._path = ""
@@ -206,6 +104,11 @@ class Coordinator:
         return self._fail(
             PeerLost(f"lost the {server.name}: {event.cause}; the image cannot be finished, start again without it")
         )
+
+    def _handle_ServerProcessEnded(self, event: ServerProcessEnded) -> list[Instruction]:
+        if self.phase != Phase.GATHERING:
+            return []  # its lost connection tells
+        return self._fail(PeerLost(f"{event.cause}; its message is above"))
 
     def _handle_VolumeAsked(self, event: VolumeAsked) -> list[Instruction]:
         self._path, self._wanted_workers = event.path, event.workers
@@ -250,10 +153,10 @@ class Coordinator:
         except BadInput as error:
             return self._fail(error)
         self.boxes = {worker: [box] for worker, box in zip(workers, boxes, strict=True)}
-        routes = [
-            messages.Route(server=n, host=self.servers[n].host, port=self.servers[n].data_port)
+        routes = tuple(
+            messages.Route(server=n, host=self.servers[n].data.host, port=self.servers[n].data.port)
             for n in self._splat_servers()[:1]
-        ]
+        )
         connect: list[Instruction] = [
             Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in self.boxes
         ]
@@ -264,7 +167,7 @@ class Coordinator:
         self._assignment += 1
         self._pending = set(self.boxes)
         read: list[Instruction] = [
-            Send(worker, messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=boxes))
+            Send(worker, messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=tuple(boxes)))
             for worker, boxes in self.boxes.items()
         ]
         return [ReportProgress(f"reading the volume as {len(self.boxes)} sub-cubes"), *read]
@@ -307,25 +210,15 @@ class Coordinator:
             return []
         assert self.description is not None and self.survey is not None
         self.phase = Phase.SURVEYED
-        volume = SurveyedVolume(self.description, self.survey, self._density_counts, self._strength_counts)
-        return [PublishVolume(volume), *self._begin_frame()]
+        self.volume = SurveyedVolume(self.description, self.survey, self._density_counts, self._strength_counts)
+        return [PublishVolume(self.volume), *self._begin_frame()]
 
-    def _pack(self, scene: Scene) -> list[Instruction]:
-        self.quantisation = self._quantisation_for(scene)
+    def _pack(self, quantisation: Quantisation) -> list[Instruction]:
+        self.quantisation = quantisation
         self.phase = Phase.PACKING
         self._pending = set(self.boxes)
-        pack = messages.PackVoxels(assignment=self._assignment, quantisation=self.quantisation)
+        pack = messages.PackVoxels(assignment=self._assignment, quantisation=quantisation)
         return [ReportProgress("making voxel packets"), *(Send(worker, pack) for worker in self.boxes)]
-
-    def _quantisation_for(self, scene: Scene) -> Quantisation:
-        assert self.description is not None and self.survey is not None
-        return Quantisation(
-            window=index_rules.density_window(
-                self.survey, self._density_counts, self.description.scalar_type, scene.quantise.window
-            ),
-            strength_scale=index_rules.strength_scale(self.survey, self._strength_counts),
-            directions=scene.quantise.directions,
-        )
 
     def _received_VoxelsPacked(
         self, server: int, message: messages.VoxelsPacked, payload: memoryview
@@ -356,11 +249,13 @@ class Coordinator:
         frame = self.frame
         if frame is None or frame.started or self.phase not in (Phase.SURVEYED, Phase.READY):
             return []
-        if self._quantisation_for(frame.scene) != self.quantisation:
-            return self._pack(frame.scene) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
-        assert self.description is not None and self.quantisation is not None
+        assert self.volume is not None
+        quantisation = self.volume.quantisation(frame.scene.quantise)
+        if quantisation != self.quantisation:
+            return self._pack(quantisation) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
+        geometry = self.volume.description.geometry
         try:
-            plan_frame(frame.scene, self.description.geometry, frame.step)
+            plan_frame(frame.scene, geometry, frame.step)
         except ValueError as error:
             self.frame = None
             return [EndFrame(frame.frame, BadInput(str(error)))]
@@ -370,9 +265,9 @@ class Coordinator:
             assignment=self._assignment,
             scene=frame.scene,
             step=frame.step,
-            geometry=self.description.geometry,
-            quantisation=self.quantisation,
-            workers=list(self.boxes),
+            geometry=geometry,
+            quantisation=quantisation,
+            workers=tuple(self.boxes),
         )
         return [ReportProgress(f"step {frame.step}"), *(Send(server, render) for server in self._drawing())]
 
@@ -458,5 +353,5 @@ class Coordinator:
         return [*ended, FailSession(error)]
 
 
-def _added(sums: list[int], counts: array[int]) -> list[int]:
+def _added(sums: list[int], counts: "array[int]") -> list[int]:
     return [a + b for a, b in zip(sums, counts, strict=True)] if sums else list(counts)

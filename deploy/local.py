@@ -2,11 +2,12 @@
 
 import os
 import subprocess
-from types import TracebackType
+import threading
+from collections.abc import Callable
 
 from volsplat.deploy.server_command import Program, server_command
+from volsplat.protocol.tokens import Token
 
-TOKEN_VARIABLE = "VOLSPLAT_TOKEN"
 PATIENCE_SECONDS = 10  # that a server just started tries to reach its client
 GRACE_SECONDS = 3.0  # that a server has to end by itself before it is terminated, and again before it is killed
 
@@ -15,31 +16,36 @@ class LocalServers:
     """The servers that a client started on its own machine.
 
     Each runs in a session of its own, so that Ctrl-C reaches only the client, which then ends them in order. A
-    server whose client vanishes ends by itself when its control connection closes.
+    server whose client vanishes ends by itself when its control connection closes. `on_end` is called, on a thread
+    of its own, with one line for each server that ends.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, on_end: Callable[[str], None]) -> None:
+        self._on_end = on_end
         self._processes: list[subprocess.Popen[bytes]] = []
+        self._watchers: list[threading.Thread] = []
 
-    def start(self, program: Program, address: str, token: str) -> None:
+    def start(self, program: Program, address: str, token: Token) -> None:
         """Start one server that dials `address` (HOST:PORT)."""
-        command = server_command(program, "--connect", address, "--patience", str(PATIENCE_SECONDS))
         process = subprocess.Popen(
-            command,
-            env={**os.environ, TOKEN_VARIABLE: token},
+            server_command(program, "--connect", address, "--patience", str(PATIENCE_SECONDS)),
+            env=token.added_to(os.environ),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             start_new_session=True,
         )
+        watcher = threading.Thread(target=self._watch, args=(program, process), name=f"watch {program.title}", daemon=True)
         self._processes.append(process)
+        self._watchers.append(watcher)
+        watcher.start()
 
-    def ended_early(self) -> str | None:
-        """A line about a server that has ended, or None while all run."""
-        for process in self._processes:
-            status = process.poll()
-            if status is not None:
-                return f"a server ended with status {status} ({' '.join(process.args[1:3])})"  # type: ignore[index]
-        return None
+    @property
+    def process_ids(self) -> list[int]:
+        return [process.pid for process in self._processes]
+
+    def _watch(self, program: Program, process: "subprocess.Popen[bytes]") -> None:
+        status = process.wait()
+        self._on_end(f"the {program.title} (process {process.pid}) ended with status {status}")
 
     def stop(self) -> None:
         """End every server: wait for it, then terminate, then kill. Returns when none is left."""
@@ -47,20 +53,7 @@ class LocalServers:
             for process in self._processes:
                 if end is not None and process.poll() is None:
                     end(process)
-            self._processes = [process for process in self._processes if not _ends(process)]
-
-    def __enter__(self) -> "LocalServers":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.stop()
-
-
-def _ends(process: "subprocess.Popen[bytes]") -> bool:
-    try:
-        process.wait(GRACE_SECONDS)
-    except subprocess.TimeoutExpired:
-        return False
-    return True
+            for watcher in self._watchers:
+                watcher.join(GRACE_SECONDS)
+            if not any(watcher.is_alive() for watcher in self._watchers):
+                return

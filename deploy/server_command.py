@@ -1,14 +1,19 @@
 """The command line that starts a server, the same for every launcher."""
 
 import sys
-from enum import StrEnum
+from enum import Enum
 
 
-class Program(StrEnum):
+class Program(Enum):
     """The servers that can be started, by the name of their module."""
 
     MAPSHADE_SERVER = "volsplat.mapshade_server"
     SPLAT_SERVER = "volsplat.splat_server"
+
+    @property
+    def title(self) -> str:
+        """The name that a person knows it by."""
+        return {"MAPSHADE_SERVER": "map/shade server", "SPLAT_SERVER": "splat server"}[self.name]
 
 
 def server_command(program: Program, *options: str, python: str = sys.executable) -> list[str]:

@@ -1,0 +1,161 @@
+"""The coordinator's events and instructions, and what they carry."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from volsplat.protocol import index_rules, messages
+from volsplat.protocol.addresses import Address
+from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.roles import Role
+from volsplat.protocol.scene import Quantise, Scene, Step
+from volsplat.protocol.volume import VolumeDescription
+
+
+@dataclass(frozen=True)
+class SurveyedVolume:
+    """What is known of a volume once every server has read its sub-cube."""
+
+    description: VolumeDescription
+    survey: Survey
+    density_counts: list[int]
+    strength_counts: list[int]
+
+    def window(self, chosen: tuple[float, float] | Literal["auto"]) -> tuple[float, float]:
+        """The density window, in the data's units, for what a scene says of it."""
+        return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type, chosen)
+
+    def quantisation(self, quantise: Quantise) -> Quantisation:
+        """The rules by which the whole volume becomes 8 bits."""
+        return Quantisation(
+            window=self.window(quantise.window),
+            strength_scale=index_rules.strength_scale(self.survey, self.strength_counts),
+            directions=quantise.directions,
+        )
+
+
+@dataclass(frozen=True)
+class FrameOutcome:
+    """What the servers report of a finished frame."""
+
+    map_shade: dict[int, messages.MapShadeStats]
+    splat: messages.SplatStats
+
+
+# -- events -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ServerJoined:
+    server: int
+    role: Role
+    name: str  # for a person: role, number and address
+    data: Address  # where a splat server takes data links
+
+
+@dataclass(frozen=True)
+class ServerLost:
+    server: int
+    cause: str
+
+
+@dataclass(frozen=True)
+class ServerProcessEnded:
+    """A server that the client started has ended."""
+
+    cause: str
+
+
+@dataclass(frozen=True)
+class MessageReceived:
+    server: int
+    message: messages.Message
+    payload: memoryview
+
+
+@dataclass(frozen=True)
+class VolumeAsked:
+    path: str
+    workers: int
+
+
+@dataclass(frozen=True)
+class FrameAsked:
+    frame: int  # rises with every request
+    scene: Scene
+    step: Step
+
+
+@dataclass(frozen=True)
+class PartialImageAsked:
+    frame: int
+
+
+@dataclass(frozen=True)
+class AbortAsked:
+    frame: int
+
+
+Event = (
+    ServerJoined
+    | ServerLost
+    | ServerProcessEnded
+    | MessageReceived
+    | VolumeAsked
+    | FrameAsked
+    | PartialImageAsked
+    | AbortAsked
+)
+
+# -- instructions -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Send:
+    server: int
+    message: messages.Message
+
+
+@dataclass(frozen=True)
+class ReportProgress:
+    """Tell the person what is going on."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class PublishVolume:
+    """The volume is described and surveyed; scenes can be made for it."""
+
+    volume: SurveyedVolume
+
+
+@dataclass(frozen=True)
+class PublishImage:
+    """An image of `frame` arrived; `complete` where the frame is done, and then statistics come with it."""
+
+    frame: int
+    step: Step
+    width: int
+    height: int
+    pixels: memoryview  # float32 RGBA, associated
+    complete: bool
+    outcome: FrameOutcome | None = None
+
+
+@dataclass(frozen=True)
+class EndFrame:
+    """`frame` ends without an image: aborted (no error) or failed."""
+
+    frame: int
+    error: VolsplatError | None = None
+
+
+@dataclass(frozen=True)
+class FailSession:
+    """Nothing can be drawn any more."""
+
+    error: VolsplatError
+
+
+Instruction = Send | ReportProgress | PublishVolume | PublishImage | EndFrame | FailSession

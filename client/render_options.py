@@ -1,0 +1,105 @@
+"""What the render command takes on its command line, read into scenes and numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+
+from volsplat.client.image_file import DEPTHS, read_scene
+from volsplat.client.presets import preset_scene
+from volsplat.client.renderer import SurveyedVolume, default_scene_of
+from volsplat.client.scene_file import read_scene_file
+from volsplat.client.view_rotation import rotation_from_option
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Bounds, Order, Scene
+
+Number = TypeVar("Number", int, float)
+
+
+@dataclass(frozen=True)
+class SceneOptions:
+    """Where the scene comes from, and what the command line changes in it. None: not given."""
+
+    scene: Path | None = None
+    preset: str | None = None
+    size: tuple[int, int] | None = None
+    order: Order | None = None
+    rotate: str | None = None
+    zoom: float | None = None
+    center: tuple[float, float, float] | None = None
+    bounds: Bounds | None = None
+    edges: bool | None = None
+
+    def scene_of(self, volume: SurveyedVolume | None) -> Scene:
+        """The scene to draw: preset or default, under the scene file, under the options. Raises BadInput.
+
+        Without a volume the preset's own numbers stand in for what the data would decide: good for checking a
+        scene file before anything is started.
+        """
+        base = self._base(volume)
+        if self.scene is not None:
+            stored = self.scene.suffix.lower() in DEPTHS
+            base = read_scene(self.scene) if stored else read_scene_file(self.scene, base)
+        return self._changed(base)
+
+    def _base(self, volume: SurveyedVolume | None) -> Scene:
+        if volume is None:
+            return preset_scene(self.preset or "ct-skin")
+        if self.preset is None:
+            return default_scene_of(volume)
+        return preset_scene(self.preset, density_histogram_of(volume), volume.description.anatomical)
+
+    def _changed(self, scene: Scene) -> Scene:
+        view, image = scene.view, scene.image
+        try:
+            if self.rotate is not None:
+                view = msgspec.structs.replace(view, rotation=rotation_from_option(self.rotate))
+            if self.zoom is not None:
+                view = msgspec.structs.replace(view, zoom=self.zoom)
+            if self.center is not None:
+                view = msgspec.structs.replace(view, center=self.center)
+            if self.size is not None:
+                image = msgspec.structs.replace(image, width=self.size[0], height=self.size[1])
+            if self.edges is not None:
+                image = msgspec.structs.replace(image, edges=self.edges)
+        except ValueError as error:
+            raise BadInput(str(error)) from error
+        return msgspec.structs.replace(
+            scene,
+            view=view,
+            image=image,
+            bounds=self.bounds or scene.bounds,
+            order=self.order or scene.order,
+        )
+
+
+def size_from_option(text: str) -> tuple[int, int]:
+    """Width and height from WxH. Raises BadInput."""
+    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
+    if match is None or not all(1 <= int(number) <= 16384 for number in match.groups()):
+        raise BadInput(f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to 16384, as in 512x512")
+    return int(match[1]), int(match[2])
+
+
+def triple_from_option(option: str, text: str, kind: Callable[[str], Number]) -> tuple[Number, Number, Number]:
+    """Three numbers from I,J,K. Raises BadInput."""
+    try:
+        i, j, k = (kind(part) for part in text.split(","))
+    except ValueError as error:
+        raise BadInput(f"{option} {text}: give three numbers I,J,K, as in 48,64,56") from error
+    return i, j, k
+
+
+def bounds_from_option(text: str) -> Bounds:
+    """Half-open bounds from I0:I1,J0:J1,K0:K1; an empty side reaches to the volume's face. Raises BadInput."""
+    match = re.fullmatch(r"(\d*):(\d*),(\d*):(\d*),(\d*):(\d*)", text)
+    if match is None:
+        raise BadInput(f"--bounds {text}: give LOW:HIGH for i, j and k, as in 0:48,:,10:100; HIGH is left out")
+    low = [int(match[n] or 0) for n in (1, 3, 5)]
+    high = [int(match[n] or -1) for n in (2, 4, 6)]
+    return Bounds(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))

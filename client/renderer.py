@@ -1,0 +1,64 @@
+"""What everything that draws a volume can do: the session with its servers and the single process alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from volsplat.client.coordinator_events import FrameOutcome, SurveyedVolume
+from volsplat.client.default_scene import default_scene
+from volsplat.protocol.scene import Scene, Step
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+PARTIAL_INTERVAL = 0.1  # seconds between partial images
+
+
+@dataclass(frozen=True)
+class StepOutcome:
+    """How a finished step went: what the servers counted and the seconds from asking to having the image."""
+
+    step: Step
+    wall_seconds: float
+    servers: FrameOutcome
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """One image on the way: (H, W, 4) float32, associated alpha, 0..1, without the background."""
+
+    step: Step
+    image: Tensor
+    outcome: StepOutcome | None  # None while the step is still being drawn
+
+    @property
+    def complete(self) -> bool:
+        return self.outcome is not None
+
+
+class Renderer(Protocol):
+    """A volume that is ready to be drawn."""
+
+    @property
+    def volume(self) -> SurveyedVolume:
+        """What is known of the volume; waits until it is known."""
+
+    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
+        """The finished image of one step, (H, W, 4) float32, associated alpha."""
+
+    def refine(
+        self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
+    ) -> Iterator[Refinement]:
+        """The steps A to `last`, each finished image and the partial images between."""
+
+
+def default_scene_of(volume: SurveyedVolume) -> Scene:
+    """A scene chosen from the data, so that the first picture is never empty."""
+    return default_scene(volume.description, volume.survey, volume.density_counts, volume.window("auto"))
+
+
+def laid_over(partial: Tensor, finished: Tensor | None) -> Tensor:
+    """A step's partial image over the finished image of the step before, both associated (design, section 6)."""
+    return partial if finished is None else partial + (1.0 - partial[..., 3:]) * finished

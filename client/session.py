@@ -1,0 +1,324 @@
+"""A volume with its servers: carries out what the coordinator decides, and gives images to Python.
+
+    with Session("head.nrrd", workers=2) as session:
+        image = session.render(scene)
+
+Threads: one receives from each server, one runs the coordinator; both end with the session. Importing this module
+does not import torch, so that the servers start while it loads.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import queue
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from volsplat.client.coordinator import Coordinator
+from volsplat.client.coordinator_events import (
+    AbortAsked,
+    EndFrame,
+    Event,
+    FailSession,
+    FrameAsked,
+    Instruction,
+    MessageReceived,
+    PartialImageAsked,
+    PublishImage,
+    PublishVolume,
+    ReportProgress,
+    Send,
+    ServerJoined,
+    ServerLost,
+    ServerProcessEnded,
+    SurveyedVolume,
+    VolumeAsked,
+)
+from volsplat.client.renderer import (
+    PARTIAL_INTERVAL,
+    Refinement,
+    StepOutcome,
+    default_scene_of,
+    laid_over,
+)
+from volsplat.deploy.local import LocalServers
+from volsplat.deploy.server_command import Program
+from volsplat.protocol import messages
+from volsplat.protocol.addresses import LOOPBACK, Address
+from volsplat.protocol.connection import Connection, ConnectionClosed
+from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.greetings import Hello
+from volsplat.protocol.listener import IdCounter, Listener
+from volsplat.protocol.roles import Role
+from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.tokens import Token, new_token
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+log = logging.getLogger(__name__)
+
+ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
+
+
+class FrameAborted(Exception):
+    """The frame was aborted, by `abort` or because a newer one was asked for."""
+
+
+class Session:
+    """A volume held by map/shade servers and a splat server.
+
+    `volume` is a path as the servers see it. With `spawn` the servers are started on this machine; without it they
+    are started by hand and join at `listen`. `on_progress` gets one line for each thing that takes time, on a
+    thread of the session.
+    """
+
+    def __init__(
+        self,
+        volume: str | Path,
+        *,
+        workers: int | None = None,
+        listen: Address = ANY_LOOPBACK_PORT,
+        spawn: bool = True,
+        token: Token | None = None,
+        on_progress: Callable[[str], None] = log.info,
+    ) -> None:
+        self._on_progress = on_progress
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._connections: dict[int, Connection] = {}  # touched by the coordinator's and the receiving threads
+        self._connections_lock = threading.Lock()  # guards _connections
+        self._frames: dict[int, queue.SimpleQueue[PublishImage | EndFrame]] = {}
+        self._newest_frame = 0
+        self._frames_lock = threading.Lock()  # guards _frames and _newest_frame
+        self._volume: SurveyedVolume | None = None
+        self._failure: VolsplatError | None = None
+        self._volume_known = threading.Event()  # set when _volume or _failure is
+        self._closed = False
+
+        token = token or new_token()
+        self._listener = Listener(Role.CLIENT, token, host=listen.host, port=listen.port, assign_id=ServerIds())
+        self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
+        self._coordinator_thread.start()
+        threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
+        wanted = workers or os.cpu_count() or 1
+        self._servers = LocalServers(on_end=lambda line: self._events.put(ServerProcessEnded(line)))
+        try:
+            if spawn:
+                address = str(self.address)
+                self._servers.start(Program.SPLAT_SERVER, address, token)
+                for _ in range(wanted):
+                    self._servers.start(Program.MAPSHADE_SERVER, address, token)
+            self._events.put(VolumeAsked(str(Path(volume).absolute()) if spawn else str(volume), wanted))
+        except BaseException:
+            self.close()
+            raise
+
+    # -- what a person calls
+
+    @property
+    def address(self) -> Address:
+        """Where servers join."""
+        return self._listener.address
+
+    @property
+    def volume(self) -> SurveyedVolume:
+        """What is known of the volume; waits until every server has read its sub-cube."""
+        self._volume_known.wait()
+        if self._volume is None:
+            raise self._failure or PeerLost("the session is closed")
+        return self._volume
+
+    def default_scene(self) -> Scene:
+        """A scene chosen from the data."""
+        return default_scene_of(self.volume)
+
+    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
+        """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
+
+        Raises BadInput where the scene does not fit the volume, PeerLost where a server is gone, and FrameAborted
+        where a newer frame took its place.
+        """
+        frame, answers = self._ask(scene, step)
+        return _tensor(self._finished(frame, answers))
+
+    def refine(
+        self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
+    ) -> Iterator[Refinement]:
+        """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds.
+
+        A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
+        Ends early, without an error, when a newer frame is asked for or the frame is aborted.
+        """
+        finished: Tensor | None = None
+        for step in Step:
+            if step > last:
+                return
+            started = time.perf_counter()
+            frame, answers = self._ask(scene, step)
+            try:
+                while (answer := self._answer(frame, answers, partial_interval)) is None or not answer.complete:
+                    if answer is None:
+                        self._events.put(PartialImageAsked(frame))
+                    else:
+                        under = None if scene.refine.bare_buffer else finished
+                        yield Refinement(step, laid_over(_tensor(answer), under), None)
+            except FrameAborted:
+                return
+            finished = _tensor(answer)
+            assert answer.outcome is not None
+            yield Refinement(step, finished, StepOutcome(step, time.perf_counter() - started, answer.outcome))
+
+    def abort(self) -> None:
+        """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
+        with self._frames_lock:
+            newest = self._newest_frame
+        self._events.put(AbortAsked(newest))
+
+    def close(self) -> None:
+        """End the session and every server that it started. Safe to call twice."""
+        if self._closed:
+            return
+        self._closed = True
+        self._events.put(None)
+        self._coordinator_thread.join()
+        self._listener.close()
+        with self._connections_lock:
+            connections = list(self._connections.values())
+        for connection in connections:
+            connection.close()
+        self._servers.stop()
+        self._fail(PeerLost("the session is closed"))
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- frames
+
+    def _ask(self, scene: Scene, step: Step) -> tuple[int, queue.SimpleQueue[PublishImage | EndFrame]]:
+        answers: queue.SimpleQueue[PublishImage | EndFrame] = queue.SimpleQueue()
+        with self._frames_lock:
+            if self._failure is not None:
+                raise self._failure
+            self._newest_frame += 1
+            frame = self._newest_frame
+            self._frames[frame] = answers
+        self._events.put(FrameAsked(frame, scene, step))
+        return frame, answers
+
+    def _finished(self, frame: int, answers: queue.SimpleQueue[PublishImage | EndFrame]) -> PublishImage:
+        while True:
+            answer = self._answer(frame, answers, None)
+            if answer is not None and answer.complete:
+                return answer
+
+    def _answer(
+        self, frame: int, answers: queue.SimpleQueue[PublishImage | EndFrame], patience: float | None
+    ) -> PublishImage | None:
+        """The next image of a frame, or None after `patience` seconds. Raises what ended it otherwise."""
+        try:
+            answer = answers.get(timeout=patience)
+        except queue.Empty:
+            return None
+        if isinstance(answer, PublishImage) and not answer.complete:
+            return answer
+        with self._frames_lock:
+            self._frames.pop(frame, None)
+        if isinstance(answer, PublishImage):
+            return answer
+        raise answer.error or FrameAborted(f"frame {frame} was aborted")
+
+    # -- threads
+
+    def _accept(self) -> None:
+        while (connection := self._listener.accept()) is not None:
+            threading.Thread(
+                target=self._receive, args=(connection,), name=f"receive from {connection.peer}", daemon=True
+            ).start()
+
+    def _receive(self, connection: Connection) -> None:
+        peer = connection.peer
+        with self._connections_lock:
+            self._connections[peer.id] = connection
+        self._events.put(ServerJoined(peer.id, peer.role, str(peer), Address(peer.data_host, peer.data_port)))
+        cause = "this side closed the connection"
+        try:
+            while (received := connection.receive()) is not None:
+                self._events.put(MessageReceived(peer.id, received.message, received.payload))
+        except VolsplatError as error:
+            cause = str(error)
+        with self._connections_lock:
+            del self._connections[peer.id]
+        self._events.put(ServerLost(peer.id, cause))
+
+    def _coordinate(self) -> None:
+        coordinator = Coordinator()
+        while (event := self._events.get()) is not None:
+            for instruction in coordinator.handle(event):
+                self._carry_out(instruction)
+        for server in list(coordinator.servers):
+            self._send(server, messages.EndSession())
+
+    def _carry_out(self, instruction: Instruction) -> None:
+        match instruction:
+            case Send(server, message):
+                self._send(server, message)
+            case ReportProgress(text):
+                self._on_progress(text)
+            case PublishVolume(volume):
+                self._volume = volume
+                self._volume_known.set()
+            case PublishImage(frame=frame) | EndFrame(frame=frame):
+                with self._frames_lock:
+                    answers = self._frames.get(frame)
+                if answers is not None:
+                    answers.put(instruction)
+            case FailSession(error):
+                self._fail(error)
+
+    def _send(self, server: int, message: messages.Message) -> None:
+        with self._connections_lock:
+            connection = self._connections.get(server)
+        if connection is None:
+            return  # its loss is on the way as an event
+        try:
+            connection.send(message)
+        except ConnectionClosed:
+            return  # by this side, at the end
+        except VolsplatError as error:
+            self._events.put(ServerLost(server, str(error)))
+
+    def _fail(self, error: VolsplatError) -> None:
+        with self._frames_lock:
+            self._failure = self._failure or error
+            waiting = list(self._frames.items())
+        for frame, answers in waiting:
+            answers.put(EndFrame(frame, error))
+        self._volume_known.set()
+
+
+class ServerIds:
+    """Gives ids to servers; nothing but servers may join a client."""
+
+    def __init__(self) -> None:
+        self._counter = IdCounter()
+
+    def __call__(self, hello: Hello) -> int:
+        if hello.role not in (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER):
+            raise BadInput(f"a {hello.role} cannot join a client")
+        return self._counter(hello)
+
+
+def _tensor(image: PublishImage) -> Tensor:
+    import torch
+
+    return torch.frombuffer(image.pixels, dtype=torch.float32).reshape(image.height, image.width, 4)

@@ -1,0 +1,30 @@
+"""`volsplat mapshade-server`: joins a client and serves it until its session ends."""
+
+import os
+from pathlib import Path
+
+import click
+
+from volsplat.mapshade_server.server import MapShadeServer
+from volsplat.protocol.addresses import Address
+from volsplat.protocol.dialling import connect
+from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.roles import Role
+from volsplat.protocol.server_process import address_option, log_to_stderr, process_name, run_server
+from volsplat.protocol.tokens import need_token
+
+
+@click.command("volsplat mapshade-server")
+@click.option("--connect", "client", required=True, metavar="HOST:PORT", callback=address_option, help="The client.")
+@click.option("--token-file", type=click.Path(path_type=Path), help="File with the session token (VOLSPLAT_TOKEN).")
+@click.option("--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60).")
+@click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
+def mapshade_server(client: Address, token_file: Path | None, patience: float, verbose: bool) -> None:
+    """Join the client at HOST:PORT, hold a sub-cube of its volume, and map and shade it for each frame."""
+    log_to_stderr("mapshade-server", verbose)
+    token = need_token(os.environ, token_file)
+    hello = new_hello(Role.MAPSHADE_SERVER, name=process_name())
+    MapShadeServer(connect(client, hello, token, Role.CLIENT, patience=patience), token).run()
+
+
+run_server(mapshade_server, "mapshade-server")

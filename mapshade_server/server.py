@@ -1,0 +1,213 @@
+"""The map/shade server's loop: takes the client's requests, holds sub-cubes, streams batches to the splat server.
+
+Two threads: one receives from the client and notes the newest frame and aborts at once; the other works through the
+requests in order. A frame stops between two batches, so an abort takes no longer than a batch does.
+"""
+
+import logging
+import queue
+import sys
+import threading
+import time
+from array import array
+from dataclasses import asdict, dataclass
+
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol import messages
+from volsplat.protocol.addresses import Address
+from volsplat.protocol.connection import Connection
+from volsplat.protocol.dialling import connect
+from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.index_rules import HISTOGRAM_BINS
+from volsplat.protocol.peak_memory import peak_memory
+from volsplat.protocol.roles import Role
+from volsplat.protocol.tokens import Token
+
+log = logging.getLogger(__name__)
+
+
+@dataclass
+class FrameTally:
+    """What a frame has cost so far."""
+
+    voxels_visited: int = 0
+    packets: int = 0
+    batches: int = 0
+    bytes: int = 0
+    map_shade_seconds: float = 0.0
+    waiting_seconds: float = 0.0
+
+    def stats(self) -> messages.MapShadeStats:
+        return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory())
+
+
+class MapShadeServer:
+    """One client's map/shade server. `run` returns when the client ends the session or is gone."""
+
+    def __init__(self, client: Connection, token: Token) -> None:
+        self._client = client
+        self._token = token
+        self._requests: queue.SimpleQueue[messages.Message | None] = queue.SimpleQueue()
+        self._newest_frame = 0  # written by the receiving thread, read by the working one
+        self._splat_server: Connection | None = None
+        self._sub_cubes: list[SubCube] = []
+        self._assignment = 0
+
+    def run(self) -> None:
+        """Serve until the client ends the session. Raises VolsplatError where the client is lost."""
+        receiver = threading.Thread(target=self._receive, name="receive from client", daemon=True)
+        receiver.start()
+        try:
+            while (request := self._requests.get()) is not None:
+                self._answer(request)
+        finally:
+            self._client.close()
+            if self._splat_server is not None:
+                self._splat_server.close()
+            receiver.join()
+
+    def _receive(self) -> None:
+        try:
+            while (received := self._client.receive()) is not None:
+                message = received.message
+                match message:
+                    case messages.EndSession():
+                        break
+                    case messages.RenderFrame(frame=frame):
+                        self._newest_frame = frame
+                    case messages.AbortFrame(frame=frame):
+                        self._newest_frame = max(self._newest_frame, frame + 1)
+                self._requests.put(message)
+        except VolsplatError as error:
+            log.info("the client is gone: %s", error)
+        self._newest_frame = sys.maxsize
+        self._requests.put(None)
+
+    def _answer(self, request: messages.Message) -> None:
+        handler = getattr(self, f"_on_{type(request).__name__}")
+        try:
+            handler(request)
+        except (BadInput, PeerLost) as error:
+            self._client.send(
+                messages.Refused(
+                    request=type(request).__name__,
+                    cause=str(error)[: messages.LONGEST_LINE],
+                    frame=getattr(request, "frame", 0),
+                    assignment=getattr(request, "assignment", 0),
+                )
+            )
+
+    # -- the volume
+
+    def _on_DescribeVolume(self, request: messages.DescribeVolume) -> None:
+        description = open_volume(request.path).describe()
+        self._client.send(messages.VolumeDescribed(description=description))
+
+    def _on_ReadSubCubes(self, request: messages.ReadSubCubes) -> None:
+        started = time.perf_counter()
+        reader = open_volume(request.path)
+        geometry = reader.describe().geometry
+        self._sub_cubes = []
+        for box in request.boxes:
+            sub_cube = SubCube(geometry, box)
+            sub_cube.read(reader)
+            self._sub_cubes.append(sub_cube)
+        self._assignment = request.assignment
+        survey = self._sub_cubes[0].survey()
+        for sub_cube in self._sub_cubes[1:]:
+            survey = survey.joined(sub_cube.survey())
+        self._client.send(
+            messages.SubCubesRead(
+                assignment=request.assignment,
+                survey=survey,
+                bytes=sum(sub_cube.source_bytes for sub_cube in self._sub_cubes),
+                seconds=time.perf_counter() - started,
+            )
+        )
+
+    def _on_CountHistograms(self, request: messages.CountHistograms) -> None:
+        density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
+        for sub_cube in self._sub_cubes:
+            more = sub_cube.histograms(request.low, request.high, request.max_gradient)
+            density = array("q", map(int.__add__, density, more[0]))
+            strength = array("q", map(int.__add__, strength, more[1]))
+        self._client.send(
+            messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS),
+            memoryview(density).cast("B"),
+            memoryview(strength).cast("B"),
+        )
+
+    def _on_PackVoxels(self, request: messages.PackVoxels) -> None:
+        started = time.perf_counter()
+        for sub_cube in self._sub_cubes:
+            sub_cube.pack(request.quantisation)
+        voxels = sum(sub_cube.box.voxels for sub_cube in self._sub_cubes)
+        self._client.send(
+            messages.VoxelsPacked(
+                assignment=request.assignment,
+                voxels=voxels,
+                bytes=4 * voxels,
+                seconds=time.perf_counter() - started,
+            )
+        )
+
+    # -- frames
+
+    def _on_ConnectToSplatServers(self, request: messages.ConnectToSplatServers) -> None:
+        if len(request.routes) != 1:
+            raise BadInput(f"this version draws with one splat server, not {len(request.routes)}")
+        route = request.routes[0]
+        if self._splat_server is not None:
+            self._splat_server.close()
+        self._splat_server = connect(
+            Address(route.host, route.port),
+            new_hello(Role.DATA_LINK, server=self._client.id),
+            self._token,
+            Role.SPLAT_SERVER,
+            server=route.server,
+        )
+        self._client.send(messages.ConnectedToSplatServers(servers=(route.server,)))
+
+    def _on_AbortFrame(self, request: messages.AbortFrame) -> None:
+        # The frame's walk ended before this request's turn came.
+        self._client.send(messages.FrameAborted(frame=request.frame))
+
+    def _on_RenderFrame(self, request: messages.RenderFrame) -> None:
+        if request.assignment != self._assignment:
+            raise BadInput(f"frame {request.frame} is for assignment {request.assignment}, not {self._assignment}")
+        plan = plan_frame(request.scene, request.geometry, request.step)
+        walk = FrameWalk(self._sub_cubes, request.geometry, request.quantisation, request.scene, plan)
+        tally = FrameTally()
+        while self._newest_frame <= request.frame:
+            started = time.perf_counter()
+            batch = walk.next_batch()
+            tally.map_shade_seconds += time.perf_counter() - started
+            if batch is None:
+                self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats()))
+                return
+            self._send_batch(request.frame, tally, batch)
+
+    def _send_batch(self, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:
+        assert self._splat_server is not None
+        message = messages.Batch(
+            frame=frame,
+            worker=self._client.id,
+            sequence=tally.batches,
+            encoding=messages.RAW,
+            run_count=batch.run_count,
+            packet_count=batch.packet_count,
+            reached_sheet=batch.reached[0],
+            reached_row=batch.reached[1],
+            last=batch.last,
+        )
+        started = time.perf_counter()
+        self._splat_server.send(message, batch.runs, batch.packets)
+        tally.waiting_seconds += time.perf_counter() - started
+        tally.batches += 1
+        tally.voxels_visited += batch.voxels_visited
+        tally.packets += batch.packet_count
+        tally.bytes += len(batch.runs) + len(batch.packets)

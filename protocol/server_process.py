@@ -1,0 +1,49 @@
+"""What the two server programs share as processes: their options, their name, how errors end them."""
+
+import logging
+import os
+import socket
+import sys
+from typing import NoReturn
+
+import click
+
+from volsplat.protocol.addresses import Address, parse_address
+from volsplat.protocol.errors import BadInput, VolsplatError
+
+EXIT_FAILED = 1
+EXIT_BAD_INPUT = 2
+
+
+def address_option(context: click.Context, parameter: click.Parameter, value: str) -> Address:
+    """Click's callback for an option HOST:PORT."""
+    return parse_address(value)
+
+
+def process_name() -> str:
+    """What other processes call this one in messages: its host and process id."""
+    return f"{socket.gethostname()}, process {os.getpid()}"
+
+
+def log_to_stderr(title: str, verbose: bool) -> None:
+    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format=f"{title}: %(message)s")
+
+
+def run_server(command: click.Command, title: str) -> NoReturn:
+    """Run a server's command line; an error is one line on stderr, exit status 2 where a person must put it right."""
+    try:
+        command.main(standalone_mode=False)
+    except click.ClickException as error:
+        _end(title, error.format_message(), EXIT_BAD_INPUT)
+    except BadInput as error:
+        _end(title, str(error), EXIT_BAD_INPUT)
+    except VolsplatError as error:
+        _end(title, str(error), EXIT_FAILED)
+    except (KeyboardInterrupt, click.Abort):
+        _end(title, "interrupted", 130)
+    sys.exit(0)
+
+
+def _end(title: str, line: str, status: int) -> NoReturn:
+    print(f"{title}: {line}", file=sys.stderr)
+    sys.exit(status)

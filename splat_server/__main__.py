@@ -1,0 +1,46 @@
+"""`volsplat splat-server`: joins a client and draws for it until its session ends."""
+
+import os
+from pathlib import Path
+
+import click
+
+from volsplat.protocol.addresses import LOOPBACK, Address
+from volsplat.protocol.dialling import connect
+from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.listener import Listener
+from volsplat.protocol.roles import Role
+from volsplat.protocol.server_process import address_option, log_to_stderr, process_name, run_server
+from volsplat.protocol.tokens import need_token
+from volsplat.splat_server.server import SplatServer
+
+ANY_PORT = f"{LOOPBACK}:0"
+
+
+@click.command("volsplat splat-server")
+@click.option("--connect", "client", required=True, metavar="HOST:PORT", callback=address_option, help="The client.")
+@click.option(
+    "--listen",
+    metavar="HOST:PORT",
+    default=ANY_PORT,
+    callback=address_option,
+    help="Where map/shade servers reach this server (loopback, any free port).",
+)
+@click.option("--token-file", type=click.Path(path_type=Path), help="File with the session token (VOLSPLAT_TOKEN).")
+@click.option("--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60).")
+@click.option("--threads", type=click.IntRange(min=1), default=1, help="Threads that splat, one image stripe each (1).")
+@click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
+def splat_server(
+    client: Address, listen: Address, token_file: Path | None, patience: float, threads: int, verbose: bool
+) -> None:
+    """Join the client at HOST:PORT, merge and splat what its map/shade servers send, and hand out the image."""
+    log_to_stderr("splat-server", verbose)
+    token = need_token(os.environ, token_file)
+    with Listener(Role.SPLAT_SERVER, token, host=listen.host, port=listen.port) as data_links:
+        # An address that means "every interface" is no address to dial: the client then names the one it sees.
+        host = "" if data_links.address.host in ("0.0.0.0", "::") else data_links.address.host
+        hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=data_links.address.port, name=process_name())
+        SplatServer(connect(client, hello, token, Role.CLIENT, patience=patience), data_links, threads).run()
+
+
+run_server(splat_server, "splat-server")
