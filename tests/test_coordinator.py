@@ -4,6 +4,7 @@ from array import array
 from itertools import permutations
 
 import pytest
+
 from volsplat.client.coordinator import Coordinator, Phase
 from volsplat.client.coordinator_events import (
     AbortAsked,
