@@ -1,0 +1,221 @@
+"""One fixed sample of every message, and strategies that draw any; the samples' bytes are kept in tests/recorded.
+
+`python tests/message_samples.py` records what is not recorded yet; a record is never overwritten.
+"""
+
+import struct
+from pathlib import Path
+from typing import Any
+
+from arbitrary import geometries
+from hypothesis import strategies as st
+from scenes import scenes
+
+from volsplat.protocol import greetings, messages
+from volsplat.protocol.framing import HEADER, MAGIC
+from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.message_rules import RULES, Phase, Speech, encode_control
+from volsplat.protocol.messages import Message
+from volsplat.protocol.packet_layout import ROW_RUN
+from volsplat.protocol.roles import Role, Way
+from volsplat.protocol.scene import ColourTable, ScalarTable, Scene, Step, Tables
+from volsplat.protocol.versions import SPOKEN
+from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+
+RECORDED = Path(__file__).parent / "recorded" / f"protocol-{SPOKEN.newest}"
+
+GEOMETRY = Geometry((4, 5, 6), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)), (1.0, -2.0, 3.0))
+QUANTISATION = Quantisation(window=(-1000.0, 2000.0), strength_scale=0.25)
+SCENE = Scene(
+    tables=Tables(
+        emit=ColourTable(points=((0.0, (1.0, 0.5, 0.25)),)),
+        refl=ColourTable(points=((0.0, (0.0, 0.0, 0.0)), (1.0, (1.0, 1.0, 1.0)))),
+        opac=ScalarTable(points=((0.25, 0.0), (0.5, 1.0))),
+    )
+)
+SPLAT_STATS = messages.SplatStats(100, 900, 0.5, 1.5, 0.25, {1: 0.125, 2: 0.0}, 1 << 30)
+
+SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
+    type(message): (message, payload)
+    for message, payload in (
+        (greetings.Hello(Role.SPLAT_SERVER, 1, 1, bytes(range(32)), 0, "node7", 7001, "node7, process 12"), b""),
+        (greetings.Challenge(Role.CLIENT, 1, 1, bytes(range(32, 64))), b""),
+        (greetings.Proof(bytes(range(64, 96))), b""),
+        (greetings.Welcome(3, bytes(range(96, 128))), b""),
+        (greetings.Rejected("another token"), b""),
+        (messages.DescribeVolume("/data/head.nrrd"), b""),
+        (
+            messages.VolumeDescribed(
+                VolumeDescription(
+                    name="head", format="NRRD", geometry=GEOMETRY, scalar_type="int16", unit="mm", anatomical=True
+                )
+            ),
+            b"",
+        ),
+        (messages.ReadSubCubes(1, "/data/head.nrrd", [Box((0, 0, 0), (4, 5, 3)), Box((0, 0, 3), (4, 5, 6))]), b""),
+        (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 960, 0.125), b""),
+        (messages.CountHistograms(1, -1000.0, 3000.0, 512.5), b""),
+        (messages.HistogramsCounted(1, 2), struct.pack("<4q", 100, 18, 60, 58)),
+        (messages.PackVoxels(1, QUANTISATION), b""),
+        (messages.VoxelsPacked(1, 120, 480, 0.0625), b""),
+        (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001)]), b""),
+        (messages.ConnectedToSplatServers([3]), b""),
+        (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, [1, 2]), b""),
+        (messages.AbortFrame(7), b""),
+        (messages.FrameAborted(7), b""),
+        (messages.FrameMapped(7, messages.MapShadeStats(120, 100, 2, 900, 0.5, 0.25, 1 << 29)), b""),
+        (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
+        (messages.ReadImage(7), b""),
+        (messages.ImageRead(7, Step.C, True, 2, 1), struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0)),
+        (
+            messages.Batch(7, 2, 0, "raw", 1, 2, 4, 3, True),
+            ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
+        ),
+        (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
+        (messages.EndSession(), b""),
+    )
+}
+
+
+def speech_for(kind: type[Message]) -> Speech:
+    """A connection on which messages of this kind may go."""
+    rule = RULES[kind]
+    return Speech() if rule.phase is Phase.GREETING else Speech(rule.ways[0])
+
+
+def lawful_kinds(way: Way | None) -> list[type[Message]]:
+    """What may be said on that way; None is the handshake."""
+    if way is None:
+        return [kind for kind, rule in RULES.items() if rule.phase is Phase.GREETING]
+    return [kind for kind, rule in RULES.items() if rule.phase is Phase.OPEN and way in rule.ways]
+
+
+def framed(control: bytes, payload: bytes = b"", *, control_bytes: int | None = None, payload_bytes: int | None = None,
+           magic: int = MAGIC) -> bytes:  # fmt: skip
+    """A message's bytes; the header's numbers can be made to lie."""
+    return (
+        HEADER.pack(
+            magic,
+            len(control) if control_bytes is None else control_bytes,
+            len(payload) if payload_bytes is None else payload_bytes,
+        )
+        + control
+        + payload
+    )
+
+
+def sample_bytes(kind: type[Message]) -> bytes:
+    message, payload = SAMPLES[kind]
+    return framed(encode_control(message), payload)
+
+
+ids = st.integers(1, messages.LARGEST_ID)
+ids_or_none = st.integers(0, messages.LARGEST_ID)
+counts = st.integers(0, messages.LARGEST_COUNT)
+ordinals = st.integers(0, 2**32 - 1)
+seconds = st.floats(0, 1e9)
+finite = st.floats(allow_nan=False)
+lines = st.text(max_size=20)
+paths = st.text(min_size=1, max_size=20)
+blobs = st.binary(min_size=32, max_size=32)
+quantisations = st.builds(Quantisation, window=st.tuples(finite, finite), strength_scale=finite)
+surveys = st.builds(Survey, low=finite, high=finite, max_gradient=finite, voxels=counts, no_data=counts)
+descriptions = st.builds(
+    VolumeDescription, name=lines, format=lines, geometry=geometries(), scalar_type=lines, unit=lines
+)
+_voxel = st.tuples(*[st.integers(0, 100)] * 3)
+boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 100)] * 3)).map(
+    lambda pair: Box(pair[0], (pair[0][0] + pair[1][0], pair[0][1] + pair[1][1], pair[0][2] + pair[1][2]))
+)
+_map_shade_stats = st.builds(messages.MapShadeStats, counts, counts, counts, counts, seconds, seconds, counts)
+_splat_stats = st.builds(
+    messages.SplatStats,
+    counts,
+    counts,
+    seconds,
+    seconds,
+    seconds,
+    st.dictionaries(ids, seconds, max_size=3),
+    counts,
+)
+_versions = st.tuples(st.integers(1, 9), st.integers(1, 9)).map(sorted)
+
+
+def _greeting(kind: type[Message], *more: st.SearchStrategy[Any]) -> st.SearchStrategy[Message]:
+    parts = st.tuples(st.sampled_from(Role), _versions, blobs, *more)
+    return parts.map(lambda p: kind(p[0], p[1][0], p[1][1], *p[2:]))
+
+
+def _batches(shape: tuple[int, int]) -> st.SearchStrategy[Message]:
+    runs = min(shape) if max(shape) else 0
+    packets = max(shape) if runs else 0
+    return st.builds(
+        messages.Batch,
+        ids,
+        ids,
+        counts,
+        st.just("raw"),
+        st.just(runs),
+        st.just(packets),
+        ordinals,
+        ordinals,
+        st.booleans(),
+    )
+
+
+STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
+    greetings.Hello: _greeting(greetings.Hello, ids_or_none, lines, st.integers(0, 65535), lines),
+    greetings.Challenge: _greeting(greetings.Challenge),
+    greetings.Proof: st.builds(greetings.Proof, blobs),
+    greetings.Welcome: st.builds(greetings.Welcome, ids, blobs),
+    greetings.Rejected: st.builds(greetings.Rejected, lines),
+    messages.DescribeVolume: st.builds(messages.DescribeVolume, paths),
+    messages.VolumeDescribed: st.builds(messages.VolumeDescribed, descriptions),
+    messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, max_size=3)),
+    messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
+    messages.CountHistograms: st.builds(messages.CountHistograms, ids, finite, finite, finite),
+    messages.HistogramsCounted: st.builds(messages.HistogramsCounted, ids, st.integers(1, 40)),
+    messages.PackVoxels: st.builds(messages.PackVoxels, ids, quantisations),
+    messages.VoxelsPacked: st.builds(messages.VoxelsPacked, ids, counts, counts, seconds),
+    messages.ConnectToSplatServers: st.builds(
+        messages.ConnectToSplatServers,
+        st.lists(st.builds(messages.Route, ids, lines, st.integers(1, 65535)), max_size=3),
+    ),
+    messages.ConnectedToSplatServers: st.builds(messages.ConnectedToSplatServers, st.lists(ids, max_size=3)),
+    messages.RenderFrame: st.builds(
+        messages.RenderFrame,
+        ids,
+        ids,
+        scenes(),
+        st.sampled_from(Step),
+        geometries(),
+        quantisations,
+        st.lists(ids, max_size=3),
+    ),
+    messages.AbortFrame: st.builds(messages.AbortFrame, ids),
+    messages.FrameAborted: st.builds(messages.FrameAborted, ids),
+    messages.FrameMapped: st.builds(messages.FrameMapped, ids, _map_shade_stats),
+    messages.FrameFinished: st.builds(
+        messages.FrameFinished, ids, st.booleans(), st.lists(ids, max_size=3), _splat_stats
+    ),
+    messages.ReadImage: st.builds(messages.ReadImage, ids),
+    messages.ImageRead: st.builds(
+        messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), st.integers(1, 8), st.integers(1, 8)
+    ),
+    messages.Batch: st.tuples(st.integers(0, 9), st.integers(0, 9)).flatmap(_batches),
+    messages.Refused: st.builds(messages.Refused, lines, lines, ids_or_none, ids_or_none),
+    messages.EndSession: st.builds(messages.EndSession),
+}
+
+
+def main() -> None:
+    RECORDED.mkdir(parents=True, exist_ok=True)
+    for kind in RULES:
+        path = RECORDED / f"{kind.__name__}.bin"
+        if not path.exists():
+            path.write_bytes(sample_bytes(kind))
+            print(f"recorded {path.name}")
+
+
+if __name__ == "__main__":
+    main()
