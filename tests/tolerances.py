@@ -32,3 +32,9 @@ SUM_OVER_PIXELS = 1e-3
 
 CODE_TIE = 1 / 256
 """Of the smallest opacity step: opacities are first rounded to 1/256 of it, so near ties may fall either way."""
+
+MISMATCHED_OBLIQUE = 0.001
+"""The share of pixels that quantised positions may move by more than one level (design, section 4)."""
+
+MISMATCHED_AXIS_ALIGNED = 0.005
+"""Likewise in axis-aligned views, where all samples round the same way (design, section 4)."""
