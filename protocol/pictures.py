@@ -1,0 +1,59 @@
+"""The pictures of docs/protocol.md, drawn from the tables: `python -m volsplat.protocol.pictures docs/protocol.md`.
+
+They stand in the page between "<!-- picture: name -->" and "<!-- end -->", so that page and code cannot drift.
+"""
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from volsplat.protocol.handshake import BEGIN, TRANSITIONS, Side
+from volsplat.protocol.message_rules import RULES, Phase
+
+
+def handshake_picture(side: Side) -> str:
+    """The transitions of one side as a mermaid state diagram."""
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {BEGIN[side].name}"]
+    for state, leads in TRANSITIONS[side].items():
+        lines += [
+            f"    {state.name} --> {after.name}: {does.value} {kind.__name__}" for (does, kind), after in leads.items()
+        ]
+        if not leads:
+            lines.append(f"    {state.name} --> [*]")
+    return "\n".join([*lines, "```"])
+
+
+def message_table() -> str:
+    """All messages of an open connection, who may send them to whom, and the most bytes that may follow."""
+    lines = ["| message | from → to | payload, at most |", "|---|---|---|"]
+    for kind, rule in RULES.items():
+        if rule.phase is Phase.OPEN:
+            ways = "<br>".join(f"{way.sender} → {way.receiver}" for way in rule.ways)
+            limit = f"{rule.payload.limit} bytes" if rule.payload else "none"
+            lines.append(f"| {kind.__name__} | {ways} | {limit} |")
+    return "\n".join(lines)
+
+
+PICTURES: dict[str, Callable[[], str]] = {
+    "dialler": lambda: handshake_picture(Side.DIALLER),
+    "accepter": lambda: handshake_picture(Side.ACCEPTER),
+    "messages": message_table,
+}
+
+_PLACE = re.compile(r"(<!-- picture: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def redrawn(page: str) -> str:
+    """The page with all of its pictures drawn anew. Raises KeyError for one that does not exist."""
+    return _PLACE.sub(lambda place: f"{place[1]}{PICTURES[place[2]]()}\n{place[3]}", page)
+
+
+def main() -> None:
+    for name in sys.argv[1:]:
+        path = Path(name)
+        path.write_text(redrawn(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
