@@ -1,0 +1,98 @@
+"""What the compiled kernels offer. Arrays pass without copies by DLPack or the buffer protocol."""
+
+from collections.abc import Sequence
+from typing import Protocol, SupportsInt, type_check_only
+
+from volsplat.protocol.volume import Index
+
+@type_check_only
+class Array(Protocol):
+    """An array on the CPU: a tensor, a numpy array, a memoryview, or one that a kernel made."""
+
+    def __buffer__(self, flags: int, /) -> memoryview: ...
+
+_Vector = Sequence[float]
+
+def cpu_paths() -> list[str]:
+    """The instruction sets that this CPU can run, slowest first: of baseline, avx2 and avx512."""
+
+def cpu_path() -> str:
+    """The one in use. Raises BadInput where VOLSPLAT_CPU_PATH names one that cannot be used."""
+
+def set_cpu_path(name: str) -> None:
+    """Use another one from now on; the bits stay the same. Raises BadInput for one that is not in cpu_paths()."""
+
+def survey(source: object, low: Index, size: Index, matrix: _Vector) -> tuple[float, float, float, int]:
+    """Least and greatest value, greatest |gradient| and voxels without data of a box within a source array.
+
+    `source` is shaped (k, j, i), of any scalar type; `low` and `size` (i, j, k) place the box in it; `matrix` is
+    index_rules.physical_gradient, 9 numbers by rows. The first is above the second where no voxel has data.
+    """
+
+def histograms(
+    source: object, low: Index, size: Index, matrix: _Vector, least: float, greatest: float, max_gradient: float
+) -> tuple[Array, Array]:
+    """int64 counts of values over least..greatest and of |gradient| over 0..max_gradient, 65536 bins each."""
+
+def pack(
+    source: object,
+    low: Index,
+    size: Index,
+    matrix: _Vector,
+    window_low: float,
+    density_scale: float,
+    strength_scale: float,
+    octahedral: bool,
+) -> Array:
+    """The voxel packets of a box within a source array: uint32 (k, j, i)."""
+
+def power(base: float, exponent: float) -> float:
+    """base^exponent for 0 <= base, the same bits on every machine."""
+
+def direction_vectors(octahedral: bool) -> Array:
+    """Unit vectors of the direction codes, float64 (32768, 3); zeros for codes without direction."""
+
+def gradient_bytes(octahedral: bool, axes: Sequence[_Vector]) -> Array:
+    """Bytes of the fields gradient i, j, k: uint8 (3, 32768). `axes` are unit vectors along the grid's axes."""
+
+def light_table(
+    octahedral: bool,
+    light: _Vector,
+    half: _Vector,
+    diffuse: bool,
+    specular: bool,
+    two_sided: bool,
+    specular_power: float,
+) -> Array:
+    """What multiplies the reflected colour, by direction code: float32 (32768,)."""
+
+def opacity_table(opac: _Vector, modu: _Vector, exponent: float) -> Array:
+    """12-bit codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8: uint16 (65536,)."""
+
+class FrameWalk:
+    """The walk of some boxes of voxel packets through a frame; see frame_walk.py, which gives it its numbers."""
+
+    def __init__(
+        self,
+        boxes: Sequence[tuple[Array, Index]],
+        axes: Index,
+        ascending: tuple[bool, bool, bool],
+        visits: Sequence[tuple[int, int, int, int, int]],
+        x: Sequence[SupportsInt],
+        y: Sequence[SupportsInt],
+        screen_index: Sequence[Sequence[SupportsInt]],
+        image: tuple[int, int],
+        reach: tuple[float, float],
+        cross_bar: Sequence[int],
+        emit: Sequence[_Vector],
+        refl: Sequence[_Vector],
+        light: Array,
+        opacity: Sequence[Array],
+        opacity_of_class: Sequence[int],
+        gradient_bytes: Array,
+        grid_bytes: Sequence[Sequence[int]],
+    ) -> None: ...
+    def next_batch(
+        self, max_packets: int, max_voxels: int
+    ) -> tuple[memoryview, memoryview, int, int, tuple[int, int], bool, int]:
+        """Runs, shaded packets, their counts, the (sheet, row) reached, whether it is the last, voxels visited."""

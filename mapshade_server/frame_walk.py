@@ -1,0 +1,119 @@
+"""One frame of a map/shade server: gives the kernel a plan's and a scene's numbers, and hands out its batches."""
+
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from volsplat.mapshade_server import _kernels, shading_tables
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.footprint_shape import footprint_shape
+from volsplat.protocol.frame_plan import Dda, FramePlan, Reach
+from volsplat.protocol.index_rules import Quantisation, grid_index_bytes
+from volsplat.protocol.refinement import active_shading
+from volsplat.protocol.scene import Field, Scene
+from volsplat.protocol.traversal import AxisVisits
+from volsplat.protocol.volume import Geometry, Index
+
+DEFAULT_PACKETS = 32768  # 256 KiB: what loopback TCP carries best in one go
+DEFAULT_VOXELS = 1 << 20  # some 5 ms at 200 million voxels/s, so that an abort is heard soon
+
+FIELDS = list(Field)  # the kernel knows fields by their place here
+
+
+@dataclass(frozen=True)
+class ShadedBatch:
+    """Shaded packets of one frame in traversal order, with the directory of their row runs; see packet_layout."""
+
+    runs: memoryview  # bytes, 24 for each run
+    packets: memoryview  # bytes, 8 for each packet
+    run_count: int
+    packet_count: int
+    reached: tuple[int, int]  # (sheet, row): all that comes before it in traversal order has been delivered
+    last: bool
+    voxels_visited: int  # samples of the step within the bounds, those left out at the image's rim included
+
+
+class FrameWalk:
+    """Walks a server's packed sub-cubes in visibility order. They must not be packed anew meanwhile."""
+
+    def __init__(
+        self,
+        sub_cubes: Sequence[SubCube],
+        geometry: Geometry,
+        quantisation: Quantisation,
+        scene: Scene,
+        plan: FramePlan,
+    ) -> None:
+        octahedral = quantisation.directions == "octahedral"
+        active, cross_bar, tables = active_shading(scene, plan.step), scene.cross_bar, scene.tables
+        modu = cross_bar.modu if scene.shading.modulation else cross_bar.opac
+        exponents = _opacity_exponents(plan)
+        distinct = sorted(set(exponents))
+        self._walk = _kernels.FrameWalk(
+            boxes=[(sub_cube.packets, sub_cube.box.low) for sub_cube in sub_cubes],
+            axes=plan.traversal.axes,
+            ascending=plan.traversal.ascending,
+            visits=[(v.low, v.high, v.stride, v.first, v.count) for v in plan.visits],
+            x=_numbers(plan.x),
+            y=_numbers(plan.y),
+            screen_index=[_numbers(dda) for dda in plan.screen_index],
+            image=(plan.width, plan.height),
+            reach=sample_reach(scene, plan),
+            cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, cross_bar.opac, modu)],
+            emit=shading_tables.colour_entries(tables.emit) if active.emitted else shading_tables.BLACK,
+            refl=shading_tables.colour_entries(tables.refl),
+            light=shading_tables.light_of_directions(scene, plan.step, plan, octahedral),
+            opacity=[shading_tables.opacity_codes(scene, exponent) for exponent in distinct],
+            opacity_of_class=[distinct.index(exponent) for exponent in exponents],
+            gradient_bytes=shading_tables.gradient_bytes(octahedral, geometry.index_to_physical),
+            grid_bytes=[grid_index_bytes(size) for size in geometry.dims],
+        )
+        self._ended = False
+
+    def next_batch(self, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
+        """What comes next, or None after the batch that was the last. There is always a last one, if empty.
+
+        The limits decide where batches end, not what they hold together. The memory of a batch is used again
+        once its memoryviews are gone.
+        """
+        if self._ended:
+            return None
+        runs, packets, run_count, packet_count, reached, last, visited = self._walk.next_batch(max_packets, max_voxels)
+        self._ended = last
+        return ShadedBatch(
+            runs=runs,
+            packets=packets,
+            run_count=run_count,
+            packet_count=packet_count,
+            reached=reached,
+            last=last,
+            voxels_visited=visited,
+        )
+
+
+def sample_reach(scene: Scene, plan: FramePlan) -> tuple[float, float]:
+    """No sample of a frame reaches pixel centres further away than this, in x and y; pixels."""
+    if plan.reach == Reach.FOOTPRINT:
+        shape = footprint_shape(plan, scene.reconstruction)
+        return (shape.half_width, shape.half_height)
+    largest = [max(_block_sizes(visits)) for visits in plan.visits]
+    d = plan.pixels_per_index
+    half_x, half_y = (sum(abs(d[row][axis]) * largest[axis] for axis in range(3)) / 2 for row in range(2))
+    return (half_x, half_y)
+
+
+def _numbers(dda: Dda) -> tuple[int, int, int, int]:
+    return (dda.origin, *dda.half_steps)
+
+
+def _block_sizes(visits: AxisVisits) -> tuple[int, int, int]:
+    """How many voxels the first block, those between, and the last one have on an axis."""
+    first, last = visits.block(0), visits.block(visits.count - 1)
+    return (first[1] - first[0], visits.stride, last[1] - last[0])
+
+
+def _opacity_exponents(plan: FramePlan) -> list[float]:
+    """For each class of blocks, first, between or last on each axis (i fastest): the exponent of its opacity."""
+    sizes_i, sizes_j, sizes_k = (_block_sizes(visits) for visits in plan.visits)
+    blocks: list[Index] = [(i, j, k) for k, j, i in itertools.product(sizes_k, sizes_j, sizes_i)]
+    return [plan.opacity_exponent(block) for block in blocks]

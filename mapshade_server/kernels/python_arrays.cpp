@@ -1,0 +1,55 @@
+#include "python_arrays.h"
+
+#include <cstdlib>
+#include <new>
+
+#if defined(__linux__)
+#include <sys/mman.h>
+#endif
+
+namespace volsplat {
+
+namespace {
+
+constexpr std::size_t kLargePage = std::size_t{2} << 20;
+constexpr std::size_t kCacheLine = 64;
+
+Scalar scalar_of(nb::dlpack::dtype type) {
+  if (type == nb::dtype<std::uint8_t>()) return Scalar::u8;
+  if (type == nb::dtype<std::int8_t>()) return Scalar::i8;
+  if (type == nb::dtype<std::uint16_t>()) return Scalar::u16;
+  if (type == nb::dtype<std::int16_t>()) return Scalar::i16;
+  if (type == nb::dtype<std::uint32_t>()) return Scalar::u32;
+  if (type == nb::dtype<std::int32_t>()) return Scalar::i32;
+  if (type == nb::dtype<std::uint64_t>()) return Scalar::u64;
+  if (type == nb::dtype<std::int64_t>()) return Scalar::i64;
+  if (type == nb::dtype<float>()) return Scalar::f32;
+  if (type == nb::dtype<double>()) return Scalar::f64;
+  throw nb::type_error("a volume's values must be integers of 8 to 64 bits or floats of 32 or 64 bits");
+}
+
+}  // namespace
+
+SourceVolume source_of(const SourceArray& array) {
+  SourceVolume source{array.data(), scalar_of(array.dtype()), {}, {}};
+  for (int axis = 0; axis < 3; ++axis) {
+    source.size[axis] = static_cast<std::int64_t>(array.shape(2 - axis));
+    source.strides[axis] = array.stride(2 - axis);
+  }
+  return source;
+}
+
+PacketMemory packet_memory(const Index3& size) {
+  const std::size_t bytes = static_cast<std::size_t>(size[0] * size[1] * size[2]) * sizeof(std::uint32_t);
+  const std::size_t page = bytes >= kLargePage ? kLargePage : kCacheLine;
+  const std::size_t rounded = (bytes / page + 1) * page;
+  void* memory = std::aligned_alloc(page, rounded);
+  if (!memory) throw std::bad_alloc();
+#if defined(__linux__)
+  // Only a hint: views along k or j would otherwise miss the TLB at every sample
+  if (page == kLargePage) static_cast<void>(madvise(memory, rounded, MADV_HUGEPAGE));
+#endif
+  return {static_cast<std::uint32_t*>(memory), nb::capsule(memory, [](void* p) noexcept { std::free(p); })};
+}
+
+}  // namespace volsplat

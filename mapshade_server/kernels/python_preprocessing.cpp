@@ -1,0 +1,78 @@
+#include "python_preprocessing.h"
+
+#include "voxel_packets.h"
+
+namespace volsplat {
+
+namespace {
+
+Interior interior_of(const SourceVolume& source, const Index3& low, const Index3& size) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (low[axis] < 0 || size[axis] < 0 || low[axis] + size[axis] > source.size[axis]) {
+      throw nb::value_error("the box does not lie within the source array");
+    }
+  }
+  return {low, size};
+}
+
+}  // namespace
+
+nb::tuple python_survey(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix) {
+  const SourceVolume volume = source_of(source);
+  const Interior interior = interior_of(volume, low, size);
+  RowExtremes extremes;
+  {
+    nb::gil_scoped_release unlocked;
+    extremes = survey(volume, interior, matrix);
+  }
+  return nb::make_tuple(extremes.low, extremes.high, extremes.max_gradient, extremes.no_data);
+}
+
+nb::tuple python_histograms(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
+                            double least, double greatest, double max_gradient) {
+  const SourceVolume volume = source_of(source);
+  const Interior interior = interior_of(volume, low, size);
+  Histograms counts;
+  {
+    nb::gil_scoped_release unlocked;
+    counts = histograms(volume, interior, matrix, least, greatest, max_gradient);
+  }
+  return nb::make_tuple(owned_array(std::move(counts.density), kHistogramBins),
+                        owned_array(std::move(counts.gradient), kHistogramBins));
+}
+
+nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
+                       double window_low, double density_scale, double strength_scale, bool octahedral) {
+  const SourceVolume volume = source_of(source);
+  const Interior interior = interior_of(volume, low, size);
+  const PacketMemory memory = packet_memory(size);
+  {
+    nb::gil_scoped_release unlocked;
+    pack(volume, interior, matrix, {window_low, density_scale, strength_scale, octahedral}, memory.packets);
+  }
+  const auto extent = [&](int axis) { return static_cast<std::size_t>(size[axis]); };
+  return nb::cast(nb::ndarray<nb::array_api, std::uint32_t>(memory.packets, {extent(2), extent(1), extent(0)}, memory.owner));
+}
+
+nb::object python_direction_vectors(bool octahedral) {
+  return owned_array(direction_vectors(octahedral), kDirectionCodes, 3);
+}
+
+nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes) {
+  return owned_array(gradient_bytes(octahedral, axes), 3, kDirectionCodes);
+}
+
+nb::object python_light_table(bool octahedral, const Vector3& light, const Vector3& half, bool diffuse, bool specular,
+                              bool two_sided, double specular_power) {
+  return owned_array(light_table(octahedral, {light, half, diffuse, specular, two_sided, specular_power}),
+                     kDirectionCodes);
+}
+
+nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent) {
+  if (opac.size() != kTableEntries || modu.size() != kTableEntries) {
+    throw nb::value_error("a scalar table needs 256 entries");
+  }
+  return owned_array(opacity_table(opac.data(), modu.data(), exponent), kTableEntries * kTableEntries);
+}
+
+}  // namespace volsplat

@@ -1,0 +1,25 @@
+// Preprocessing and shading tables as Python sees them; signatures are in _kernels.pyi.
+#pragma once
+
+#include <array>
+
+#include "python_arrays.h"
+#include "shading_tables.h"
+#include "source_volume.h"
+
+namespace volsplat {
+
+using Matrix3 = std::array<double, 9>;  // row-major
+
+nb::tuple python_survey(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix);
+nb::tuple python_histograms(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
+                            double least, double greatest, double max_gradient);
+nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
+                       double window_low, double density_scale, double strength_scale, bool octahedral);
+nb::object python_direction_vectors(bool octahedral);
+nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes);
+nb::object python_light_table(bool octahedral, const Vector3& light, const Vector3& half, bool diffuse, bool specular,
+                              bool two_sided, double specular_power);
+nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent);
+
+}  // namespace volsplat

@@ -1,0 +1,88 @@
+"""A sub-cube: the box of the grid that a map/shade server holds, first as source values, then as voxel packets."""
+
+from typing import Any, NamedTuple
+
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.readers.volume_reader import VolumeReader
+from volsplat.protocol.errors import LocalProtocolError
+from volsplat.protocol.index_rules import Quantisation, Survey, physical_gradient
+from volsplat.protocol.volume import Box, Geometry, Index
+
+HALO = 1  # voxels around a sub-cube that its gradients need
+
+
+class Histograms(NamedTuple):
+    """Counts of index_rules.HISTOGRAM_BINS bins each, int64."""
+
+    density: memoryview  # over the survey's low..high
+    gradient: memoryview  # over 0..max_gradient
+
+
+class SubCube:
+    """One box of a volume. Order of use: `read` (or `hold`), `survey`, `histograms`, `pack`; then it has `packets`."""
+
+    def __init__(self, geometry: Geometry, box: Box) -> None:
+        self.geometry = geometry
+        self.box = box
+        self.source_bytes = 0  # what was read, halo included
+        self._matrix = [entry for row in physical_gradient(geometry) for entry in row]
+        self._source: Any = None
+        self._low: Index = (0, 0, 0)
+        self._packets: _kernels.Array | None = None
+
+    @classmethod
+    def of_volume(cls, geometry: Geometry, values: Any, box: Box | None = None) -> "SubCube":
+        """A sub-cube of a whole volume in memory: `values` is a tensor or array shaped (k, j, i), not copied."""
+        sub_cube = cls(geometry, box or geometry.box)
+        low, high = sub_cube.box.grown(HALO, geometry.dims)
+        sub_cube.hold(values[low[2] : high[2], low[1] : high[1], low[0] : high[0]])
+        return sub_cube
+
+    def read(self, reader: VolumeReader) -> None:
+        """Read the box and its halo. Raises BadInput where the file turns out to be unusable."""
+        self.hold(reader.read(self.box.grown(HALO, self.geometry.dims)))
+
+    def hold(self, source: Any) -> None:
+        """Take the values of the box and its halo, shaped (k, j, i), of any integer or float type."""
+        whole = self.box.grown(HALO, self.geometry.dims)
+        ni, nj, nk = whole.size
+        if tuple(source.shape) != (nk, nj, ni):
+            raise LocalProtocolError(f"a sub-cube of {(nk, nj, ni)} voxels with halo was given {tuple(source.shape)}")
+        low = self.box.low
+        self._low = (low[0] - whole.low[0], low[1] - whole.low[1], low[2] - whole.low[2])
+        self._source = source
+        self.source_bytes = source.nbytes
+        self._packets = None
+
+    def survey(self) -> Survey:
+        """Extremes and counts of the box's own voxels."""
+        low, high, max_gradient, no_data = _kernels.survey(*self._source_box())
+        return Survey(low=low, high=high, max_gradient=max_gradient, voxels=self.box.voxels, no_data=no_data)
+
+    def histograms(self, low: float, high: float, max_gradient: float) -> Histograms:
+        """Counts of the box's voxels over the whole volume's ranges."""
+        density, gradient = _kernels.histograms(*self._source_box(), low, high, max_gradient)
+        return Histograms(memoryview(density), memoryview(gradient))
+
+    def pack(self, quantisation: Quantisation) -> None:
+        """Make the voxel packets and let the source go."""
+        self._packets = _kernels.pack(
+            *self._source_box(),
+            window_low=quantisation.window[0],
+            density_scale=quantisation.density_scale,
+            strength_scale=quantisation.strength_scale,
+            octahedral=quantisation.directions == "octahedral",
+        )
+        self._source = None
+
+    @property
+    def packets(self) -> "_kernels.Array":
+        """uint32 (k, j, i); see packet_layout. Take it with torch.from_dlpack or memoryview."""
+        if self._packets is None:
+            raise LocalProtocolError("a sub-cube was asked for voxel packets before it was packed")
+        return self._packets
+
+    def _source_box(self) -> tuple[Any, Index, Index, list[float]]:
+        if self._source is None:
+            raise LocalProtocolError("a sub-cube was asked for its source after packing; read it again first")
+        return self._source, self._low, self.box.size, self._matrix
