@@ -1,4 +1,11 @@
 // Lists the functions of volsplat.splat_server._kernels; the work lies in the files beside it.
 #include <nanobind/nanobind.h>
 
-NB_MODULE(_kernels, m) { m.doc() = "Kernels of the splat_server."; }
+#include "bind_combining.h"
+#include "bind_merge.h"
+
+NB_MODULE(_kernels, m) {
+    m.doc() = "Kernels of the splat_server.";
+    volsplat::bind_merge(m);
+    volsplat::bind_combining(m);
+}

@@ -1,0 +1,117 @@
+"""The compiled kernels; the C++ files under kernels/ say how they work."""
+
+from typing import TypeAlias
+
+_Axis: TypeAlias = tuple[int, int, int, int, int, bool]  # low, high, stride, first, count, ascending
+
+def cpu_paths() -> list[str]:
+    """The instruction sets of this machine, narrowest first: baseline, avx2, avx512."""
+
+def set_cpu_path(name: str) -> None:
+    """Splat on this path from now on. Raises ValueError where the machine lacks it."""
+
+def cpu_path() -> str: ...
+
+class BatchMemory:
+    """A batch's row runs (24 bytes each) and packets (8 bytes each), pinned while this lives; ValueError if cut.
+
+    Both may be any contiguous CPU memory: bytes, bytearray, memoryview, or a tensor through DLPack.
+    """
+
+    def __init__(self, runs: object, packets: object) -> None: ...
+    @property
+    def bytes(self) -> int: ...
+    @property
+    def packet_count(self) -> int: ...
+    @property
+    def run_count(self) -> int: ...
+
+class SpanList:
+    """Spans of runs in merge order; the batches they lie in must live until they are splatted."""
+
+    @property
+    def packets(self) -> int: ...
+    def entries(self) -> list[tuple[int, int, int, int, int]]:
+        """Of each span: batch, first run, run count, first packet, packet count."""
+
+    def __len__(self) -> int: ...
+
+class SortedBuffers:
+    """The sorted linked list of the workers' buffers (paper: "Parallel Implementation")."""
+
+    def __init__(self, workers: int, sheets: int, rows: int, samples: int) -> None: ...
+    def push(
+        self, worker: int, batch: int, memory: BatchMemory, reached_sheet: int, reached_row: int, last: bool
+    ) -> None:
+        """Append a batch. Raises ValueError naming the fault, and takes nothing, where it breaks the rules."""
+
+    def finish(self, worker: int) -> None: ...
+    def advance(self, max_packets: int) -> tuple[SpanList, list[int], int, bool]:
+        """Spans of at least `max_packets` if there are so many, released batches, waited for worker or -1, complete."""
+
+    def validate(self) -> None: ...
+    @property
+    def waits_for(self) -> int: ...
+    @property
+    def complete(self) -> bool: ...
+
+class KernelProjection:
+    """P(rho) of a kernel. `parameter` is sigma for gaussian, alpha for kaiser-bessel, else unused."""
+
+    def __init__(self, kernel: str, parameter: float, radius: float) -> None: ...
+    def at_square(self, rho_square: float) -> float: ...
+
+class Ellipse:
+    def __init__(
+        self, amplitude: float, qxx: float, qxy: float, qyy: float, half_width: float, half_height: float
+    ) -> None: ...
+
+class FootprintTable:
+    """Weights for 2^offset_bits fractional offsets a pixel on each axis."""
+
+    def __init__(self, projection: KernelProjection, ellipse: Ellipse, offset_bits: int) -> None: ...
+    @staticmethod
+    def bytes_needed(ellipse: Ellipse, offset_bits: int) -> float: ...
+    def weights_at(self, fx: int, fy: int) -> tuple[int, int, list[float]]:
+        """Left and top of the box from the sample's pixel, and its height x width weights by rows."""
+
+    @property
+    def offset_bits(self) -> int: ...
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+    @property
+    def bytes(self) -> int: ...
+
+class CellMap:
+    """Grid to screen for cells. `x`, `y`: DDA origin and half steps along the sheet, row and sample axes."""
+
+    def __init__(
+        self, x: tuple[int, int, int, int], y: tuple[int, int, int, int], axes: tuple[_Axis, _Axis, _Axis]
+    ) -> None: ...
+
+class ImageMemory:
+    """float32 RGBA, associated."""
+
+    def __init__(self, width: int, height: int) -> None: ...
+    def clear(self) -> None: ...
+    def snapshot(self) -> bytes:
+        """height x width x 4 float32, little endian."""
+
+class EdgeLayer:
+    """Coverage of anti-aliased white lines, positions in pixels from the centre of the top-left one, y down."""
+
+    def __init__(self, width: int, height: int) -> None: ...
+    def draw(self, x0: float, y0: float, x1: float, y1: float, line_width: float) -> None: ...
+
+def published(image: ImageMemory, front: EdgeLayer, back: EdgeLayer) -> bytes:
+    """front over (image over back), as `ImageMemory.snapshot`."""
+
+def splat_footprints(
+    image: ImageMemory, spans: SpanList, table: FootprintTable, front_to_back: bool, row_begin: int, row_end: int
+) -> None: ...
+def splat_cells(
+    image: ImageMemory, spans: SpanList, cells: CellMap, front_to_back: bool, row_begin: int, row_end: int
+) -> None: ...
+def splat_pixels(image: ImageMemory, spans: SpanList, front_to_back: bool, row_begin: int, row_end: int) -> None: ...

@@ -1,0 +1,127 @@
+"""One frame's way from batches to the published image: the stage that splat server and single process share."""
+
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from threading import Lock
+from time import perf_counter
+
+from volsplat.protocol.errors import RemoteProtocolError
+from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import Geometry
+from volsplat.splat_server._kernels import BatchMemory
+from volsplat.splat_server.image_buffer import ImageBuffer
+from volsplat.splat_server.merge import (
+    Batch,
+    BatchArrived,
+    CompleteFrame,
+    Event,
+    FrameStarted,
+    Instruction,
+    MarkIncomplete,
+    Merge,
+    RefuseBatch,
+    SplatSpans,
+    SplatterReady,
+)
+from volsplat.splat_server.pixel_reach import pixel_reach
+from volsplat.splat_server.volume_edges import edge_layers, volume_edges
+
+
+@dataclass(frozen=True)
+class Progress:
+    """What `FrameAssembly.advance` did."""
+
+    packets: int  # splatted by this call
+    waits_for: int | None  # the worker whose batch is needed to go on
+    complete: bool  # nothing more is to come
+    lost: tuple[int, ...]  # workers that were lost before their last batch: the image is incomplete
+
+
+class FrameAssembly:
+    """Merges and splats one frame.
+
+    Any thread may bring batches; one at a time may `advance`, and any may read `published` meanwhile. `merge` and
+    its `lock` are a server's, which outlive the frame; without them the assembly has its own.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        geometry: Geometry,
+        step: Step,
+        frame: int,
+        workers: Sequence[int],
+        image: ImageBuffer | None = None,
+        merge: Merge | None = None,
+        lock: AbstractContextManager[object] | None = None,
+        threads: int = 1,
+    ) -> None:
+        """Clears `image` and uses it if it has the scene's size. Raises ValueError or BadInput for a bad scene."""
+        self.plan = plan_frame(scene, geometry, step)
+        self.frame = frame
+        self.complete = False
+        self.lost: tuple[int, ...] = ()
+        self.packets = 0
+        self.seconds_in_merge = 0.0
+        self.seconds_in_splat = 0.0
+        self._order = scene.order
+        self._reach = pixel_reach(self.plan, scene.reconstruction)
+        edges = volume_edges(scene, geometry, self.plan)
+        self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
+        if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
+            image = ImageBuffer(self.plan.width, self.plan.height, threads)
+        image.clear()
+        self.image = image
+        self.merge = merge or Merge()
+        self._lock: AbstractContextManager[object] = lock or Lock()  # guards the merge
+        sheet, row, sample = (self.plan.visits[axis].count for axis in self.plan.traversal.axes)
+        self._refuse(self._handle(FrameStarted(frame, tuple(workers), (sheet, row, sample))))
+
+    def arrived(self, worker: int, runs: object, packets: object, reached: tuple[int, int], last: bool) -> None:
+        """Take a batch of this frame: row runs and packets as any contiguous CPU memory (see protocol.packet_layout).
+
+        The memory is pinned and must not change until the batch is splatted.
+                Raises RemoteProtocolError where the batch breaks the rules.
+        """
+        try:
+            memory = BatchMemory(runs, packets)
+        except ValueError as fault:
+            raise RemoteProtocolError(f"frame {self.frame}, worker {worker}: {fault}") from None
+        self._refuse(self._handle(BatchArrived(worker, self.frame, Batch(memory, reached, last))))
+
+    def advance(self, max_packets: int = 1 << 17) -> Progress:
+        """Splat what is decided of the order, until about `max_packets` are done."""
+        begin = perf_counter()
+        instructions = self._handle(SplatterReady(self.frame, max_packets))
+        merged = perf_counter()
+        packets = 0
+        for instruction in instructions:
+            match instruction:
+                case SplatSpans(spans=spans):
+                    self.image.splat(spans, self._reach, self._order)
+                    packets += spans.packets
+                case CompleteFrame():
+                    self.complete = True
+                case MarkIncomplete(lost=lost):
+                    self.complete, self.lost = True, lost
+        self.packets += packets
+        self.seconds_in_merge += merged - begin
+        self.seconds_in_splat += perf_counter() - merged
+        with self._lock:
+            waits_for = self.merge.waits_for if self.merge.running_frame == self.frame else None
+        return Progress(packets, waits_for, self.complete, self.lost)
+
+    def published(self) -> bytes:
+        """The image as it stands, edges included: height x width x 4 float32, little endian, associated alpha."""
+        return self.image.published(*self._layers) if self._layers else self.image.snapshot()
+
+    def _handle(self, event: Event) -> list[Instruction]:
+        with self._lock:
+            return self.merge.handle(event)
+
+    def _refuse(self, instructions: list[Instruction]) -> None:
+        for instruction in instructions:
+            if isinstance(instruction, RefuseBatch):
+                raise RemoteProtocolError(instruction.fault)

@@ -1,0 +1,9 @@
+// Footprint table, image, edges and splatting as Python sees them.
+#pragma once
+#include <nanobind/nanobind.h>
+
+namespace volsplat {
+
+void bind_combining(nanobind::module_& m);
+
+}  // namespace volsplat

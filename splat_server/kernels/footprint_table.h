@@ -1,0 +1,42 @@
+// The footprint table of a view: weights for every fractional offset of a sample's projection (paper: "Combining").
+#pragma once
+#include <cstdint>
+#include <tuple>
+#include <vector>
+
+#include "kernel_projection.h"
+#include "splat_job.h"
+
+namespace volsplat {
+
+struct Ellipse {
+    double amplitude, qxx, qxy, qyy;  // weight = amplitude * P(sqrt(qxx x^2 + 2 qxy x y + qyy y^2)), in pixels
+    double half_width, half_height;   // of its bounding box, in pixels
+};
+
+class FootprintTable {
+public:
+    // 2^offset_bits offsets a pixel on each axis, 0..6. Throws std::invalid_argument for numbers that make no table.
+    FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits);
+
+    // The bytes that a table of this size takes, to choose the offsets by.
+    static double bytes_needed(const Ellipse& ellipse, int offset_bits);
+
+    FootprintView view() const;
+    // The box of offset (fx, fy) / 2^offset_bits: left, top in pixels from the sample's pixel, then its weights by
+    // rows. Throws std::invalid_argument for offsets outside the table.
+    std::tuple<int, int, std::vector<float>> weights_at(int fx, int fy) const;
+    int offset_bits() const { return offset_bits_; }
+    int width() const { return width_; }
+    int height() const { return height_; }
+    std::size_t bytes() const { return weights_.size() * sizeof(float) + spans_.size() * sizeof(RowSpan); }
+
+private:
+    int offset_bits_, width_, height_, pitch_;
+    bool clamped_;
+    std::vector<std::int32_t> start_x_, start_y_;  // of the box, in pixels from the sample's pixel, for each offset
+    std::vector<float> weights_;
+    std::vector<RowSpan> spans_;
+};
+
+}  // namespace volsplat

@@ -1,0 +1,86 @@
+#include "kernel_projection.h"
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+#include <stdexcept>
+
+namespace volsplat {
+namespace {
+
+constexpr int kChordIntervals = 1024;   // of the table over Z
+constexpr int kLineIntervals = 256;     // Simpson, along half a line of sight
+constexpr int kRadialIntervals = 8192;  // Simpson, for the integral over space
+
+// The modified Bessel function I2 by its power series; every term is positive, so nothing cancels.
+double bessel_i2(double x) {
+    const double quarter = x * x / 4;
+    double term = quarter / 2, sum = term;
+    for (int k = 1; term > sum * 1e-17 && k < 200; ++k) {
+        term *= quarter / (k * (k + 2.0));
+        sum += term;
+    }
+    return sum;
+}
+
+std::function<double(double)> radial_kernel(const std::string& name, double parameter, double radius) {
+    if (name == "gaussian") {
+        return [=](double r) { return std::exp(-r * r / (2 * parameter * parameter)); };
+    }
+    if (name == "bspline") {
+        return [=](double r) {
+            const double t = 2 * r / radius, u = 2 - t;
+            return t < 1 ? 2.0 / 3 - t * t + t * t * t / 2 : (u > 0 ? u * u * u / 6 : 0.0);
+        };
+    }
+    if (name == "kaiser-bessel") {
+        return [=](double r) {
+            const double square = 1 - (r / radius) * (r / radius);
+            return square > 0 ? square * bessel_i2(parameter * std::sqrt(square)) : 0.0;
+        };
+    }
+    if (name == "cone") {
+        return [=](double r) { return r < radius ? 1 - r / radius : 0.0; };
+    }
+    throw std::invalid_argument("no kernel is called '" + name + "'");
+}
+
+double simpson(const std::function<double(double)>& f, double end, int intervals) {
+    double sum = f(0.0) + f(end);
+    for (int n = 1; n < intervals; ++n) sum += f(end * n / intervals) * (n % 2 ? 4 : 2);
+    return sum * end / (3.0 * intervals);
+}
+
+}  // namespace
+
+KernelProjection::KernelProjection(const std::string& kernel, double parameter, double radius) : radius_(radius) {
+    if (!(radius > 0) || !std::isfinite(radius)) throw std::invalid_argument("a kernel's radius must be above 0");
+    const auto k = radial_kernel(kernel, parameter, radius);
+    const double over_space =
+        simpson([&](double r) { return 4 * std::numbers::pi * r * r * k(r); }, radius, kRadialIntervals);
+    over_half_chord_.resize(kChordIntervals + 3);
+    for (int n = 0; n <= kChordIntervals + 1; ++n) {
+        // One step beyond the centre only serves the interpolation; there rho^2 is slightly negative.
+        const double z_end = radius * n / kChordIntervals, rho_square = radius * radius - z_end * z_end;
+        const auto along = [&](double z) { return k(std::sqrt(std::max(rho_square + z * z, 0.0))); };
+        over_half_chord_[n + 1] = 2 * simpson(along, z_end, kLineIntervals) / over_space;
+    }
+    over_half_chord_[0] = -over_half_chord_[2];  // P is odd in Z at the rim
+}
+
+double KernelProjection::at_square(double rho_square) const {
+    const double square = radius_ * radius_ - rho_square;
+    if (!(square > 0)) return 0.0;
+    const double place = std::sqrt(square) * (kChordIntervals / radius_);
+    int cell = static_cast<int>(place);
+    if (cell >= kChordIntervals) cell = kChordIntervals - 1;
+    const double t = place - cell;
+    const double* p = over_half_chord_.data() + cell;
+    // Cubic through the four entries around t.
+    const double value = p[1] + t * ((p[2] - p[0]) / 2 +
+                                     t * (p[0] - 2.5 * p[1] + 2 * p[2] - p[3] / 2 +
+                                          t * (1.5 * (p[1] - p[2]) + (p[3] - p[0]) / 2)));
+    return value > 0 ? value : 0.0;
+}
+
+}  // namespace volsplat

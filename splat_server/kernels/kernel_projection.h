@@ -1,0 +1,25 @@
+// P(rho): a radial kernel integrated along the line of sight, scaled to integrate to 1 over the plane.
+// The kernels are defined in protocol/footprint_shape.py.
+#pragma once
+#include <string>
+#include <vector>
+
+namespace volsplat {
+
+class KernelProjection {
+public:
+    // `parameter` is sigma in voxels for "gaussian" and alpha for "kaiser-bessel"; the others have none.
+    // Throws std::invalid_argument for an unknown kernel or a radius that is not positive.
+    KernelProjection(const std::string& kernel, double parameter, double radius);
+
+    double radius() const { return radius_; }
+    // P at rho^2 (voxels^2); 0 from the radius on.
+    double at_square(double rho_square) const;
+
+private:
+    double radius_;
+    // P over Z = sqrt(R^2 - rho^2), in which it is smooth up to the rim, with one more entry on either side.
+    std::vector<double> over_half_chord_;
+};
+
+}  // namespace volsplat
