@@ -133,7 +133,7 @@ class Landmarks:
     core: float  # all but the densest hundredth of the object lies below
 
 
-SEEN_SHARE = 0.12  # of the voxels, at most: more would hide itself
+SEEN_SHARE = 0.35  # of the voxels, at most: more would hide itself
 
 
 def landmarks(histogram: DensityHistogram | None) -> Landmarks:
