@@ -80,11 +80,15 @@ def open_metaimage(path: Path) -> MetaImageReader:
     reader = header_of(path, "MetaImageIO")
     check_is_volume(path, reader)
     why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
+    # SimpleITK's physical axes are LPS; the field tells that they are a patient's.
+    anatomical = re.fullmatch("[RLAPSI]{3}", fields.get("AnatomicalOrientation", "").upper()) is not None
     description = VolumeDescription(
         name=path.name,
         format="MetaImage",
         geometry=geometry_of(path, reader),
         scalar_type=scalar_type_of(path, reader),
+        unit="mm" if anatomical else "",
+        anatomical=anatomical,
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )

@@ -1,0 +1,151 @@
+"""The text of `volsplat info`: what is known of a volume, with its histogram drawn in characters."""
+
+import math
+
+from rich.console import Group
+from rich.table import Table
+from rich.text import Text
+
+from volsplat.protocol import matrices
+from volsplat.protocol.index_rules import Survey, percentile
+from volsplat.protocol.matrices import Vector
+from volsplat.protocol.volume import Geometry, VolumeDescription
+
+HISTOGRAM_COLUMNS = 64
+HISTOGRAM_ROWS = 8
+BLOCKS = " ▁▂▃▄▅▆▇█"
+PERCENTILES = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+
+OBLIQUE_DEGREES = 0.1  # below it an axis counts as aligned
+LETTERS = (("R", "L"), ("A", "P"), ("I", "S"))  # where a step along a grid axis leads, physical axes being LPS
+PLAIN_LETTERS = (("-x", "+x"), ("-y", "+y"), ("-z", "+z"))
+
+
+def info_text(
+    description: VolumeDescription,
+    survey: Survey,
+    density_counts: list[int],
+    window: tuple[float, float],
+    strength_counts: list[int] | None = None,
+) -> Group:
+    """What a person wants to know of a volume before rendering it, for rich's console.
+
+    `density_counts` splits survey.low..survey.high into even bins, `strength_counts` 0..survey.max_gradient;
+    `window` is the density window that the servers will use.
+    """
+    table = Table(box=None, show_header=False, pad_edge=False)
+    table.add_column(style="bold", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, text in _rows(description, survey, density_counts, window, strength_counts):
+        table.add_row(name, Text(text))
+    if survey.low > survey.high:
+        return Group(table)
+    return Group(table, Text(), Text(histogram_text(survey, density_counts, window)))
+
+
+def _rows(
+    description: VolumeDescription,
+    survey: Survey,
+    density_counts: list[int],
+    window: tuple[float, float],
+    strength_counts: list[int] | None,
+) -> list[tuple[str, str]]:
+    geometry = description.geometry
+    unit = f" {description.unit}" if description.unit else " (the file states no unit)"
+    no_data = f"{survey.no_data} of {survey.voxels} voxels ({survey.no_data / max(survey.voxels, 1):.2%}), never drawn"
+    rows = [
+        ("volume", f"{description.name} ({description.format})"),
+        ("dimensions", " x ".join(str(n) for n in geometry.dims) + f" = {math.prod(geometry.dims)} voxels"),
+        ("spacing", " x ".join(f"{step:.6g}" for step in geometry.spacing) + unit),
+        ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
+        ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
+        ("orientation", orientation_text(geometry, description.anatomical)),
+        ("type", description.scalar_type),
+    ]
+    if survey.low > survey.high:
+        rows.append(("range", "no voxel has a value"))
+    else:
+        rows.append(("range", f"{survey.low:.7g} to {survey.high:.7g}"))
+        cuts = [percentile(density_counts, survey.low, survey.high, fraction) for fraction in PERCENTILES]
+        if "int" in description.scalar_type:
+            cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
+        shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))
+        rows.append(("percentiles", shown))
+    rows.append(("NaN", no_data if survey.no_data else "none"))
+    rows.append(
+        ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
+    )
+    rows.append(("packet byte 2", description.strength_name + _strength_text(survey, strength_counts)))
+    if description.reads_sub_cubes:
+        rows.append(("servers read", "only their sub-cube and its halo"))
+    else:
+        rows.append(("servers read", f"more than their sub-cube: {description.why_whole}"))
+    return rows
+
+
+def _strength_text(survey: Survey, strength_counts: list[int] | None) -> str:
+    top = f", up to {survey.max_gradient:.5g} per unit of length"
+    if not strength_counts or not any(strength_counts):
+        return top
+    return top + f", half of the voxels below {percentile(strength_counts, 0.0, survey.max_gradient, 0.5):.3g}"
+
+
+def orientation_text(geometry: Geometry, anatomical: bool) -> str:
+    """Where steps along i, j, k lead, as letters (LPS: to the left, backwards, up), and what is unusual about it."""
+    letters = LETTERS if anatomical else PLAIN_LETTERS
+    axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
+    towards = _nearest_axes(axes)
+    codes = [letters[axis][axes[n][axis] > 0] for n, axis in enumerate(towards)]
+    text = "".join(codes) if anatomical else "i, j, k along " + ", ".join(codes)
+    notes = []
+    tilt = max(math.degrees(math.acos(min(1.0, abs(axes[n][axis])))) for n, axis in enumerate(towards))
+    if tilt > OBLIQUE_DEGREES:
+        notes.append(f"oblique by {tilt:.1f} degrees")
+    bend = max(abs(90 - math.degrees(math.acos(_cosine(axes[a], axes[b])))) for a, b in ((0, 1), (0, 2), (1, 2)))
+    if bend > OBLIQUE_DEGREES:
+        notes.append(f"skewed by {bend:.1f} degrees")
+    if matrices.determinant(geometry.index_to_physical) < 0:
+        notes.append("left-handed")
+    if not anatomical:
+        notes.append("the file does not say how a patient lies in it")
+    return text + "".join(f", {note}" for note in notes)
+
+
+def _cosine(a: Vector, b: Vector) -> float:
+    return max(-1.0, min(1.0, matrices.dot(a, b)))
+
+
+def _nearest_axes(axes: list[Vector]) -> list[int]:
+    """For each grid axis its own physical axis, so that together they lie nearest."""
+    orders = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
+    return list(max(orders, key=lambda order: sum(abs(axes[n][axis]) for n, axis in enumerate(order))))
+
+
+def histogram_text(survey: Survey, counts: list[int], window: tuple[float, float]) -> str:
+    """The histogram as lines of block characters, heights on a logarithmic scale, the density window below."""
+    columns = _joined(counts)
+    tallest = max(columns)
+    heights = [math.log1p(count) / math.log1p(tallest) * HISTOGRAM_ROWS * 8 if count else 0.0 for count in columns]
+    lines = []
+    for row in reversed(range(HISTOGRAM_ROWS)):
+        lines.append("".join(BLOCKS[max(0, min(8, math.ceil(height - 8 * row)))] for height in heights))
+    lines[0] += f"  {tallest} voxels"
+    lines[-1] += "  (logarithmic)"
+    low, high = f"{survey.low:.6g}", f"{survey.high:.6g}"
+    lines.append("".join(_window_mark(n, survey, window) for n in range(HISTOGRAM_COLUMNS)) + "  density window")
+    lines.append(low + high.rjust(HISTOGRAM_COLUMNS - len(low)))
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def _joined(counts: list[int]) -> list[int]:
+    """The counts in as many bins as there are columns."""
+    columns = [0] * HISTOGRAM_COLUMNS
+    for n, count in enumerate(counts):
+        columns[n * HISTOGRAM_COLUMNS // len(counts)] += count
+    return columns
+
+
+def _window_mark(column: int, survey: Survey, window: tuple[float, float]) -> str:
+    """A stroke under the columns whose middle lies within the window."""
+    value = survey.low + (survey.high - survey.low) * (column + 0.5) / HISTOGRAM_COLUMNS
+    return "─" if window[0] <= value <= window[1] else " "
