@@ -1,14 +1,17 @@
 """Dialling a listener: connect, with patience for one that is not up yet, and shake hands."""
 
 import errno
+import secrets
 import socket
 import time
+
+import msgspec
 
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.connection import Connection, Peer
 from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError
 from volsplat.protocol.framing import Allocate, new_buffer
-from volsplat.protocol.greetings import Hello
+from volsplat.protocol.greetings import NONCE_BYTES, Hello
 from volsplat.protocol.handshake import DiallerHandshake, State
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
@@ -46,7 +49,8 @@ def connect(
     pause = FIRST_PAUSE_SECONDS
     while True:
         try:
-            handshake = DiallerHandshake(token, hello, expected)
+            fresh = msgspec.structs.replace(hello, nonce=secrets.token_bytes(NONCE_BYTES))  # one nonce for each try
+            handshake = DiallerHandshake(token, fresh, expected)
             return _try_once(address, place, handshake, server, handshake_seconds, allocate)
         except PeerLost as error:
             if time.monotonic() + pause > give_up_at:

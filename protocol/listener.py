@@ -135,7 +135,13 @@ class Listener:
             self._drop_oldest(f"{self._most_pending} handshakes are waiting at {self.address}")
         with self._lock:
             self._pending[connection] = thread
-        thread.start()
+        try:
+            thread.start()
+        except RuntimeError as error:  # the system has no thread left to give
+            with self._lock:
+                del self._pending[connection]
+            log.warning("%s is dropped: %s", connection, error)
+            connection.close()
 
     def _drop_oldest(self, cause: str) -> None:
         with self._lock:
