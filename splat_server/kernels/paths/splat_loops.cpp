@@ -3,6 +3,10 @@
 // vector width, the stripe and the other pixels, so all paths and thread counts give the same bits.
 #include "splat_loops.h"
 
+#ifdef __AVX2__
+#include <immintrin.h>
+#endif
+
 #include "shaded_sample.h"
 #include "sheet_cells.h"
 
@@ -10,52 +14,39 @@ namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
 
+// Loads of one RGBA or weight into all the lanes of the path's vector. GCC builds these from its generic shuffles
+// element by element, hence the intrinsics.
 #if defined(__AVX512F__)
-constexpr int kLanes = 4;
-#elif defined(__AVX2__)
-constexpr int kLanes = 2;
-#else
-constexpr int kLanes = 1;
-#endif
+constexpr int kLanes = 4;  // RGBA pixels side by side
+typedef __m512 Pixels;
+constexpr __mmask16 kAll = 0xffff;  // GCC 12 warns about the undefined source of the unmasked forms
 
-typedef float Pixel __attribute__((vector_size(16)));                // one RGBA
-typedef float Pixels __attribute__((vector_size(16 * kLanes)));      // kLanes RGBA side by side
-
-inline Pixels all_lanes(Pixel p) {
-#if defined(__AVX512F__)
-    return __builtin_shufflevector(p, p, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3, 0, 1, 2, 3);
-#elif defined(__AVX2__)
-    return __builtin_shufflevector(p, p, 0, 1, 2, 3, 0, 1, 2, 3);
-#else
-    return p;
-#endif
-}
-
+inline Pixels all_lanes(Sample4 p) { return _mm512_maskz_broadcast_f32x4(kAll, p); }
 // kLanes weights, each spread over the four channels of its pixel.
 inline Pixels weights_at(const float* w) {
-#if defined(__AVX512F__)
-    Pixel four;
-    __builtin_memcpy(&four, w, 16);
-    return __builtin_shufflevector(four, four, 0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
-#elif defined(__AVX2__)
-    typedef float Pair __attribute__((vector_size(8)));
-    Pair two;
-    __builtin_memcpy(&two, w, 8);
-    return __builtin_shufflevector(two, two, 0, 0, 0, 0, 1, 1, 1, 1);
-#else
-    return Pixel{*w, *w, *w, *w};
-#endif
+    const __m512i spread = _mm512_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1, 2, 2, 2, 2, 3, 3, 3, 3);
+    return _mm512_maskz_permutexvar_ps(kAll, spread, _mm512_castps128_ps512(_mm_loadu_ps(w)));
 }
+inline Pixels alpha_of(Pixels c) { return _mm512_maskz_permute_ps(kAll, c, 0xff); }
+#elif defined(__AVX2__)
+constexpr int kLanes = 2;
+typedef __m256 Pixels;
 
-inline Pixels alpha_of(Pixels c) {
-#if defined(__AVX512F__)
-    return __builtin_shufflevector(c, c, 3, 3, 3, 3, 7, 7, 7, 7, 11, 11, 11, 11, 15, 15, 15, 15);
-#elif defined(__AVX2__)
-    return __builtin_shufflevector(c, c, 3, 3, 3, 3, 7, 7, 7, 7);
-#else
-    return __builtin_shufflevector(c, c, 3, 3, 3, 3);
-#endif
+inline Pixels all_lanes(Sample4 p) { return _mm256_set_m128(p, p); }
+inline Pixels weights_at(const float* w) {
+    const __m256i spread = _mm256_setr_epi32(0, 0, 0, 0, 1, 1, 1, 1);
+    const __m128 two = _mm_castsi128_ps(_mm_loadl_epi64(reinterpret_cast<const __m128i*>(w)));
+    return _mm256_permutevar8x32_ps(_mm256_castps128_ps256(two), spread);
 }
+inline Pixels alpha_of(Pixels c) { return _mm256_permute_ps(c, 0xff); }
+#else
+constexpr int kLanes = 1;
+typedef Sample4 Pixels;
+
+inline Pixels all_lanes(Sample4 p) { return p; }
+inline Pixels weights_at(const float* w) { return Pixels{*w, *w, *w, *w}; }
+inline Pixels alpha_of(Pixels c) { return Pixels{c[3], c[3], c[3], c[3]}; }
+#endif
 
 // The image buffer `c` with new points of opacity `a` and intensity `i` (whose fourth channel is 1).
 template <bool kFrontToBack>
@@ -65,7 +56,7 @@ inline Pixels combined(Pixels c, Pixels a, Pixels i) {
         const Pixels open = behind < kFrozenAlpha ? (1.0f - behind) * a : Pixels{};
         return c + open * i;
     } else {
-        return (1.0f - a) * c + a * i;
+        return c + a * (i - c);
     }
 }
 
@@ -77,6 +68,30 @@ inline void combine_at(float* pixel, const float* weights, Pixels opacity, Pixel
     if constexpr (kClamped) a = a < 1.0f ? a : Pixels{} + 1.0f;
     c = combined<kFrontToBack>(c, a, intensity);
     __builtin_memcpy(pixel, &c, sizeof c);
+}
+
+// Rows of kVectors vectors, wholly inside the image: the same few in every row, so that no branch is mispredicted.
+template <bool kFrontToBack, bool kClamped, int kVectors>
+inline void combine_box(float* pixels, int64_t row_stride, const float* weights, int64_t pitch, int64_t rows,
+                        Pixels opacity, Pixels intensity) {
+    for (; rows > 0; --rows, pixels += row_stride, weights += pitch)
+#pragma GCC unroll 16
+        for (int n = 0; n < kVectors; ++n)
+            combine_at<kFrontToBack, kClamped>(pixels + n * kLanes * 4, weights + n * kLanes, opacity, intensity);
+}
+
+constexpr int kMostVectors = 9;
+
+// The combine_box of `vectors`, 1..kMostVectors.
+template <bool kFrontToBack, bool kClamped, int kVectors = 1>
+inline void combine_box_of(int64_t vectors, float* pixels, int64_t row_stride, const float* weights, int64_t pitch,
+                           int64_t rows, Pixels opacity, Pixels intensity) {
+    if constexpr (kVectors < kMostVectors) {
+        if (vectors > kVectors)
+            return combine_box_of<kFrontToBack, kClamped, kVectors + 1>(vectors, pixels, row_stride, weights, pitch,
+                                                                        rows, opacity, intensity);
+    }
+    combine_box<kFrontToBack, kClamped, kVectors>(pixels, row_stride, weights, pitch, rows, opacity, intensity);
 }
 
 template <bool kFrontToBack, bool kClamped>
@@ -111,6 +126,16 @@ void splat_footprints(const SplatJob& job) {
                 const int64_t entry_row = ((fy << table.offset_bits) + fx) * table.height - first_row;
                 const Pixels opacity = Pixels{} + sample.opacity;
                 const Pixels intensity = all_lanes(sample.intensity);
+                const int64_t whole = left & ~int64_t(kLanes - 1);
+                const int64_t vectors = (left - whole + table.width + kLanes - 1) / kLanes;
+                if (left >= 0 && left + table.width <= job.width && vectors <= kMostVectors) {
+                    const float* weights =
+                        table.weights + (entry_row + y_begin) * table.pitch + kRowPadding + whole - left;
+                    combine_box_of<kFrontToBack, kClamped>(vectors, job.pixels + y_begin * row_stride + whole * 4,
+                                                           row_stride, weights, table.pitch, y_end - y_begin,
+                                                           opacity, intensity);
+                    continue;
+                }
                 for (int64_t y = y_begin; y < y_end; ++y) {
                     const int64_t row = entry_row + y;
                     const RowSpan span = table.spans[row];
