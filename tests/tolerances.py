@@ -38,3 +38,12 @@ MISMATCHED_OBLIQUE = 0.001
 
 MISMATCHED_AXIS_ALIGNED = 0.005
 """Likewise in axis-aligned views, where all samples round the same way (design, section 4)."""
+
+SQUARE_ROOT = 1e-15
+"""Relative: torch's square root of float64 is not always correctly rounded, ours is."""
+
+FLOAT32_COLOUR = 2e-4
+"""Levels: a colour sum of up to 3 is made in float32, a handful of roundings of 255 * 3 * 6e-8."""
+
+POWER = 1e-12
+"""Relative: an exponent of 1000 magnifies the rounding of the logarithm, in ours and in libm's alike."""

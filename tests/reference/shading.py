@@ -73,8 +73,9 @@ def light_of_directions(scene: Scene, step: Step, plan: FramePlan, directions: T
     half = matrices.normalised(between) if any(between) else (0.0, 0.0, 0.0)
 
     outward = -directions
-    lambert = outward @ torch.tensor(light, dtype=torch.float64)
-    towards_half = outward @ torch.tensor(half, dtype=torch.float64)
+    x, y, z = outward.unbind(-1)
+    lambert = x * light[0] + y * light[1] + z * light[2]
+    towards_half = x * half[0] + y * half[1] + z * half[2]
     if scene.shading.two_sided:
         lambert, towards_half = lambert.abs(), towards_half.abs()
     specular = torch.where(lambert > 0, towards_half.clamp(min=0) ** scene.shading.specular_power, 0.0)

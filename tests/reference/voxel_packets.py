@@ -1,5 +1,7 @@
 """Preprocessing to voxel packets in plain float64 torch (paper: "Shading"; rules: protocol.index_rules)."""
 
+import math
+
 import torch
 from torch import Tensor
 
@@ -109,7 +111,8 @@ def directions(scheme: str) -> Tensor:
         d = torch.where((code < OCTAHEDRAL_NO_GRADIENT)[:, None], d, 0.0)
     else:
         d = torch.stack([(code >> shift & 31) - 16 for shift in (0, 5, 10)], dim=-1).to(torch.float64)
-    size = d.square().sum(-1, keepdim=True).sqrt()
+    # torch's own square root may be off in the last bit
+    size = torch.tensor([[math.sqrt(square)] for square in d.square().sum(-1).tolist()], dtype=torch.float64)
     return torch.where(size > 0, d / torch.where(size > 0, size, 1.0), 0.0)
 
 

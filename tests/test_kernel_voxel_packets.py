@@ -1,0 +1,201 @@
+"""The preprocessing kernel against the reference: surveys, histograms and voxel packets."""
+
+import gc
+import weakref
+
+import pytest
+import torch
+from arbitrary import geometries
+from cpu_paths import kernels_on
+from hypothesis import given
+from hypothesis import strategies as st
+from shadings import WINDOW, directions, partitions, quantisations, volumes
+from torch import Tensor
+from torch.utils.dlpack import from_dlpack
+
+from reference import voxel_packets
+from tolerances import SQUARE_ROOT
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol import matrices
+from volsplat.protocol.errors import LocalProtocolError
+from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation
+from volsplat.protocol.packet_layout import NO_DATA_BIT
+from volsplat.protocol.volume import Box, Geometry
+
+SCALAR_TYPES = [getattr(torch, sign + bits) for sign in ("int", "uint") for bits in ("8", "16", "32", "64")]
+SCALAR_TYPES += [torch.float32, torch.float64]
+PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
+
+
+def packed(geometry: Geometry, values: Tensor, quantisation: Quantisation, box: Box | None = None) -> Tensor:
+    sub_cube = SubCube.of_volume(geometry, values, box)
+    sub_cube.pack(quantisation)
+    return from_dlpack(sub_cube.packets).to(torch.int64)
+
+
+@given(data=st.data(), geometry=geometries(largest=20), quantisation=quantisations())
+def test_packets_are_those_of_the_reference_on_every_cpu_path(
+    data: st.DataObject, geometry: Geometry, quantisation: Quantisation
+) -> None:
+    values = data.draw(volumes(geometry))
+    expected = voxel_packets.pack(values, geometry, quantisation)
+    for path in _kernels.cpu_paths():
+        with kernels_on(path):
+            assert torch.equal(packed(geometry, values, quantisation), expected), path
+
+
+@given(data=st.data(), geometry=geometries(), quantisation=quantisations())
+def test_packets_do_not_depend_on_the_partition(
+    data: st.DataObject, geometry: Geometry, quantisation: Quantisation
+) -> None:
+    values = data.draw(volumes(geometry))
+    whole = packed(geometry, values, quantisation)
+    for box in data.draw(partitions(geometry)):
+        (i0, j0, k0), (i1, j1, k1) = box
+        assert torch.equal(packed(geometry, values, quantisation, box), whole[k0:k1, j0:j1, i0:i1])
+
+
+@given(data=st.data(), geometry=geometries(largest=20))
+def test_a_survey_states_extremes_and_missing_voxels(data: st.DataObject, geometry: Geometry) -> None:
+    values = data.draw(volumes(geometry))
+    there = torch.isfinite(values)
+    strengths = voxel_packets.strengths(voxel_packets.gradients(values, geometry))
+    for path in _kernels.cpu_paths():
+        with kernels_on(path):
+            survey = SubCube.of_volume(geometry, values).survey()
+        assert survey.voxels == values.numel()
+        assert survey.no_data == int((~there).sum())
+        assert survey.low == torch.where(there, values, torch.inf).min()
+        assert survey.high == torch.where(there, values, -torch.inf).max()
+        greatest = float(torch.where(there, strengths, 0.0).max())
+        assert survey.max_gradient == pytest.approx(greatest, rel=SQUARE_ROOT)
+
+
+@given(data=st.data(), geometry=geometries())
+def test_surveys_and_histograms_of_sub_cubes_add_up_to_the_volumes(data: st.DataObject, geometry: Geometry) -> None:
+    values = data.draw(volumes(geometry))
+    whole = SubCube.of_volume(geometry, values)
+    survey = whole.survey()
+    counts = whole.histograms(survey.low, survey.high, survey.max_gradient)
+    parts = [SubCube.of_volume(geometry, values, box) for box in data.draw(partitions(geometry))]
+    joined = parts[0].survey()
+    for part in parts[1:]:
+        joined = joined.joined(part.survey())
+    assert joined == survey
+    added = [part.histograms(survey.low, survey.high, survey.max_gradient) for part in parts]
+    for kind in range(2):
+        assert torch.equal(sum_of([histogram[kind] for histogram in added]), sum_of([counts[kind]]))
+
+
+def sum_of(counts: list[memoryview]) -> Tensor:
+    return torch.stack([torch.frombuffer(count, dtype=torch.int64) for count in counts]).sum(dim=0)
+
+
+@given(data=st.data(), geometry=geometries(largest=20))
+def test_histograms_count_what_torch_counts(data: st.DataObject, geometry: Geometry) -> None:
+    values = data.draw(volumes(geometry))
+    sub_cube = SubCube.of_volume(geometry, values)
+    survey = sub_cube.survey()
+    counts = sub_cube.histograms(*WINDOW, survey.max_gradient)
+    there = torch.isfinite(values)
+    strengths = voxel_packets.strengths(voxel_packets.gradients(values, geometry))
+    assert torch.equal(sum_of([counts.density]), counted(values[there], *WINDOW))
+    assert torch.equal(sum_of([counts.gradient]), counted(strengths[there], 0.0, survey.max_gradient))
+
+
+def counted(values: Tensor, low: float, high: float) -> Tensor:
+    scale = HISTOGRAM_BINS / (high - low) if high > low else 0.0
+    return torch.bincount(((values - low) * scale).clamp(0, HISTOGRAM_BINS - 1).long(), minlength=HISTOGRAM_BINS)
+
+
+@pytest.mark.parametrize("scalar_type", SCALAR_TYPES, ids=str)
+def test_every_scalar_type_gives_the_packets_of_its_values(scalar_type: torch.dtype) -> None:
+    geometry = Geometry((19, 4, 5))
+    values = (torch.arange(5 * 4 * 19) * 7 % 120).reshape(5, 4, 19)
+    quantisation = Quantisation(window=(0.0, 100.0), strength_scale=3.0)
+    expected = voxel_packets.pack(values.double(), geometry, quantisation)
+    assert torch.equal(packed(geometry, values.to(scalar_type), quantisation), expected)
+
+
+def test_a_source_may_have_any_strides() -> None:
+    geometry = Geometry((5, 6, 7))
+    values = torch.randn(5, 6, 7, dtype=torch.float64)
+    stored_backwards = values.permute(2, 1, 0)
+    assert torch.equal(
+        packed(geometry, stored_backwards, PLAIN), packed(geometry, stored_backwards.contiguous(), PLAIN)
+    )
+
+
+def test_a_value_that_no_volume_has_is_refused() -> None:
+    with pytest.raises(TypeError, match="integers of 8 to 64 bits"):
+        packed(Geometry((2, 2, 2)), torch.zeros(2, 2, 2, dtype=torch.complex64), PLAIN)
+
+
+def test_missing_voxels_are_no_data_and_their_neighbours_use_one_sided_differences() -> None:
+    geometry = Geometry((5, 1, 1))
+    values = torch.tensor([[[0.0, 1.0, torch.nan, 5.0, 8.0]]], dtype=torch.float64)
+    packets = packed(geometry, values, Quantisation(window=(0.0, 255.0), strength_scale=10.0)).flatten()
+    assert packets[2] == 1 << NO_DATA_BIT
+    assert (packets >> 8 & 255).tolist() == [10, 10, 0, 30, 30]
+
+
+def test_a_voxel_between_missing_ones_has_no_gradient() -> None:
+    values = torch.tensor([[[torch.inf, 1.0, torch.nan]]], dtype=torch.float64)
+    sub_cube = SubCube.of_volume(Geometry((3, 1, 1)), values)
+    assert sub_cube.survey().max_gradient == 0.0
+
+
+def test_a_volume_without_any_data_is_surveyed_as_empty() -> None:
+    survey = SubCube.of_volume(Geometry((3, 2, 2)), torch.full((2, 2, 3), torch.nan)).survey()
+    assert survey.low > survey.high
+    assert survey.no_data == survey.voxels == 12
+
+
+@pytest.mark.parametrize("scheme", ["octahedral", "paper"])
+def test_direction_codes_stand_for_the_references_directions(scheme: str) -> None:
+    vectors = from_dlpack(_kernels.direction_vectors(scheme == "octahedral"))
+    assert torch.equal(vectors, voxel_packets.directions(scheme))
+
+
+@given(geometry=geometries(), scheme=directions)
+def test_gradient_fields_are_those_of_the_reference(geometry: Geometry, scheme: str) -> None:
+    axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
+    fields = from_dlpack(_kernels.gradient_bytes(scheme == "octahedral", axes))
+    assert torch.equal(fields.to(torch.int64), voxel_packets.gradient_field_bytes(scheme, geometry))
+
+
+def test_packing_lets_the_source_go() -> None:
+    sub_cube = SubCube(Geometry((4, 4, 4)), Geometry((4, 4, 4)).box)
+    source = torch.zeros(4, 4, 4)
+    sub_cube.hold(source)
+    assert sub_cube.source_bytes == source.nbytes
+    alive = weakref.ref(source)
+    del source
+    sub_cube.pack(PLAIN)
+    gc.collect()
+    assert alive() is None
+    with pytest.raises(LocalProtocolError, match="read it again"):
+        sub_cube.survey()
+
+
+def test_packets_outlive_their_sub_cube() -> None:
+    sub_cube = SubCube.of_volume(Geometry((64, 64, 8)), torch.randn(8, 64, 64))
+    sub_cube.pack(PLAIN)
+    packets = from_dlpack(sub_cube.packets)
+    copy = packets.clone()
+    del sub_cube
+    gc.collect()
+    assert torch.equal(packets, copy)
+
+
+def test_a_source_of_another_shape_than_box_and_halo_is_refused() -> None:
+    sub_cube = SubCube(Geometry((8, 8, 8)), Box((2, 2, 2), (4, 4, 4)))
+    with pytest.raises(LocalProtocolError, match=r"\(4, 4, 4\)"):
+        sub_cube.hold(torch.zeros(2, 2, 2))
+
+
+def test_packets_are_asked_for_after_packing_only() -> None:
+    sub_cube = SubCube.of_volume(Geometry((2, 2, 2)), torch.zeros(2, 2, 2))
+    with pytest.raises(LocalProtocolError, match="before it was packed"):
+        _ = sub_cube.packets
