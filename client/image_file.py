@@ -72,12 +72,25 @@ def write_image(
     The scene's background is put under the image, except in EXR, which keeps alpha. `properties` are stored beside
     the scene. Raises BadInput where the file cannot be written; an older file of that name then stays as it was.
     """
+    keeps_alpha = path.suffix.lower() == ".exr"
+    pixels = image if keeps_alpha else over_background(image, scene.image.background)
+    stored = {"scene": msgspec.json.encode(scene).decode(), **(properties or {})}
+    write_pixels(path, pixels, stored, depth, jpeg_quality)
+
+
+def write_pixels(
+    path: Path,
+    pixels: Tensor,
+    properties: Mapping[str, str] | None = None,
+    depth: Depth | None = None,
+    jpeg_quality: int = JPEG_QUALITY,
+) -> None:
+    """Write (H, W, C) values 0..1 as they are, and `properties` as text. Otherwise as write_image."""
     check_writable(path)
     kind = path.suffix.lower()
     depth = depth or DEPTHS[kind][0]
     if depth not in DEPTHS[kind]:
         raise BadInput(f"{path}: {kind} cannot hold {depth} pixels; choose one of {', '.join(DEPTHS[kind])}")
-    pixels = _coded(image if kind == ".exr" else over_background(image, scene.image.background), depth)
     height, width, channels = pixels.shape
     spec = oiio.ImageSpec(width, height, channels, depth)
     spec.attribute("oiio:ColorSpace", "sRGB")
@@ -87,8 +100,8 @@ def write_image(
         spec.attribute("jpeg:subsampling", "4:4:4")
     else:
         spec.attribute("Compression", "zip")
-    _store(spec, path, {"scene": msgspec.json.encode(scene).decode(), **(properties or {})})
-    _write_whole(path, spec, pixels)
+    _store(spec, path, properties or {})
+    _write_whole(path, spec, _coded(pixels, depth))
 
 
 def read_image(path: Path) -> Tensor:
@@ -139,6 +152,8 @@ def _coded(image: Tensor, depth: Depth) -> Tensor:
 
 
 def _store(spec: "oiio.ImageSpec", path: Path, properties: Mapping[str, str]) -> None:
+    if not properties:
+        return
     if path.suffix.lower() not in _ONE_TEXT:
         for name, value in properties.items():
             spec.attribute(_PREFIX + name, value)

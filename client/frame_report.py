@@ -1,0 +1,173 @@
+"""What the steps of an image took, in numbers: report.json, and the table beside the paper's."""
+
+import os
+import platform
+import secrets
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+from rich.table import Table
+
+from volsplat.client.renderer import StepOutcome
+from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.messages import MapShadeStats, SplatStats
+from volsplat.protocol.peak_memory import peak_memory
+from volsplat.protocol.refinement import STEP_RULES
+from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import Index
+
+# Seconds for the steps A to F, from the paper's "Timing Tests": a CT of 96 x 128 x 113 voxels.
+PAPER_SECONDS = {
+    "TAAC-1": (3, 9, 65, 165, 179, 182),
+    "1 Sun-3": (20, 60, 363, 733, 843, 898),
+    "4 Sun-3": (3, 21, 141, 172, 205, 223),
+    "1 Sun-4": (8, 28, 181, 481, 484, 522),
+    "4 Sun-4": (3, 11, 89, 108, 112, 116),
+}
+
+
+class Machine(msgspec.Struct, frozen=True):
+    """Where the client ran."""
+
+    system: str
+    cpu: str
+    cores: int
+
+
+class VolumeFacts(msgspec.Struct, frozen=True):
+    name: str
+    dims: Index
+    scalar_type: str
+
+
+class StepReport(msgspec.Struct, frozen=True):
+    """One step. Of the workers, seconds are given as their sum and as the slowest one's."""
+
+    step: Step
+    wall_seconds: float  # from asking to having the image
+    voxels_visited: int
+    packets_sent: int
+    bytes_sent: int
+    map_shade_seconds: float
+    map_shade_seconds_slowest: float
+    map_shade_waiting_seconds: float  # in sends that back-pressure held up
+    map_shade_waiting_seconds_slowest: float
+    merge_seconds: float
+    splat_seconds: float
+    splat_waiting_seconds: float  # with nothing to splat
+    held_back_seconds: float  # that connections were not read because their buffers were full, over all workers
+    peak_memory_bytes: dict[str, int]  # of each process so far
+    workers: dict[int, MapShadeStats]
+    splat_server: SplatStats
+
+
+class FrameReport(msgspec.Struct, frozen=True):
+    volsplat: str  # version
+    machine: Machine
+    volume: VolumeFacts
+    width: int
+    height: int
+    order: str
+    steps: tuple[StepReport, ...]
+
+
+def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutcome]) -> FrameReport:
+    """The report of the steps drawn of a volume."""
+    description = volume.description
+    return FrameReport(
+        volsplat=version("volsplat"),
+        machine=this_machine(),
+        volume=VolumeFacts(description.name, description.geometry.dims, description.scalar_type),
+        width=scene.image.width,
+        height=scene.image.height,
+        order=scene.order.value,
+        steps=tuple(_step_report(outcome) for outcome in outcomes),
+    )
+
+
+def write_report(path: Path, report: FrameReport) -> None:
+    """Write a report as JSON, whole or not at all. Raises BadInput where the file cannot be written."""
+    text = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+    temporary = path.with_name(f".volsplat-{secrets.token_hex(8)}.json")
+    try:
+        temporary.write_bytes(text)
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise BadInput(f"{path}: cannot write the report: {error.strerror}") from error
+
+
+def step_table(report: FrameReport) -> Table:
+    """The steps' figures, and under them the paper's seconds for its CT of a head."""
+    steps = {step.step: step for step in report.steps}
+    i, j, k = report.volume.dims
+    title = f"{report.volume.name}, {i} x {j} x {k} voxels, on {report.machine.cores} x {report.machine.cpu}"
+    table = Table(title=title, caption="The paper's volume has 96 x 128 x 113 voxels.", caption_justify="left")
+    table.add_column("")
+    for letter in Step:
+        table.add_column(f"{letter.value} {_short(letter)}", justify="right")
+    rows: dict[str, Callable[[StepReport], str]] = {
+        "seconds": lambda s: f"{s.wall_seconds:.3f}",
+        "  map/shade, slowest": lambda s: f"{s.map_shade_seconds_slowest:.3f}",
+        "  merge": lambda s: f"{s.merge_seconds:.3f}",
+        "  splat": lambda s: f"{s.splat_seconds:.3f}",
+        "  splat server waiting": lambda s: f"{s.splat_waiting_seconds:.3f}",
+        "voxels visited": lambda s: f"{s.voxels_visited:,}",
+        "packets sent": lambda s: f"{s.packets_sent:,}",
+        "MB sent": lambda s: f"{s.bytes_sent / 1e6:,.1f}",
+        "largest process, MB": lambda s: f"{max(s.peak_memory_bytes.values(), default=0) / 1e6:,.0f}",
+    }
+    for name, figure in rows.items():
+        style = "bold" if name == "seconds" else ""
+        table.add_row(name, *(figure(steps[letter]) if letter in steps else "" for letter in Step), style=style)
+    table.add_section()
+    for machine, seconds in PAPER_SECONDS.items():
+        table.add_row(f"{machine}, 1989, seconds", *(str(value) for value in seconds))
+    return table
+
+
+def this_machine() -> Machine:
+    return Machine(system=platform.platform(terse=True), cpu=_cpu_name(), cores=os.cpu_count() or 1)
+
+
+def _short(step: Step) -> str:
+    if step in (Step.E, Step.F):
+        return "diffuse" if step is Step.E else "specular"
+    rule = STEP_RULES[step]
+    return "footprint" if rule.footprint else {4: "1/4", 2: "1/2", 1: "full"}[rule.stride]
+
+
+def _step_report(outcome: StepOutcome) -> StepReport:
+    workers, splat = outcome.servers.map_shade, outcome.servers.splat
+    stats = list(workers.values())
+    memory = {f"map/shade server {server}": worker.peak_memory_bytes for server, worker in sorted(workers.items())}
+    return StepReport(
+        step=outcome.step,
+        wall_seconds=outcome.wall_seconds,
+        voxels_visited=sum(worker.voxels_visited for worker in stats),
+        packets_sent=sum(worker.packets for worker in stats),
+        bytes_sent=sum(worker.bytes for worker in stats),
+        map_shade_seconds=sum(worker.map_shade_seconds for worker in stats),
+        map_shade_seconds_slowest=max((worker.map_shade_seconds for worker in stats), default=0.0),
+        map_shade_waiting_seconds=sum(worker.waiting_seconds for worker in stats),
+        map_shade_waiting_seconds_slowest=max((worker.waiting_seconds for worker in stats), default=0.0),
+        merge_seconds=splat.merge_seconds,
+        splat_seconds=splat.splat_seconds,
+        splat_waiting_seconds=splat.waiting_seconds,
+        held_back_seconds=sum(splat.held_back_seconds.values()),
+        peak_memory_bytes={"client": peak_memory(), "splat server": splat.peak_memory_bytes, **memory},
+        workers=workers,
+        splat_server=splat,
+    )
+
+
+def _cpu_name() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()
