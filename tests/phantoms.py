@@ -29,7 +29,7 @@ def shaded_scene(view: View, size: tuple[int, int], order: Order = Order.BACK_TO
     """Thin orange shells around a blue-white core, lit, modulated by strength; noise is transparent."""
     return Scene(
         tables=Tables(
-            emit=ColourTable(points=((0.0, (0.3, 0.1, 0.0)), (0.6, (0.5, 0.2, 0.1)), (1.0, (0.2, 0.3, 0.6)))),
+            emit=ColourTable(points=((0.0, (0.31, 0.11, 0.0)), (0.6, (0.51, 0.21, 0.11)), (1.0, (0.23, 0.31, 0.61)))),
             refl=ColourTable(points=((0.0, (0.9, 0.5, 0.3)), (0.6, (0.8, 0.6, 0.4)), (1.0, (0.6, 0.7, 0.9)))),
             opac=ScalarTable(points=((0.0, 0.0), (0.08, 0.0), (0.4, 0.2), (0.7, 0.5), (1.0, 1.0))),
             modu=ScalarTable(points=((0.0, 0.3), (1.0, 1.0))),

@@ -5,19 +5,21 @@ The white edges are left out.
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from fractions import Fraction
 
 import torch
 from torch import Tensor
 
 from reference import combining, mapping, shading, voxel_packets
 from reference.footprint import Footprint, footprint_of
-from volsplat.protocol.frame_plan import FramePlan, Reach, plan_frame
+from volsplat.protocol.frame_plan import FRACTION_BITS, FramePlan, Reach, plan_frame
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Geometry
 
 LATTICE = 1 << SUBPIXEL_BITS
+NEARLY_AN_EDGE = 1e-6  # voxels: where float64 might choose the wrong cell
 CONTRIBUTIONS_AT_ONCE = 4_000_000  # (sample, pixel) pairs, which bounds the memory
 
 # Weights (n, rows, columns) of the lattice positions (n, 2) at pixels x (n, columns) and y (n, rows).
@@ -51,7 +53,7 @@ def render(
     shaded = shaded_samples(packets, geometry, quantisation, scene, plan, exact)
     buffer = torch.zeros((plan.height * plan.width, 4), dtype=torch.float64)
     if plan.reach == Reach.CELL:
-        _splat_cells(buffer, shaded, plan, scene, geometry)
+        _splat_cells(buffer, shaded, plan, scene, geometry, exact)
     elif plan.reach == Reach.PIXEL:
         _splat_pixels(buffer, shaded, plan, scene, exact)
     else:
@@ -140,33 +142,71 @@ def _splat_pixels(buffer: Tensor, shaded: Shaded, plan: FramePlan, scene: Scene,
     combining.combine(scene.order, buffer, pixel, shaded.opacity[inside], shaded.colour[inside])
 
 
-def _splat_cells(buffer: Tensor, shaded: Shaded, plan: FramePlan, scene: Scene, geometry: Geometry) -> None:
+def _splat_cells(
+    buffer: Tensor, shaded: Shaded, plan: FramePlan, scene: Scene, geometry: Geometry, exact: bool
+) -> None:
     """Sheet by sheet, give every pixel the sample whose cell its centre lies in."""
-    sheet_axis, row_axis, sample_axis = plan.traversal.axes
     counts = [plan.visits[axis].count for axis in plan.traversal.axes]
     # Visible samples by (sheet, row, sample); -1 where there is none.
     found = torch.full((counts[0], counts[1], counts[2]), -1, dtype=torch.int64)
     found[tuple(shaded.samples.ordinals.unbind(1))] = torch.arange(len(shaded.opacity))
-    y, x = torch.meshgrid(torch.arange(plan.height), torch.arange(plan.width), indexing="ij")
-    pixels = torch.stack((x.flatten(), y.flatten()), dim=1).double()
-    in_sheet = [row_axis, sample_axis]
-    steps = mapping.steps_on_screen(scene, geometry)[:2] * torch.tensor([[1.0], [-1.0]], dtype=torch.float64)
-    back = torch.linalg.inv(steps[:, in_sheet])
     for sheet in torch.unique(shaded.samples.ordinals[:, 0]).tolist():
-        visits = plan.visits[sheet_axis]
-        low, high = visits.block(sheet if plan.traversal.ascending[0] else visits.count - 1 - sheet)
-        corner = torch.zeros((1, 3), dtype=torch.float64)
-        corner[0, sheet_axis] = (low + high - 1) / 2
-        grid = (pixels - mapping.on_screen(corner, scene, geometry)) @ back.T  # (pixels, 2) row, sample coordinates
-        row = _visit_at(grid[:, 0], plan, 1)
-        sample = _visit_at(grid[:, 1], plan, 2)
+        if exact:
+            grid = sheet_coordinates(plan, sheet, scene, geometry)
+        else:
+            grid = sheet_coordinates_by_dda(plan, sheet)
+        row, sample = visit_at(grid[:, 0], plan, 1), visit_at(grid[:, 1], plan, 2)
         pixel = torch.nonzero((row >= 0) & (sample >= 0)).flatten()
         which = found[sheet, row[pixel], sample[pixel]]
         pixel, which = pixel[which >= 0], which[which >= 0]
         combining.combine(scene.order, buffer, pixel, shaded.opacity[which], shaded.colour[which])
 
 
-def _visit_at(coordinate: Tensor, plan: FramePlan, loop: int) -> Tensor:
+def doubled_sheet_index(plan: FramePlan, sheet: int) -> int:
+    """Twice the index of a sheet's middle, which is that of its clipped blocks."""
+    visits = plan.visits[plan.traversal.axes[0]]
+    low, high = visits.block(sheet if plan.traversal.ascending[0] else visits.count - 1 - sheet)
+    return low + high - 1
+
+
+def pixel_centres(plan: FramePlan) -> Tensor:
+    """(H * W, 2) int64: x and y."""
+    y, x = torch.meshgrid(torch.arange(plan.height), torch.arange(plan.width), indexing="ij")
+    return torch.stack((x.flatten(), y.flatten()), dim=1)
+
+
+def sheet_coordinates(plan: FramePlan, sheet: int, scene: Scene, geometry: Geometry) -> Tensor:
+    """The grid coordinates (H * W, 2) on the row and sample axes where the pixels' rays meet a sheet."""
+    sheet_axis, row_axis, sample_axis = plan.traversal.axes
+    corner = torch.zeros((1, 3), dtype=torch.float64)
+    corner[0, sheet_axis] = doubled_sheet_index(plan, sheet) / 2
+    steps = mapping.steps_on_screen(scene, geometry)[:2] * torch.tensor([[1.0], [-1.0]], dtype=torch.float64)
+    back: Tensor = torch.linalg.inv(steps[:, [row_axis, sample_axis]])
+    off: Tensor = pixel_centres(plan) - mapping.on_screen(corner, scene, geometry)
+    grid: Tensor = off @ back.T
+    return grid
+
+
+def sheet_coordinates_by_dda(plan: FramePlan, sheet: int) -> Tensor:
+    """As sheet_coordinates, by the plan's fixed point; where two cells meet, the exact fraction decides."""
+    sheet_axis, row_axis, sample_axis = plan.traversal.axes
+    doubled = doubled_sheet_index(plan, sheet)
+    origins = [dda.origin + doubled * dda.half_steps[sheet_axis] for dda in (plan.x, plan.y)]
+    row_x, sample_x = plan.x.half_steps[row_axis], plan.x.half_steps[sample_axis]
+    row_y, sample_y = plan.y.half_steps[row_axis], plan.y.half_steps[sample_axis]
+    area = row_x * sample_y - row_y * sample_x
+    off = (pixel_centres(plan) << FRACTION_BITS) - torch.tensor(origins)
+    x, y = off.double().unbind(1)
+    grid = torch.stack((x * sample_y - y * sample_x, y * row_x - x * row_y), dim=1) / float(2 * area)
+    nearly_an_edge = ((grid - 0.5) - (grid - 0.5).round()).abs() < NEARLY_AN_EDGE
+    for pixel in torch.nonzero(nearly_an_edge.any(dim=1)).flatten().tolist():
+        off_x, off_y = off[pixel].tolist()
+        grid[pixel, 0] = float(Fraction(off_x * sample_y - off_y * sample_x, 2 * area))
+        grid[pixel, 1] = float(Fraction(off_y * row_x - off_x * row_y, 2 * area))
+    return grid
+
+
+def visit_at(coordinate: Tensor, plan: FramePlan, loop: int) -> Tensor:
     """The ordinal on a loop whose block holds each grid coordinate (n,), or -1: blocks are [low, high) - 1/2."""
     visits = plan.visits[plan.traversal.axes[loop]]
     edges = [visits.block(n)[0] - 0.5 for n in range(visits.count)] + [visits.high - 0.5]
