@@ -27,10 +27,10 @@ from volsplat.client.coordinator_events import (
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
-    SurveyedVolume,
     VolumeAsked,
 )
 from volsplat.client.sub_cubes import divided
+from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
@@ -153,10 +153,10 @@ class Coordinator:
         except BadInput as error:
             return self._fail(error)
         self.boxes = {worker: [box] for worker, box in zip(workers, boxes, strict=True)}
-        routes = tuple(
+        routes = [
             messages.Route(server=n, host=self.servers[n].data.host, port=self.servers[n].data.port)
             for n in self._splat_servers()[:1]
-        )
+        ]
         connect: list[Instruction] = [
             Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in self.boxes
         ]
@@ -167,7 +167,7 @@ class Coordinator:
         self._assignment += 1
         self._pending = set(self.boxes)
         read: list[Instruction] = [
-            Send(worker, messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=tuple(boxes)))
+            Send(worker, messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=boxes))
             for worker, boxes in self.boxes.items()
         ]
         return [ReportProgress(f"reading the volume as {len(self.boxes)} sub-cubes"), *read]
@@ -267,7 +267,7 @@ class Coordinator:
             step=frame.step,
             geometry=geometry,
             quantisation=quantisation,
-            workers=tuple(self.boxes),
+            workers=list(self.boxes),
         )
         return [ReportProgress(f"step {frame.step}"), *(Send(server, render) for server in self._drawing())]
 

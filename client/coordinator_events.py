@@ -1,37 +1,13 @@
 """The coordinator's events and instructions, and what they carry."""
 
 from dataclasses import dataclass
-from typing import Literal
 
-from volsplat.protocol import index_rules, messages
+from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.errors import VolsplatError
-from volsplat.protocol.index_rules import Quantisation, Survey
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import Quantise, Scene, Step
-from volsplat.protocol.volume import VolumeDescription
-
-
-@dataclass(frozen=True)
-class SurveyedVolume:
-    """What is known of a volume once every server has read its sub-cube."""
-
-    description: VolumeDescription
-    survey: Survey
-    density_counts: list[int]
-    strength_counts: list[int]
-
-    def window(self, chosen: tuple[float, float] | Literal["auto"]) -> tuple[float, float]:
-        """The density window, in the data's units, for what a scene says of it."""
-        return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type, chosen)
-
-    def quantisation(self, quantise: Quantise) -> Quantisation:
-        """The rules by which the whole volume becomes 8 bits."""
-        return Quantisation(
-            window=self.window(quantise.window),
-            strength_scale=index_rules.strength_scale(self.survey, self.strength_counts),
-            directions=quantise.directions,
-        )
+from volsplat.protocol.scene import Scene, Step
 
 
 @dataclass(frozen=True)

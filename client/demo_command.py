@@ -6,13 +6,52 @@ import click
 import msgspec
 from rich.console import Console
 
-from volsplat.client.contact_sheet import write_contact_sheet
+from volsplat.client.contact_sheet import StepPicture, write_contact_sheet
 from volsplat.client.frame_report import report_of, step_table, write_report
 from volsplat.client.image_file import write_image
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.presets import preset_scene
 from volsplat.client.session import Session
 from volsplat.client.step_images import step_image_path
+from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.volume_writer import write_volume
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Scene
 
 DEMO_WORKERS = 2
+SHEET = "contact-sheet.png"
+
+
+@click.command()
+@click.option("--output", type=click.Path(path_type=Path), default=Path("demo"), help="Folder for the images (demo).")
+def demo(output: Path) -> None:
+    """Make the head phantom and draw its six steps of refinement with two map/shade servers.
+
+    Leaves six images, a contact sheet of them, the volume and a report in one folder, and prints the times.
+    """
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{output}: cannot make this folder: {error.strerror}; name another with --output") from error
+    console = Console()
+    volume = output / "head.nrrd"
+    with console.status("making the head phantom") as status:
+        write_volume(volume, *make_phantom("head"))
+        with Session(volume, workers=DEMO_WORKERS, on_progress=status.update) as session:
+            scene = demo_scene(session.volume)
+            finished = [refinement for refinement in session.refine(scene) if refinement.complete]
+            outcomes = [refinement.outcome for refinement in finished if refinement.outcome is not None]
+            report = report_of(session.volume, scene, outcomes)
+    for refinement in finished:
+        write_image(step_image_path(output, refinement.step), refinement.image, scene)
+    pictures = [StepPicture(r.step, r.image, o.wall_seconds) for r, o in zip(finished, outcomes, strict=True)]
+    write_contact_sheet(output / SHEET, pictures, title="volsplat: successive refinement of the head phantom")
+    write_report(output / "report.json", report)
+    console.print(step_table(report))
+    console.print(f"Look at {output / SHEET}; the six images beside it are step-A.png to step-F.png.")
+
+
+def demo_scene(volume: SurveyedVolume) -> Scene:
+    """The skin, with white edges as in the paper's plates."""
+    scene = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
+    return msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, edges=True))

@@ -12,8 +12,8 @@ import msgspec
 
 from volsplat.client.image_file import DEPTHS, read_scene
 from volsplat.client.presets import preset_scene
-from volsplat.client.renderer import SurveyedVolume, default_scene_of
 from volsplat.client.scene_file import read_scene_file
+from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.view_rotation import rotation_from_option
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Bounds, Order, Scene
@@ -51,8 +51,8 @@ class SceneOptions:
         if volume is None:
             return preset_scene(self.preset or "ct-skin")
         if self.preset is None:
-            return default_scene_of(volume)
-        return preset_scene(self.preset, density_histogram_of(volume), volume.description.anatomical)
+            return volume.default_scene()
+        return preset_scene(self.preset, volume.density_histogram(), volume.description.anatomical)
 
     def _changed(self, scene: Scene) -> Scene:
         view, image = scene.view, scene.image

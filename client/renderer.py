@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from volsplat.client.coordinator_events import FrameOutcome, SurveyedVolume
-from volsplat.client.default_scene import default_scene
+from volsplat.client.coordinator_events import FrameOutcome
+from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.scene import Scene, Step
 
 if TYPE_CHECKING:
@@ -48,15 +48,13 @@ class Renderer(Protocol):
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha."""
 
+    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+        """As `render`, with what it took."""
+
     def refine(
         self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
     ) -> Iterator[Refinement]:
         """The steps A to `last`, each finished image and the partial images between."""
-
-
-def default_scene_of(volume: SurveyedVolume) -> Scene:
-    """A scene chosen from the data, so that the first picture is never empty."""
-    return default_scene(volume.description, volume.survey, volume.density_counts, volume.window("auto"))
 
 
 def laid_over(partial: Tensor, finished: Tensor | None) -> Tensor:

@@ -36,16 +36,15 @@ from volsplat.client.coordinator_events import (
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
-    SurveyedVolume,
     VolumeAsked,
 )
 from volsplat.client.renderer import (
     PARTIAL_INTERVAL,
     Refinement,
     StepOutcome,
-    default_scene_of,
     laid_over,
 )
+from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.deploy.local import LocalServers
 from volsplat.deploy.server_command import Program
 from volsplat.protocol import messages
@@ -135,7 +134,7 @@ class Session:
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data."""
-        return default_scene_of(self.volume)
+        return self.volume.default_scene()
 
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
@@ -143,8 +142,12 @@ class Session:
         Raises BadInput where the scene does not fit the volume, PeerLost where a server is gone, and FrameAborted
         where a newer frame took its place.
         """
-        frame, answers = self._ask(scene, step)
-        return _tensor(self._finished(frame, answers))
+        return self.finish(scene, step).image
+
+    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+        """As `render`, with what it took."""
+        *_, finished = self._drawn(scene, step, partial_interval=None)
+        return finished
 
     def refine(
         self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
@@ -154,24 +157,29 @@ class Session:
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when a newer frame is asked for or the frame is aborted.
         """
-        finished: Tensor | None = None
-        for step in Step:
-            if step > last:
-                return
-            started = time.perf_counter()
-            frame, answers = self._ask(scene, step)
+        under: Tensor | None = None
+        for step in [step for step in Step if step <= last]:
             try:
-                while (answer := self._answer(frame, answers, partial_interval)) is None or not answer.complete:
-                    if answer is None:
-                        self._events.put(PartialImageAsked(frame))
+                for refinement in self._drawn(scene, step, partial_interval):
+                    if refinement.complete:
+                        under = None if scene.refine.bare_buffer else refinement.image
+                        yield refinement
                     else:
-                        under = None if scene.refine.bare_buffer else finished
-                        yield Refinement(step, laid_over(_tensor(answer), under), None)
+                        yield Refinement(step, laid_over(refinement.image, under), None)
             except FrameAborted:
                 return
-            finished = _tensor(answer)
-            assert answer.outcome is not None
-            yield Refinement(step, finished, StepOutcome(step, time.perf_counter() - started, answer.outcome))
+
+    def _drawn(self, scene: Scene, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
+        """Partial images of the bare buffer, then the finished one."""
+        started = time.perf_counter()
+        frame, answers = self._ask(scene, step)
+        while (answer := self._answer(frame, answers, partial_interval)) is None or answer.outcome is None:
+            if answer is None:
+                self._events.put(PartialImageAsked(frame))
+            else:
+                yield Refinement(step, _tensor(answer), None)
+        image = _tensor(answer)
+        yield Refinement(step, image, StepOutcome(step, time.perf_counter() - started, answer.outcome))
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
@@ -214,12 +222,6 @@ class Session:
             self._frames[frame] = answers
         self._events.put(FrameAsked(frame, scene, step))
         return frame, answers
-
-    def _finished(self, frame: int, answers: queue.SimpleQueue[PublishImage | EndFrame]) -> PublishImage:
-        while True:
-            answer = self._answer(frame, answers, None)
-            if answer is not None and answer.complete:
-                return answer
 
     def _answer(
         self, frame: int, answers: queue.SimpleQueue[PublishImage | EndFrame], patience: float | None

@@ -170,7 +170,7 @@ class MapShadeServer:
             Role.SPLAT_SERVER,
             server=route.server,
         )
-        self._client.send(messages.ConnectedToSplatServers(servers=(route.server,)))
+        self._client.send(messages.ConnectedToSplatServers(servers=[route.server]))
 
     def _on_AbortFrame(self, request: messages.AbortFrame) -> None:
         # The frame's walk ended before this request's turn came.

@@ -1,0 +1,166 @@
+"""The single-processor version: the servers' very stages in one process, with no sockets.
+
+The only file that imports both servers.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from types import TracebackType
+
+import torch
+from torch import Tensor
+
+from volsplat.client.coordinator_events import FrameOutcome
+from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, laid_over
+from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol import messages
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.peak_memory import peak_memory
+from volsplat.protocol.scene import Scene, Step
+from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.image_buffer import ImageBuffer
+
+WORKER = 1  # the one map/shade "server"
+
+
+class SingleProcess:
+    """A volume held and drawn by this process alone: the same images as a Session's, bit for bit."""
+
+    def __init__(
+        self, volume: str | Path, *, threads: int = 1, on_progress: Callable[[str], None] | None = None
+    ) -> None:
+        """Read and survey the volume. `threads` splat, one image stripe each. Raises BadInput."""
+        self._say = on_progress or (lambda text: None)
+        self._threads = threads
+        self._reader = open_volume(str(volume))
+        description = self._reader.describe()
+        self._sub_cube = SubCube(description.geometry, description.geometry.box)
+        self._read()
+        survey = self._sub_cube.survey()
+        self._say("counting the histograms")
+        density, gradient = self._sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
+        self._volume = SurveyedVolume(description, survey, density.tolist(), gradient.tolist())
+        self._quantisation: Quantisation | None = None
+        self._image: ImageBuffer | None = None
+        self._frame = 0
+
+    @property
+    def volume(self) -> SurveyedVolume:
+        """What is known of the volume."""
+        return self._volume
+
+    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
+        """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput."""
+        return self.finish(scene, step).image
+
+    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+        """As `render`, with what it took."""
+        *_, finished = self._drawn(scene, step, partial_interval=float("inf"))
+        return finished
+
+    def refine(
+        self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
+    ) -> Iterator[Refinement]:
+        """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds."""
+        under: Tensor | None = None
+        for step in [step for step in Step if step <= last]:
+            for refinement in self._drawn(scene, step, partial_interval):
+                if refinement.complete:
+                    under = None if scene.refine.bare_buffer else refinement.image
+                    yield refinement
+                else:
+                    yield Refinement(step, laid_over(refinement.image, under), None)
+
+    def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
+        """Partial images of the bare buffer, then the finished one."""
+        started = shown = time.perf_counter()
+        walk, assembly = self._stages(scene, step)
+        visited = batches = size = 0
+        map_shade_seconds = 0.0
+        while not assembly.complete:
+            began = time.perf_counter()
+            batch = walk.next_batch()
+            map_shade_seconds += time.perf_counter() - began
+            assert batch is not None, "the merge waits for batches that the walk does not have"
+            visited, batches = visited + batch.voxels_visited, batches + 1
+            size += len(batch.runs) + len(batch.packets)
+            assembly.arrived(WORKER, batch.runs, batch.packets, batch.reached, batch.last)
+            assembly.advance()
+            if time.perf_counter() - shown > partial_interval and not assembly.complete:
+                yield Refinement(step, _tensor(assembly), None)
+                shown = time.perf_counter()
+        image = _tensor(assembly)
+        map_shade = messages.MapShadeStats(
+            voxels_visited=visited,
+            packets=assembly.packets,
+            batches=batches,
+            bytes=size,
+            map_shade_seconds=map_shade_seconds,
+            waiting_seconds=0.0,
+            peak_memory_bytes=peak_memory(),
+        )
+        splat = messages.SplatStats(
+            packets=assembly.packets,
+            bytes=size,
+            merge_seconds=assembly.seconds_in_merge,
+            splat_seconds=assembly.seconds_in_splat,
+            waiting_seconds=0.0,
+            held_back_seconds={},
+            peak_memory_bytes=peak_memory(),
+        )
+        outcome = FrameOutcome({WORKER: map_shade}, splat)
+        yield Refinement(step, image, StepOutcome(step, time.perf_counter() - started, outcome))
+
+    def _stages(self, scene: Scene, step: Step) -> tuple[FrameWalk, FrameAssembly]:
+        geometry = self._volume.description.geometry
+        try:
+            plan = plan_frame(scene, geometry, step)
+        except ValueError as error:
+            raise BadInput(str(error)) from error
+        quantisation = self._packed(self._volume.quantisation(scene.quantise))
+        self._say(f"step {step}")
+        self._frame += 1
+        walk = FrameWalk([self._sub_cube], geometry, quantisation, scene, plan)
+        assembly = FrameAssembly(scene, geometry, step, self._frame, [WORKER], image=self._image, threads=self._threads)
+        self._image = assembly.image
+        return walk, assembly
+
+    def _packed(self, quantisation: Quantisation) -> Quantisation:
+        """Have the voxels packed by these rules."""
+        if quantisation != self._quantisation:
+            if self._quantisation is not None:
+                self._read()
+            self._say("making voxel packets")
+            self._sub_cube.pack(quantisation)
+            self._quantisation = quantisation
+        return quantisation
+
+    def _read(self) -> None:
+        self._say("reading the volume")
+        self._sub_cube.read(self._reader)
+
+    def close(self) -> None:
+        """End the splatting threads."""
+        if self._image is not None:
+            self._image.close()
+
+    def __enter__(self) -> SingleProcess:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+
+def _tensor(assembly: FrameAssembly) -> Tensor:
+    pixels = bytearray(assembly.published())
+    return torch.frombuffer(pixels, dtype=torch.float32).reshape(assembly.plan.height, assembly.plan.width, 4)

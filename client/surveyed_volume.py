@@ -1,0 +1,41 @@
+"""What is known of a volume once every server has read its sub-cube; scenes and quantisation follow from it."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from volsplat.client.default_scene import default_scene
+from volsplat.client.density_histogram import DensityHistogram, density_histogram
+from volsplat.protocol import index_rules
+from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.scene import Quantise, Scene
+from volsplat.protocol.volume import VolumeDescription
+
+
+@dataclass(frozen=True)
+class SurveyedVolume:
+    """What is known of a volume once every server has read its sub-cube."""
+
+    description: VolumeDescription
+    survey: Survey
+    density_counts: list[int]
+    strength_counts: list[int]
+
+    def window(self, chosen: tuple[float, float] | Literal["auto"]) -> tuple[float, float]:
+        """The density window, in the data's units, for what a scene says of it."""
+        return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type, chosen)
+
+    def quantisation(self, quantise: Quantise) -> Quantisation:
+        """The rules by which the whole volume becomes 8 bits."""
+        return Quantisation(
+            window=self.window(quantise.window),
+            strength_scale=index_rules.strength_scale(self.survey, self.strength_counts),
+            directions=quantise.directions,
+        )
+
+    def density_histogram(self) -> DensityHistogram:
+        """The histogram of density bytes under the window that the data chooses."""
+        return density_histogram(self.survey, self.density_counts, self.window("auto"))
+
+    def default_scene(self) -> Scene:
+        """A scene chosen from the data, so that the first picture is never empty."""
+        return default_scene(self.description, self.survey, self.density_counts, self.window("auto"))
