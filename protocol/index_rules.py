@@ -33,7 +33,7 @@ HISTOGRAM_BINS = 65536
 STRENGTH_PERCENTILE = 0.995  # of the voxels that have a gradient; above it, strength is 255
 
 
-class Quantisation(msgspec.Struct, frozen=True):
+class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The numbers that every server of a session quantises with."""
 
     window: tuple[float, float]
@@ -45,7 +45,7 @@ class Quantisation(msgspec.Struct, frozen=True):
         return (TABLE_ENTRIES - 1) / (self.window[1] - self.window[0])
 
 
-class Survey(msgspec.Struct, frozen=True):
+class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Counts over voxels, from which the rules of the whole volume are made. Those of boxes add up."""
 
     low: float  # least and greatest value that is not NaN; low > high where there is none

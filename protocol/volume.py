@@ -36,7 +36,7 @@ class Box(NamedTuple):
         return Box(low, high)
 
 
-class Geometry(msgspec.Struct, frozen=True):
+class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A volume's grid and its place in space.
 
     `index_to_physical` has the physical step of i, j, k as its *columns* (spacing times direction; handedness
@@ -72,7 +72,7 @@ class Geometry(msgspec.Struct, frozen=True):
         return matrices.plus(matrices.applied(self.index_to_physical, index), self.origin)
 
 
-class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True):
+class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a reader tells of a volume without reading its voxels."""
 
     name: str

@@ -59,6 +59,16 @@ def test_an_unknown_field_is_refused_by_name(kind: type[Message]) -> None:
 
 
 @kinds
+def test_an_unknown_field_within_a_field_is_refused_by_place(kind: type[Message]) -> None:
+    fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            control = msgspec.msgpack.encode({**fields, name: {**value, "surprise": 1}})
+            with pytest.raises(RemoteProtocolError, match=rf"unknown field `surprise` - at `\$\.{name}`"):
+                list(Decoder(speech_for(kind)).feed(framed(control)))
+
+
+@kinds
 def test_a_missing_field_is_refused_by_name(kind: type[Message]) -> None:
     fields = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
     needed = [field.name for field in msgspec.structs.fields(kind) if field.required]

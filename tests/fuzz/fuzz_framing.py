@@ -1,16 +1,18 @@
-"""Fuzzes framing, messages and handshake with atheris: `pip install .[fuzz]`, then
+"""Fuzzes framing, messages and handshake with atheris: `pip install .[fuzz]`, then, in tests/,
 
-    python tests/fuzz/fuzz_framing.py -max_total_time=600 CORPUS tests/recorded/protocol-1
+    python -m fuzz.fuzz_framing -max_total_time=600 CORPUS
 
-The invariant is in stream_invariant.py. The first byte chooses who speaks to whom, the rest is what they say.
+The invariant is in stream_invariant.py. The first byte of an input chooses who speaks to whom, the rest is what they
+say. CORPUS is a folder, which begins with the recorded messages.
 """
 
 import sys
+from pathlib import Path
 
 import atheris
 
 with atheris.instrument_imports(include=["volsplat.protocol"]):
-    from stream_invariant import WAYS, check_handshakes, check_stream
+    from fuzz.stream_invariant import WAYS, check_handshakes, check_stream
 
 
 def test_one_input(data: bytes) -> None:
@@ -23,7 +25,17 @@ def test_one_input(data: bytes) -> None:
         check_stream(said, way)
 
 
+def plant_recorded_messages(corpus: Path) -> None:
+    corpus.mkdir(parents=True, exist_ok=True)
+    for path in (Path(__file__).parents[1] / "recorded").glob("*/*.bin"):
+        for number in range(len(WAYS)):
+            (corpus / f"{path.parent.name}-{path.stem}-{number}").write_bytes(bytes([number]) + path.read_bytes())
+
+
 def main() -> None:
+    for argument in sys.argv[1:]:
+        if not argument.startswith("-"):
+            plant_recorded_messages(Path(argument))
     atheris.Setup(sys.argv, test_one_input)
     atheris.Fuzz()
 
