@@ -81,7 +81,8 @@ class Connection:
         self._gate = threading.Lock()  # guards _closed and _users
         self._closed = False
         self._users = 0  # calls that are inside the socket; the last one out of a closed connection frees it
-        _set_options(connected)
+        with suppress(OSError):  # macOS sets none where the peer has gone already; receive() will tell
+            _set_options(connected)
 
     @property
     def peer(self) -> Peer:
