@@ -1,5 +1,6 @@
 """One frame's way from batches to the published image: the stage that splat server and single process share."""
 
+import logging
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -27,6 +28,8 @@ from volsplat.splat_server.merge import (
 )
 from volsplat.splat_server.pixel_reach import pixel_reach
 from volsplat.splat_server.volume_edges import edge_layers, volume_edges
+
+log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -77,7 +80,9 @@ class FrameAssembly:
         self.merge = merge or Merge()
         self._lock: AbstractContextManager[object] = lock or Lock()  # guards the merge
         sheet, row, sample = (self.plan.visits[axis].count for axis in self.plan.traversal.axes)
-        self._refuse(self._handle(FrameStarted(frame, tuple(workers), (sheet, row, sample))))
+        for instruction in self._handle(FrameStarted(frame, tuple(workers), (sheet, row, sample))):
+            if isinstance(instruction, RefuseBatch):  # one that came early; its worker now counts as lost
+                log.warning("%s", instruction.fault)
 
     def arrived(self, worker: int, runs: object, packets: object, reached: tuple[int, int], last: bool) -> None:
         """Take a batch of this frame: row runs and packets as any contiguous CPU memory (see protocol.packet_layout).
@@ -89,7 +94,9 @@ class FrameAssembly:
             memory = BatchMemory(runs, packets)
         except ValueError as fault:
             raise RemoteProtocolError(f"frame {self.frame}, worker {worker}: {fault}") from None
-        self._refuse(self._handle(BatchArrived(worker, self.frame, Batch(memory, reached, last))))
+        for instruction in self._handle(BatchArrived(worker, self.frame, Batch(memory, reached, last))):
+            if isinstance(instruction, RefuseBatch):
+                raise RemoteProtocolError(instruction.fault)
 
     def advance(self, max_packets: int = 1 << 17) -> Progress:
         """Splat what is decided of the order, until about `max_packets` are done."""
@@ -120,8 +127,3 @@ class FrameAssembly:
     def _handle(self, event: Event) -> list[Instruction]:
         with self._lock:
             return self.merge.handle(event)
-
-    def _refuse(self, instructions: list[Instruction]) -> None:
-        for instruction in instructions:
-            if isinstance(instruction, RefuseBatch):
-                raise RemoteProtocolError(instruction.fault)

@@ -113,7 +113,7 @@ class HoldBatch:
 
 @dataclass(frozen=True)
 class DiscardBatch:
-    """The batch belongs to a frame that is over."""
+    """The batch belongs to a frame that is over, or its worker is gone."""
 
     worker: WorkerId
     frame: FrameId
@@ -121,7 +121,7 @@ class DiscardBatch:
 
 @dataclass(frozen=True)
 class RefuseBatch:
-    """The batch breaks the rules: the worker's connection must be closed."""
+    """The batch breaks the rules: the worker's connection must be closed. For the merge the worker is lost."""
 
     worker: WorkerId
     frame: FrameId
@@ -215,14 +215,16 @@ class Merge:
         running = self._running
         if running is None or frame != running.frame:
             return [DiscardBatch(worker, frame)]
+        if worker in self._gone:
+            return [DiscardBatch(worker, frame)]
         if worker not in running.workers:
-            return [RefuseBatch(worker, frame, f"worker {worker} has no part in frame {frame}")]
+            return self._refuse(worker, frame, "it has no part in this frame")
         try:
             running.buffers.push(
                 running.workers.index(worker), self._next_batch, batch.memory, *batch.reached, batch.last
             )
         except ValueError as fault:
-            return [RefuseBatch(worker, frame, f"frame {frame}, worker {worker}: {fault}")]
+            return self._refuse(worker, frame, str(fault))
         running.batches[self._next_batch] = (worker, batch)
         self._next_batch += 1
         self._buffered[worker] = self.buffered_bytes(worker) + batch.memory.bytes
@@ -267,6 +269,10 @@ class Merge:
                 self._buffered[worker] -= batch.memory.bytes
                 instructions.append(DiscardBatch(worker, frame))
         return instructions
+
+    def _refuse(self, worker: WorkerId, frame: FrameId, fault: str) -> list[Instruction]:
+        instructions: list[Instruction] = [RefuseBatch(worker, frame, f"frame {frame}, worker {worker}: {fault}")]
+        return instructions + self._handle_worker_lost(WorkerLost(worker))
 
     def _finish(self, worker: WorkerId, lost: bool) -> None:
         running = self._running

@@ -47,3 +47,43 @@ FLOAT32_COLOUR = 2e-4
 
 POWER = 1e-12
 """Relative: an exponent of 1000 magnifies the rounding of the logarithm, in ours and in libm's alike."""
+
+OPACITY_CODE = 1 / 1024
+"""Of a slab's alpha: relative steps of 1/512 at most in each sheet's opacity, all rounded the same way."""
+
+STRIDES = 2 / 255
+"""A, B and C on a homogeneous slab (design, section 4)."""
+
+BLOCKY_SIDES = 0.001
+"""An opacity, not a tolerance: at this one a sheet of stride 4 is below one level, so that where a ray crosses the
+slanted sides of a slab one sheet more or less stays within STRIDES."""
+
+FOG = 0.015
+"""Relative, of optical depth: 1 % of ripple and half a step of the opacity code, 1/512."""
+
+CODED_DIRECTION = 0.02
+"""Of a colour up to 0.5 lit under a power of 8: a direction code is off by up to 1.3 degrees, 0.023 radians."""
+
+ROUNDED_COLOUR = 0.5 / 255 + 1e-6
+"""Half a level of an 8-bit colour, and float32."""
+
+GEOMETRY_FLOAT64 = 1e-12
+"""Relative: NRRD and MetaImage write 17 digits, and spacing times direction is rounded twice."""
+
+GEOMETRY_FLOAT32 = 2e-6
+"""Relative: NIfTI keeps its affine in float32, and a quaternion of it."""
+
+GEOMETRY_PRINTED = 5e-4
+"""Of spacings as the data's own table prints them."""
+
+RANGE_PRINTED = 5e-3
+"""Relative, of value ranges as the data's own table prints them."""
+
+SIGNAL_FLOAT32 = 2e-5
+"""The Marschner-Lobb signal in float32: its phase of 12 pi magnifies the rounding of the cosine inside."""
+
+SHELLS_VISIBLE = (0.10, 0.15)
+"""The share of the shells' voxels that their own tables show."""
+
+SPLAT_FLOAT32 = 1e-5
+"""The image buffer is float32: some hundreds of roundings of numbers up to 1."""

@@ -1,0 +1,279 @@
+"""The splat kernel against plain loops over samples and pixels in float64, on every CPU path of this machine."""
+
+import random
+from collections.abc import Iterator
+
+import pytest
+import torch
+from arbitrary import plain_scene, situations
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from row_runs import FARTHEST, Dot, Run, runs_of_samples, spans_of
+from torch import Tensor
+
+from reference import mapping
+from reference.combining import FROZEN_ALPHA
+from reference.render import sheet_coordinates_by_dda, visit_at
+from tolerances import ONE_LEVEL, SPLAT_FLOAT32
+from volsplat.protocol.frame_plan import FramePlan, Reach, plan_frame
+from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
+from volsplat.protocol.scene import Kernel, Order, Scene, Step, View
+from volsplat.protocol.volume import Geometry
+from volsplat.splat_server import _kernels
+from volsplat.splat_server._kernels import Ellipse, FootprintTable
+from volsplat.splat_server.footprint_table import kernel_projection
+from volsplat.splat_server.image_buffer import ImageBuffer
+from volsplat.splat_server.pixel_reach import PixelReach, cell_map
+
+PATHS = _kernels.cpu_paths()
+ORDERS = list(Order)
+OPAQUE = OPACITY_CODES - 1
+WHITE = (255, 255, 255)
+
+Affected = list[tuple[int, int, float]]  # x, y, weight
+
+
+@pytest.fixture(params=PATHS)
+def path(request: pytest.FixtureRequest) -> Iterator[str]:
+    before = _kernels.cpu_path()
+    _kernels.set_cpu_path(request.param)
+    yield request.param
+    _kernels.set_cpu_path(before)
+
+
+def table_of(half_width: float, half_height: float, amplitude: float, offset_bits: int) -> FootprintTable:
+    """A leaning ellipse of these half extents."""
+    radius = 2.0
+    vxx, vyy = (half_width / radius) ** 2, (half_height / radius) ** 2
+    vxy = 0.3 * (vxx * vyy) ** 0.5
+    area = vxx * vyy - vxy * vxy
+    ellipse = Ellipse(amplitude, vyy / area, -vxy / area, vxx / area, half_width, half_height)
+    return FootprintTable(kernel_projection(Kernel.GAUSSIAN, radius), ellipse, offset_bits)
+
+
+def footprint_pixels(table: FootprintTable, dot: Dot) -> Affected:
+    shift = SUBPIXEL_BITS - table.offset_bits
+    x, y = (dot.x + (1 << shift >> 1)) >> shift, (dot.y + (1 << shift >> 1)) >> shift
+    n = 1 << table.offset_bits
+    left, top, weights = table.weights_at(x % n, y % n)
+    return [
+        (x // n + left + column, y // n + top + row, weights[row * table.width + column])
+        for row in range(table.height)
+        for column in range(table.width)
+    ]
+
+
+def nearest_pixel(dot: Dot) -> Affected:
+    return [((dot.x + 32) // 64, (dot.y + 32) // 64, 1.0)]
+
+
+def plainly_splatted(runs: list[Run], table: FootprintTable | None, order: Order, width: int, height: int) -> Tensor:
+    """The paper's formulas, pixel by pixel."""
+    image = [[0.0, 0.0, 0.0, 0.0] for _ in range(width * height)]
+    for dot in (dot for run in runs for dot in run.dots):
+        colour = [*(channel / 255 for channel in dot.colour), 1.0]
+        for x, y, weight in footprint_pixels(table, dot) if table else nearest_pixel(dot):
+            if not (weight > 0 and 0 <= x < width and 0 <= y < height):
+                continue
+            pixel = image[y * width + x]
+            opacity = min(1.0, weight * opacity_of_code(dot.opacity))
+            if order == Order.BACK_TO_FRONT:
+                pixel[:] = [(1 - opacity) * c + opacity * i for c, i in zip(pixel, colour, strict=True)]
+            elif pixel[3] < FROZEN_ALPHA:
+                through = 1 - pixel[3]
+                pixel[:] = [c + through * (opacity * i) for c, i in zip(pixel, colour, strict=True)]
+    return torch.tensor(image, dtype=torch.float64).reshape(height, width, 4)
+
+
+def splatted(
+    runs: list[Run], reach: PixelReach, order: Order, width: int, height: int, stripes: list[int] | None = None
+) -> Tensor:
+    """By the kernel; `stripes` are rows at which the image is divided among calls."""
+    image = ImageBuffer(width, height)
+    pinned = spans_of(runs)
+    ends = [0, *(stripes or []), height]
+    for begin, end in zip(ends, ends[1:], strict=False):
+        image._splat_rows(pinned.spans, reach, order, begin, end)
+    return torch.frombuffer(bytearray(image.snapshot()), dtype=torch.float32).reshape(height, width, 4)
+
+
+def random_runs(seed: int, width: int, height: int, count: int = 60, margin: int = 12) -> list[Run]:
+    """Samples in and around an image."""
+    chance = random.Random(seed)
+    runs = []
+    for row in range(count // 4):
+        x0, y0 = chance.randrange(-margin, width + margin) * 64, chance.randrange(-margin, height + margin) * 64
+        dots = tuple(
+            Dot(
+                x0 + chance.randrange(900),
+                y0 + chance.randrange(900),
+                chance.choice((OPAQUE, chance.randrange(1, OPACITY_CODES))),
+                (chance.randrange(256), chance.randrange(256), chance.randrange(256)),
+            )
+            for _ in range(4)
+        )
+        runs.append(Run(0, row, 0, dots))
+    return runs
+
+
+TABLES = {
+    "small": (1.4, 1.4, 0.7, 6),
+    "of 8 x 8 pixels": (4.0, 4.0, 1.0, 5),
+    "above 1, so that opacities are cut": (3.3, 4.7, 9.0, 4),
+    "flat": (9.2, 2.1, 1.0, 3),
+    "larger than the image": (33.0, 21.0, 2.0, 0),
+}
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("table_name", TABLES)
+@pytest.mark.parametrize(("width", "height"), [(37, 23), (1, 9), (16, 2)])
+def test_footprints_combine_as_the_paper_says(
+    path: str, table_name: str, order: Order, width: int, height: int
+) -> None:
+    table = table_of(*TABLES[table_name])
+    runs = random_runs(width, width, height)
+    image = splatted(runs, table, order, width, height)
+    expected = plainly_splatted(runs, table, order, width, height)
+    assert (image - expected).abs().max() <= SPLAT_FLOAT32
+    assert image.any()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_nearest_pixels_combine_as_the_paper_says(path: str, order: Order) -> None:
+    runs = random_runs(3, 19, 11, count=400, margin=3)
+    image = splatted(runs, None, order, 19, 11)
+    assert (image - plainly_splatted(runs, None, order, 19, 11)).abs().max() <= SPLAT_FLOAT32
+    assert image.any()
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("table_name", TABLES)
+def test_every_path_gives_the_same_bits(table_name: str, order: Order) -> None:
+    runs = random_runs(11, 45, 33, count=200)
+    before, images = _kernels.cpu_path(), []
+    for path in PATHS:
+        _kernels.set_cpu_path(path)
+        images.append(splatted(runs, table_of(*TABLES[table_name]), order, 45, 33))
+    _kernels.set_cpu_path(before)
+    assert all(torch.equal(image, images[0]) for image in images)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("stripes", [[11], [1, 30], [7, 8, 21]])
+def test_stripes_give_the_same_bits(path: str, order: Order, stripes: list[int]) -> None:
+    runs = random_runs(5, 40, 33, count=200)
+    for table_name in TABLES:
+        table = table_of(*TABLES[table_name])
+        whole = splatted(runs, table, order, 40, 33)
+        assert torch.equal(splatted(runs, table, order, 40, 33, stripes), whole)
+    assert torch.equal(splatted(runs, None, order, 40, 33, stripes), splatted(runs, None, order, 40, 33))
+
+
+@pytest.mark.parametrize("threads", [2, 3, 4])
+def test_threads_give_the_same_bits(threads: int) -> None:
+    table = table_of(*TABLES["of 8 x 8 pixels"])
+    runs = random_runs(6, 64, 51, count=6000)
+    pinned = spans_of(runs)
+    images = []
+    for count in (1, threads):
+        image = ImageBuffer(64, 51, count)
+        image.splat(pinned.spans, table, Order.BACK_TO_FRONT)
+        images.append(image.snapshot())
+        image.close()
+    assert images[0] == images[1]
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_a_sample_anywhere_beyond_the_image_leaves_it_alone(path: str, order: Order) -> None:
+    ends = (-(2**31), -(2**31) + 5, -64 * 64, 64 * 64, 2**31 - 1 - FARTHEST, 2**31 - 1)
+    runs = [Run(0, n, 0, (Dot(x, y, OPAQUE, WHITE),)) for n, (x, y) in enumerate((x, y) for x in ends for y in ends)]
+    for reach in (table_of(*TABLES["larger than the image"]), None):
+        assert not splatted(runs, reach, order, 33, 21).any()
+
+
+def test_positions_and_keys_that_no_plan_has_do_no_harm_to_cells(path: str) -> None:
+    plan = plan_frame(plain_scene(view=View(zoom=200)), Geometry((50, 60, 70)), Step.A)
+    ends = (-(2**31), 0, 2**31 - 1)
+    keys = (0, 5, 2**20 - 1)
+    runs = [Run(s, r, 0, (Dot(x, y, OPAQUE, WHITE),)) for s in keys for r in keys for x in ends for y in ends][::9]
+    image = splatted(runs, cell_map(plan), Order.BACK_TO_FRONT, 20, 20)
+    assert image.min() >= 0 and image.max() <= 1
+
+
+def test_a_frozen_pixel_changes_no_more(path: str) -> None:
+    table = table_of(*TABLES["of 8 x 8 pixels"])
+    opaque = [Run(0, n, 0, (Dot(640, 640, OPAQUE, (9, 99, 199)),)) for n in range(200)]
+    more = [Run(1, n, 0, (Dot(640, 640, OPAQUE, WHITE),)) for n in range(50)]
+    before = splatted(opaque, table, Order.FRONT_TO_BACK, 20, 20)
+    after = splatted(opaque + more, table, Order.FRONT_TO_BACK, 20, 20)
+    frozen = before[..., 3] >= FROZEN_ALPHA
+    assert frozen.any() and not frozen.all()
+    assert torch.equal(after[frozen], before[frozen])
+    nearly = (before[..., 3] > 0) & ~frozen
+    assert (after[nearly] > before[nearly]).any()
+
+
+@given(st.integers(0, 1 << 30), st.integers(1, 200), st.sampled_from(sorted(TABLES)))
+def test_both_orders_give_one_image(seed: int, count: int, table_name: str) -> None:
+    table = table_of(*TABLES[table_name])
+    forward = random_runs(seed, 24, 18, count + 4)
+    dots = [dot for run in forward for dot in run.dots]
+    backward = [Run(0, n, 0, (dot,)) for n, dot in enumerate(reversed(dots))]
+    back_to_front = splatted(forward, table, Order.BACK_TO_FRONT, 24, 18)
+    front_to_back = splatted(backward, table, Order.FRONT_TO_BACK, 24, 18)
+    assert (back_to_front - front_to_back).abs().max() <= ONE_LEVEL
+
+
+def sheet_of(scene: Scene, geometry: Geometry, plan: FramePlan, opacity: int, chosen: int) -> tuple[int, list[Run]]:
+    """The runs of all samples of one sheet, and the sheet."""
+    samples = mapping.samples_of(scene, geometry, plan)
+    sheets = torch.unique(samples.ordinals[:, 0])
+    sheet = int(sheets[chosen % len(sheets)])
+    here = samples.ordinals[:, 0] == sheet
+    return sheet, runs_of_samples(samples.ordinals[here], samples.lattice[here], opacity, WHITE)
+
+
+@settings(max_examples=40)
+@given(situations(), st.sampled_from((Step.A, Step.B, Step.C)), st.integers(0, 12), st.sampled_from(PATHS))
+def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
+    situation: tuple[Scene, Geometry], step: Step, chosen: int, path: str
+) -> None:
+    scene, geometry = situation
+    plan = plan_frame(scene, geometry, step)
+    assume(plan.reach == Reach.CELL)
+    half = OPACITY_CODES - 256  # overlapping cells would add up
+    sheet, runs = sheet_of(scene, geometry, plan, half, chosen)
+    before = _kernels.cpu_path()
+    _kernels.set_cpu_path(path)
+    image = splatted(runs, cell_map(plan), scene.order, plan.width, plan.height)
+    _kernels.set_cpu_path(before)
+    grid = sheet_coordinates_by_dda(plan, sheet)
+    inside = (visit_at(grid[:, 0], plan, 1) >= 0) & (visit_at(grid[:, 1], plan, 2) >= 0)
+    expected = torch.where(inside, torch.tensor(opacity_of_code(half), dtype=torch.float32), 0.0)
+    assert torch.equal(image[..., 3].flatten(), expected)
+
+
+@pytest.mark.parametrize("order", ORDERS)
+def test_an_opaque_sheet_is_exactly_1_inside(path: str, order: Order) -> None:
+    scene = plain_scene(view=View(rotation=(0.1, 0.2, 0.3, 1.0), zoom=3.3), size=(40, 40), order=order)
+    geometry = Geometry((40, 40, 40))
+    plan = plan_frame(scene, geometry, Step.C)
+    _, runs = sheet_of(scene, geometry, plan, OPAQUE, 20)
+    assert (splatted(runs, cell_map(plan), order, 40, 40) == 1).all()
+
+
+@given(st.floats(0.25, 0.7), st.tuples(*[st.floats(-1, 1)] * 4).filter(lambda q: sum(c * c for c in q) > 0.1))
+def test_nearest_pixels_below_one_pixel_a_voxel_leave_no_hole(
+    zoom: float, rotation: tuple[float, float, float, float]
+) -> None:
+    scene = plain_scene(view=View(rotation=rotation, zoom=zoom), size=(5, 5))
+    geometry = Geometry((60, 60, 60))
+    plan = plan_frame(scene, geometry, Step.C)
+    assume(plan.reach == Reach.PIXEL)
+    sheet = (geometry.dims[plan.traversal.axes[0]]) // 2
+    samples = mapping.samples_of(scene, geometry, plan)
+    lattice = samples.lattice[(samples.ordinals[:, 0] - sheet).abs() <= 0]
+    near = (lattice.abs() < 64 * 20).all(dim=1)
+    runs = [Run(0, n, 0, (Dot(x, y, OPAQUE, WHITE),)) for n, (x, y) in enumerate(lattice[near].tolist())]
+    assert (splatted(runs, None, Order.BACK_TO_FRONT, 5, 5) == 1).all()
