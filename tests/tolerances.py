@@ -87,3 +87,9 @@ SHELLS_VISIBLE = (0.10, 0.15)
 
 SPLAT_FLOAT32 = 1e-5
 """The image buffer is float32: some hundreds of roundings of numbers up to 1."""
+
+TABLE_FLOAT32 = 2e-6
+"""Of weights up to 1: float32, two interpolations of P(rho), and a rim left out within 1e-9 pixel."""
+
+UNITY_MEASUREMENT = 1e-3
+"""Relative: some thousands of float32 sums, and opacities of 1e-7 that weaken each other by 1e-4 at most."""
