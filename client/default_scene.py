@@ -12,7 +12,7 @@ from volsplat.protocol.volume import VolumeDescription
 
 LEAST_SEEN, MOST_SEEN = 0.01, 0.60  # shares of the voxels between which the first picture stays where it can
 AIMED_SEEN = 0.35  # at most, where the histogram shows no gap of its own
-OPAQUE = 0.97  # what a ray through the seen voxels should add up to, on average
+OPAQUE = 0.97  # what the first third of a ray through the seen voxels should add up to, on average
 LEAST_OPACITY, MOST_OPACITY = 0.02, 0.7  # of the strongest sample
 WEAKEST = 0.15  # of that, for the weakest sample that is seen
 
@@ -37,9 +37,9 @@ def default_scene(
     mean_side = description.geometry.box.voxels ** (1 / 3)
     return Scene(
         tables=Tables(
-            emit=dimmed(_tint(seen), 0.4),
-            refl=dimmed(_tint(seen), 0.7),
-            opac=_opacity(seen, _strongest(seen.share(histogram) * mean_side)),
+            emit=dimmed(_tint(seen), 0.45),
+            refl=dimmed(_tint(seen), 0.75),
+            opac=_opacity(seen, _strongest(seen.share(histogram) * mean_side / 3)),
         ),
         shading=Shading(modulation=False, two_sided=seen.below > 0),
         light=KEY_LIGHT,

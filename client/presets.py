@@ -59,12 +59,13 @@ def _ct_skin(histogram: DensityHistogram | None) -> Scene:
     at = ct_scale(histogram).position
     return Scene(
         tables=Tables(
-            emit=colours((at(-600), "#0a0503"), (at(40), "#664536")),
-            refl=colours((0.0, "#80594a")),
-            opac=scalars((at(-600), 0.0), (at(-100), 0.9)),
-            modu=scalars((0.10, 0.0), (0.35, 1.0)),  # inside the head nothing changes as much as at the skin
+            emit=colours((0.35, "#2a1811"), (0.85, "#8a5a46")),
+            refl=colours((0.0, "#74503f")),
+            opac=scalars((at(-550), 0.0), (at(-200), 1.0), (at(80), 1.0), (at(220), 0.0)),
+            modu=scalars((0.03, 0.0), (0.12, 1.0)),  # inside the head nothing changes as much as at the skin
         ),
-        shading=Shading(specular_power=12.0),
+        cross_bar=CrossBar(emit=Field.SCREEN_Z),
+        shading=Shading(specular_power=25.0),
         light=KEY_LIGHT,
     )
 
@@ -75,7 +76,7 @@ def _ct_bone(histogram: DensityHistogram | None) -> Scene:
         tables=Tables(
             emit=colours((at(150), "#241f17"), (at(1500), "#7d7660")),
             refl=colours((at(150), "#1f6a2c"), (at(1500), "#46b257")),
-            opac=scalars((at(150), 0.0), (at(500), 0.5), (at(1000), 0.9)),
+            opac=scalars((at(150), 0.0), (at(450), 0.7), (at(1000), 0.9)),
         ),
         shading=Shading(modulation=False, specular_power=20.0),
         light=KEY_LIGHT,

@@ -8,10 +8,11 @@ import msgspec
 import pytest
 from rich.console import Console
 
-from volsplat.client.coordinator_events import FrameOutcome, SurveyedVolume
+from volsplat.client.coordinator_events import FrameOutcome
 from volsplat.client.frame_report import PAPER_SECONDS, FrameReport, report_of, step_table, write_report
 from volsplat.client.presets import preset_scene
 from volsplat.client.renderer import StepOutcome
+from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Survey
 from volsplat.protocol.messages import MapShadeStats, SplatStats

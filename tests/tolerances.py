@@ -93,3 +93,15 @@ TABLE_FLOAT32 = 2e-6
 
 UNITY_MEASUREMENT = 1e-3
 """Relative: some thousands of float32 sums, and opacities of 1e-7 that weaken each other by 1e-4 at most."""
+
+HANDEDNESS = 1 / 255
+"""The same samples at the same places, up to a step of the position lattice and the rounding of directions."""
+
+SAME_NUMBERS = 1e-4
+"""Between the splat kernel's float32 and the reference's float64 over some hundreds of samples a pixel."""
+
+BETWEEN_CPU_PATHS = 1e-5
+"""What the splat kernel may differ by between instruction sets (design, section 3.5)."""
+
+ONE_BYTE = 1
+"""A histogram's peak lies in one of two neighbouring bytes where the true value falls between them."""
