@@ -5,6 +5,7 @@
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
+#include "bare_loop.h"
 #include "cpu_path.h"
 #include "powers.h"
 #include "python_frame_walk.h"
@@ -34,6 +35,7 @@ NB_MODULE(_kernels, m) {
   m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "window_low"_a, "density_scale"_a,
         "strength_scale"_a, "octahedral"_a);
 
+  m.def("bare_loop", [](const PacketArray& packets) { return bare_loop(packets.data(), packets.size()); }, "packets"_a);
   m.def("power", &power, "base"_a, "exponent"_a);
   m.def("direction_vectors", &python_direction_vectors, "octahedral"_a);
   m.def("gradient_bytes", &python_gradient_bytes, "octahedral"_a, "axes"_a);
