@@ -8,6 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
+from rich import box
 from rich.table import Table
 
 from volsplat.client.renderer import StepOutcome
@@ -15,7 +16,6 @@ from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.messages import MapShadeStats, SplatStats
 from volsplat.protocol.peak_memory import peak_memory
-from volsplat.protocol.refinement import STEP_RULES
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Index
 
@@ -26,6 +26,16 @@ PAPER_SECONDS = {
     "4 Sun-3": (3, 21, 141, 172, 205, 223),
     "1 Sun-4": (8, 28, 181, 481, 484, 522),
     "4 Sun-4": (3, 11, 89, 108, 112, 116),
+}
+
+
+STEP_WORDS = {
+    Step.A: "1/4",
+    Step.B: "1/2",
+    Step.C: "full",
+    Step.D: "kernel",
+    Step.E: "diffuse",
+    Step.F: "specular",
 }
 
 
@@ -101,43 +111,37 @@ def write_report(path: Path, report: FrameReport) -> None:
 
 
 def step_table(report: FrameReport) -> Table:
-    """The steps' figures, and under them the paper's seconds for its CT of a head."""
+    """The steps' figures (map/shade of the slowest server, memory of the largest process) over the paper's."""
     steps = {step.step: step for step in report.steps}
     i, j, k = report.volume.dims
     title = f"{report.volume.name}, {i} x {j} x {k} voxels, on {report.machine.cores} x {report.machine.cpu}"
-    table = Table(title=title, caption="The paper's volume has 96 x 128 x 113 voxels.", caption_justify="left")
-    table.add_column("")
+    table = Table(title=title, box=box.SIMPLE_HEAD, caption_justify="left")
+    table.caption = "The paper's seconds are for a CT of 96 x 128 x 113 voxels."
+    table.add_column("", no_wrap=True)
     for letter in Step:
-        table.add_column(f"{letter.value} {_short(letter)}", justify="right")
+        table.add_column(f"{letter.value}\n{STEP_WORDS[letter]}", justify="right", no_wrap=True)
     rows: dict[str, Callable[[StepReport], str]] = {
         "seconds": lambda s: f"{s.wall_seconds:.3f}",
-        "  map/shade, slowest": lambda s: f"{s.map_shade_seconds_slowest:.3f}",
+        "  map/shade": lambda s: f"{s.map_shade_seconds_slowest:.3f}",
         "  merge": lambda s: f"{s.merge_seconds:.3f}",
         "  splat": lambda s: f"{s.splat_seconds:.3f}",
-        "  splat server waiting": lambda s: f"{s.splat_waiting_seconds:.3f}",
-        "voxels visited": lambda s: f"{s.voxels_visited:,}",
-        "packets sent": lambda s: f"{s.packets_sent:,}",
-        "MB sent": lambda s: f"{s.bytes_sent / 1e6:,.1f}",
-        "largest process, MB": lambda s: f"{max(s.peak_memory_bytes.values(), default=0) / 1e6:,.0f}",
+        "  splat waits": lambda s: f"{s.splat_waiting_seconds:.3f}",
+        "voxels visited": lambda s: f"{s.voxels_visited / 1e6:.3f} M",
+        "packets sent": lambda s: f"{s.packets_sent / 1e6:.3f} M",
+        "bytes sent": lambda s: f"{s.bytes_sent / 1e6:.2f} MB",
+        "peak memory": lambda s: f"{max(s.peak_memory_bytes.values(), default=0) / 1e6:.0f} MB",
     }
     for name, figure in rows.items():
         style = "bold" if name == "seconds" else ""
         table.add_row(name, *(figure(steps[letter]) if letter in steps else "" for letter in Step), style=style)
     table.add_section()
     for machine, seconds in PAPER_SECONDS.items():
-        table.add_row(f"{machine}, 1989, seconds", *(str(value) for value in seconds))
+        table.add_row(f"1989: {machine}", *(str(value) for value in seconds))
     return table
 
 
 def this_machine() -> Machine:
     return Machine(system=platform.platform(terse=True), cpu=_cpu_name(), cores=os.cpu_count() or 1)
-
-
-def _short(step: Step) -> str:
-    if step in (Step.E, Step.F):
-        return "diffuse" if step is Step.E else "specular"
-    rule = STEP_RULES[step]
-    return "footprint" if rule.footprint else {4: "1/4", 2: "1/2", 1: "full"}[rule.stride]
 
 
 def _step_report(outcome: StepOutcome) -> StepReport:

@@ -3,6 +3,7 @@
 import difflib
 import json
 import re
+import textwrap
 import tomllib
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from volsplat.client.scene_keys import KEYS, SECTIONS
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Part, Scene
 
+_COMMENT_WIDTH = 110
 _COLOUR_TABLES = ("emit", "refl")
 _SYNTAX_PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
 _VALUE_PLACE = re.compile(r"^(.*) - at `\$\.?(.*)`$", re.DOTALL)
@@ -75,7 +77,7 @@ def _printable(text: str) -> str:
 
 
 def _comment(text: str) -> list[str]:
-    return [f"# {line}" for line in text.splitlines()]
+    return [f"# {line}" for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, _COMMENT_WIDTH)]
 
 
 def _value_at(scene: Scene, key: str) -> Any:
