@@ -59,8 +59,8 @@ def _ct_skin(histogram: DensityHistogram | None) -> Scene:
     at = ct_scale(histogram).position
     return Scene(
         tables=Tables(
-            emit=colours((0.35, "#2a1811"), (0.85, "#8a5a46")),
-            refl=colours((0.0, "#74503f")),
+            emit=colours((0.40, "#2a1811"), (0.78, "#966450")),
+            refl=colours((0.0, "#6e4a3a")),
             opac=scalars((at(-550), 0.0), (at(-200), 1.0), (at(80), 1.0), (at(220), 0.0)),
             modu=scalars((0.03, 0.0), (0.12, 1.0)),  # inside the head nothing changes as much as at the skin
         ),
