@@ -7,31 +7,19 @@ JPEG and TIFF have room for a single text, which holds all of them as a JSON obj
 import base64
 import json
 import os
-import secrets
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
 
 import msgspec
 import OpenImageIO as oiio
 import torch
 from torch import Tensor
 
+from volsplat.client.image_formats import DEPTHS, Depth, check_writable, temporary_name
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Colour, Scene
 
-Depth = Literal["uint8", "uint16", "float"]
-
-# What each format can hold; the first is its default.
-DEPTHS: dict[str, tuple[Depth, ...]] = {
-    ".png": ("uint8", "uint16"),
-    ".jpg": ("uint8",),
-    ".jpeg": ("uint8",),
-    ".tif": ("uint8", "uint16", "float"),
-    ".tiff": ("uint8", "uint16", "float"),
-    ".exr": ("float",),
-}
 JPEG_QUALITY = 95
 
 _PREFIX = "volsplat:"
@@ -39,24 +27,6 @@ _SCENE = _PREFIX + "scene"
 _ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
 _PACKED = "zlib,base64:"
 _LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
-
-
-def check_writable(path: Path) -> None:
-    """Raise BadInput, in one line, where no image could be written to `path`. Nothing is left behind."""
-    if path.suffix.lower() not in DEPTHS:
-        raise BadInput(f"{path}: cannot write this kind of image; end the name in one of {', '.join(DEPTHS)}")
-    if path.is_dir():
-        raise BadInput(f"{path}: is a folder; give the name of a file")
-    if path.exists() and not os.access(path, os.W_OK):
-        raise BadInput(f"{path}: the file there is write-protected; give another name")
-    if not path.parent.is_dir():
-        raise BadInput(f"{path}: there is no folder {path.parent}; make it first")
-    trial = _temporary(path)
-    try:
-        trial.touch()
-        trial.unlink()
-    except OSError as error:
-        raise BadInput(f"{path}: cannot write into the folder {path.parent}: {error.strerror}") from error
 
 
 def write_image(
@@ -191,7 +161,7 @@ def _opened(path: Path) -> "oiio.ImageInput":
 def _write_whole(path: Path, spec: "oiio.ImageSpec", pixels: Tensor) -> None:
     """Write beside the target, then rename: whoever looks finds the old file or the new one."""
     target = Path(os.path.realpath(path))
-    temporary = _temporary(target)
+    temporary = temporary_name(target)
     try:
         output = oiio.ImageOutput.create(str(temporary))
         if output is None:
@@ -204,10 +174,6 @@ def _write_whole(path: Path, spec: "oiio.ImageSpec", pixels: Tensor) -> None:
         raise BadInput(f"{path}: cannot write the image: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
-
-
-def _temporary(path: Path) -> Path:
-    return path.with_name(f".volsplat-{secrets.token_hex(8)}{path.suffix.lower()}")
 
 
 def _one_line(text: str) -> str:

@@ -10,7 +10,7 @@ from typing import TypeVar
 
 import msgspec
 
-from volsplat.client.image_file import DEPTHS, read_scene
+from volsplat.client.image_formats import DEPTHS
 from volsplat.client.presets import preset_scene
 from volsplat.client.scene_file import read_scene_file
 from volsplat.client.surveyed_volume import SurveyedVolume
@@ -43,8 +43,7 @@ class SceneOptions:
         """
         base = self._base(volume)
         if self.scene is not None:
-            stored = self.scene.suffix.lower() in DEPTHS
-            base = read_scene(self.scene) if stored else read_scene_file(self.scene, base)
+            base = _stored_scene(self.scene) if _is_image(self.scene) else read_scene_file(self.scene, base)
         return self._changed(base)
 
     def _base(self, volume: SurveyedVolume | None) -> Scene:
@@ -76,6 +75,16 @@ class SceneOptions:
             bounds=self.bounds or scene.bounds,
             order=self.order or scene.order,
         )
+
+
+def _is_image(path: Path) -> bool:
+    return path.suffix.lower() in DEPTHS
+
+
+def _stored_scene(image: Path) -> Scene:
+    from volsplat.client.image_file import read_scene  # takes a second to import, which only this case needs
+
+    return read_scene(image)
 
 
 def size_from_option(text: str) -> tuple[int, int]:

@@ -32,7 +32,7 @@ def log_to_stderr(title: str, verbose: bool) -> None:
 def run_server(command: click.Command, title: str) -> NoReturn:
     """Run a server's command line; an error is one line on stderr, exit status 2 where a person must put it right."""
     try:
-        command.main(standalone_mode=False)
+        command.main(prog_name=command.name, standalone_mode=False)
     except click.ClickException as error:
         _end(title, error.format_message(), EXIT_BAD_INPUT)
     except BadInput as error:

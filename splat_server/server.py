@@ -191,8 +191,10 @@ class SplatServer:
                     break
                 assert isinstance(received.message, messages.Batch)
                 self._take(received.message, received.payload)
+        except RemoteProtocolError as error:
+            log.warning("%s; the connection is closed", error)
         except VolsplatError as error:
-            log.warning("%s", error)
+            log.info("%s", error)  # the client is told with the frame
         link.close()
         with self._changed:
             self._merge.handle(WorkerLost(worker))

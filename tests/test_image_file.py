@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from scenes import scenes
 
 from tolerances import HALF_A_LEVEL, JPEG_LEVELS
-from volsplat.client.image_file import DEPTHS, check_writable, over_background, read_image, read_properties, read_scene
+from volsplat.client.image_file import over_background, read_image, read_properties, read_scene
 from volsplat.client.image_file import write_image as write
+from volsplat.client.image_formats import DEPTHS, check_writable
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import ColourTable, Image, ScalarTable, Scene, Tables
 

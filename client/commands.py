@@ -1,0 +1,73 @@
+"""The sub-commands of `volsplat`, each imported only when it is called."""
+
+import logging
+import os
+from importlib import import_module
+from importlib.metadata import version
+from typing import NamedTuple
+
+import click
+
+from volsplat.deploy.server_command import Program, server_command
+
+
+class Entry(NamedTuple):
+    summary: str
+    module: str = ""  # with a command of the entry's name
+    server: Program | None = None
+
+
+ENTRIES = {
+    "render": Entry("Draw a volume into an image.", "volsplat.client.render_command"),
+    "demo": Entry("Draw the head phantom, step by step, into a folder.", "volsplat.client.demo_command"),
+    "info": Entry("Tell what a volume is, with its histogram.", "volsplat.client.info_command"),
+    "scene": Entry("Print a complete scene file to start from.", "volsplat.client.scene_command"),
+    "phantom": Entry("Write a volume that volsplat makes itself.", "volsplat.client.phantom_command"),
+    "mapshade-server": Entry("Run a map/shade server that joins a client.", server=Program.MAPSHADE_SERVER),
+    "splat-server": Entry("Run a splat server that joins a client.", server=Program.SPLAT_SERVER),
+}
+
+
+class Commands(click.Group):
+    """Finds sub-commands in ENTRIES, and lists them without importing any."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return list(ENTRIES)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        entry = ENTRIES.get(name)
+        if entry is None:
+            return None
+        if entry.server is not None:
+            return _becoming(name, entry.server)
+        command: click.Command = getattr(import_module(entry.module), name)
+        return command
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, entry.summary) for name, entry in ENTRIES.items()])
+
+
+def _becoming(name: str, program: Program) -> click.Command:
+    """A sub-command that becomes the server itself, so that it alone decides its options."""
+
+    def become(arguments: tuple[str, ...]) -> None:
+        command = server_command(program, *arguments)
+        os.execv(command[0], command)
+
+    return click.Command(
+        name,
+        callback=become,
+        params=[click.Argument(["arguments"], nargs=-1, type=click.UNPROCESSED)],
+        context_settings={"ignore_unknown_options": True},
+        add_help_option=False,
+    )
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(version("volsplat"), prog_name="volsplat")
+@click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for everything.")
+def volsplat(verbose: int) -> None:
+    """Distributed, interactive volume rendering by splatting."""
+    level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    logging.basicConfig(level=level, format="volsplat: %(message)s")
