@@ -91,8 +91,9 @@ SPLAT_FLOAT32 = 1e-5
 TABLE_FLOAT32 = 2e-6
 """Of weights up to 1: float32, two interpolations of P(rho), and a rim left out within 1e-9 pixel."""
 
-UNITY_MEASUREMENT = 1e-3
-"""Relative: some thousands of float32 sums, and opacities of 1e-7 that weaken each other by 1e-4 at most."""
+UNITY_ROUNDED_POSITIONS = 0.014
+"""Relative: positions are rounded to 1/64 pixel, and in axis-aligned views all rows round alike; see
+protocol/footprint_shape.py. It holds 1e-4 of float32 sums and of thin opacities that weaken each other, too."""
 
 HANDEDNESS = 1 / 255
 """The same samples at the same places, up to a step of the position lattice and the rounding of directions."""
