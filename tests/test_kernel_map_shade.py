@@ -1,5 +1,6 @@
 """The shading kernel against the reference: powers, light, opacity codes, and whole frames of shaded packets."""
 
+import ast
 import math
 import os
 import subprocess
@@ -29,6 +30,7 @@ from volsplat.protocol.packet_layout import OPACITY_UNIT, code_of_opacity
 from volsplat.protocol.scene import ScalarTable, Scene, Step
 from volsplat.protocol.volume import Geometry
 
+STUB = Path(__file__).parents[1] / "mapshade_server" / "_kernels.pyi"
 HALF = 0.5
 CPU_FLAGS = {"avx2": {"avx2", "bmi2"}, "avx512": {"avx512f", "avx512bw", "avx512vl", "avx512dq"}}
 
@@ -171,3 +173,9 @@ def test_every_path_that_this_cpu_can_run_is_built() -> None:
     flags = set(info.read_text().split())
     able = {path for path, needed in CPU_FLAGS.items() if needed <= flags}
     assert set(_kernels.cpu_paths()) == {"baseline"} | able
+
+
+def test_the_stub_names_what_the_module_offers() -> None:
+    stub = ast.parse(STUB.read_text())
+    named = {node.name for node in stub.body if isinstance(node, ast.FunctionDef | ast.ClassDef)} - {"Array"}
+    assert named == {name for name in dir(_kernels) if not name.startswith("_")}

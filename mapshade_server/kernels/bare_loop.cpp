@@ -1,3 +1,4 @@
+// Written so that the compiler makes vectors of it.
 #include "bare_loop.h"
 
 namespace volsplat {

@@ -1,3 +1,4 @@
+// Finds what the CPU can run, and remembers which path was chosen.
 #include "cpu_path.h"
 
 #include <atomic>

@@ -1,3 +1,4 @@
+// The loops over sheets, rows and samples, and the cutting of rows into runs and batches.
 #include "frame_walk.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Finds rows in place where they are contiguous, and turns strips of columns into rows where they are not.
 #include "packet_rows.h"
 
 #include <algorithm>
@@ -71,7 +72,8 @@ void PacketRows::fill(Strip& strip, const std::uint32_t* source, std::int64_t la
     return;
   }
   for (std::int64_t at = 0; at < n; ++at) {
-    for (std::int64_t lane = 0; lane < lanes; ++lane) strip.lanes[lane * pitch_ + at] = source[at * sample_stride_ + lane];
+    const std::uint32_t* line = source + at * sample_stride_;
+    for (std::int64_t lane = 0; lane < lanes; ++lane) strip.lanes[lane * pitch_ + at] = line[lane];
   }
 }
 

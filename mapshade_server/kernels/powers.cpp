@@ -1,3 +1,4 @@
+// Series for logarithm and exponential, long enough for float64.
 #include "powers.h"
 
 #include <bit>

@@ -1,3 +1,4 @@
+// Scalar types and memory that arrays share with Python.
 #include "python_arrays.h"
 
 #include <cstdlib>

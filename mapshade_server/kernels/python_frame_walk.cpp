@@ -1,3 +1,4 @@
+// Checks and converts what Python gives, so that the walk itself need not.
 #include "python_frame_walk.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Checks boxes, releases the GIL, and wraps results.
 #include "python_preprocessing.h"
 
 #include "voxel_packets.h"
@@ -51,7 +52,9 @@ nb::object python_pack(const SourceArray& source, const Index3& low, const Index
     pack(volume, interior, matrix, {window_low, density_scale, strength_scale, octahedral}, memory.packets);
   }
   const auto extent = [&](int axis) { return static_cast<std::size_t>(size[axis]); };
-  return nb::cast(nb::ndarray<nb::array_api, std::uint32_t>(memory.packets, {extent(2), extent(1), extent(0)}, memory.owner));
+  const nb::ndarray<nb::array_api, std::uint32_t> packets(memory.packets, {extent(2), extent(1), extent(0)},
+                                                          memory.owner);
+  return nb::cast(packets);
 }
 
 nb::object python_direction_vectors(bool octahedral) {

@@ -1,3 +1,4 @@
+// Two passes over a row: keep what can be seen, then look up what colours it.
 #include "row_shading.h"
 
 #include <algorithm>

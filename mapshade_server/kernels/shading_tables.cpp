@@ -1,3 +1,4 @@
+// Fills the tables; see the header for what each of them holds.
 #include "shading_tables.h"
 
 #include <algorithm>

@@ -1,3 +1,4 @@
+// Reads rows of any scalar type as float64.
 #include "source_volume.h"
 
 #include <cmath>

@@ -1,3 +1,4 @@
+// Slides a window of three planes through a source, and hands its rows to the kernels.
 #include "voxel_packets.h"
 
 #include <limits>
