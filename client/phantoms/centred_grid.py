@@ -7,7 +7,7 @@ import torch
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
-SLAB_VOXELS = 1 << 20  # worked on at a time, so that a phantom's making takes little more memory than itself
+SLAB_VOXELS = 1 << 17  # worked on at a time, so that a phantom's making takes little more memory than itself
 
 
 def centred_geometry(size: Index, spacing: Vector) -> Geometry:

@@ -40,4 +40,11 @@ def make_phantom(
         raise BadInput(f"phantom {name}: a size of {size} cannot be; give 1 or more voxels on each axis, 2^33 at most")
     if spacing is not None and not all(math.isfinite(step) and step > 0 for step in spacing):
         raise BadInput(f"phantom {name}: a spacing of {spacing} cannot be; give three lengths above 0")
-    return PHANTOMS[name](size, spacing, seed)
+    # One thread: slabs are too small to share, on busy cores torch's threads wait for each other many times as long,
+    # and how they divide a tensor would show in its last bits.
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        return PHANTOMS[name](size, spacing, seed)
+    finally:
+        torch.set_num_threads(threads)

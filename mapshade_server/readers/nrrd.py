@@ -95,16 +95,19 @@ class _Header:
         return values
 
     def vectors(self, name: str) -> list[Vector | None]:
-        """Vectors of three components, or None where the field says none."""
+        """Vectors of three components, or None for an axis that leads nowhere in space: none, or along time only."""
         found: list[Vector | None] = []
         for match in re.finditer(r"none|\(([^()]*)\)", self.fields[name]):
             try:
                 values = [float(word) for word in (match[1] or "").split(",") if word.strip()]
             except ValueError:
                 raise self.wrong(name, "is not a list of vectors") from None
-            if match[0] != "none" and len(values) != 3:
+            if match[0] == "none" or len(values) > 3 and not any(values[:3]) and any(values[3:]):
+                found.append(None)
+            elif len(values) < 3 or any(values[3:]):
                 raise self.wrong(name, "should have three components in each vector")
-            found.append(None if match[0] == "none" else (values[0], values[1], values[2]))
+            else:
+                found.append((values[0], values[1], values[2]))
         return found
 
 
@@ -211,7 +214,7 @@ def _volume_axes(header: _Header) -> tuple[tuple[int, ...], list[int]]:
 
 def _geometry(header: _Header, dims: tuple[int, int, int], axes: list[int]) -> tuple[Geometry, bool]:
     """The place in space, with physical axes turned to LPS where the file names an anatomical space."""
-    space = header.fields.get("space", "").lower()
+    space = header.fields.get("space", "").lower().removesuffix("-time")
     anatomical = space in ANATOMICAL_SPACES
     signs = ANATOMICAL_SPACES.get(space, (1.0, 1.0, 1.0))
     count = len(header.integers("sizes"))
