@@ -102,13 +102,17 @@ class Connection:
         return str(self._peer) if self._peer is not None else self._place
 
     def open(self, peer: Peer, own_role: Role, own_id: int, allocate: Allocate = new_buffer) -> None:
-        """The handshake is over: `peer` is who it says it is. Lifts the deadline and the handshake's limits."""
+        """The handshake is over: `peer` is who it says it is. Lifts the deadline and the handshake's limits.
+
+        Raises ConnectionClosed where this side has closed it meanwhile.
+        """
         incoming = Speech(Way(peer.role, own_role), server=peer.id if peer.role == Role.DATA_LINK else 0)
-        self._decoder = Decoder(incoming, allocate)
-        self._outgoing = Speech(Way(own_role, peer.role))
-        self._peer, self.id = peer, own_id
-        self._deadline = None
-        self._socket.settimeout(None)
+        with self._inside():
+            self._decoder = Decoder(incoming, allocate)
+            self._outgoing = Speech(Way(own_role, peer.role))
+            self._peer, self.id = peer, own_id
+            self._deadline = None
+            self._socket.settimeout(None)
 
     def limit(self, seconds: float) -> None:
         """From now until open(), sends and receives fail with PeerLost once this much time has passed."""

@@ -14,7 +14,7 @@ from message_samples import SAMPLES, framed, sample_bytes
 
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import LOOPBACK, Address, parse_address
-from volsplat.protocol.connection import Connection, ConnectionClosed
+from volsplat.protocol.connection import Connection, ConnectionClosed, Peer
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError
 from volsplat.protocol.framing import Allocate, new_buffer
@@ -233,6 +233,16 @@ def test_close_wakes_a_blocked_send() -> None:
             assert isinstance(result.get(timeout=PATIENT), ConnectionClosed)
         with pytest.raises(ConnectionClosed, match="splat server"):
             near.send(batch(1), payload_of(1))
+
+
+def test_a_connection_that_was_closed_during_its_handshake_does_not_open() -> None:
+    near, far = socket.socketpair()
+    with near, far:
+        connection = Connection(near, "the peer")
+        connection.close()
+        with pytest.raises(ConnectionClosed, match="the peer"):
+            connection.open(Peer(Role.CLIENT, LOOPBACK, 1), Role.SPLAT_SERVER, 1)
+        assert not connection.opened
 
 
 def test_a_peer_that_closes_is_lost_by_name() -> None:
