@@ -20,9 +20,10 @@ LARGEST_VALUE = 4095
 
 SKIN_DEPTH = 3.0  # mm
 FAT_DEPTH = 6.0
+FLESH_OVER_BONE = 6.0  # at least, or the bone would shine through the skin
 CORTEX_DEPTH = 4.0
 BONE_WALL = 2.2  # of the compact layers round spongy bone
-EDGE_VOXELS = 1.6  # width of a smooth edge
+EDGE_VOXELS = 2.2  # width of a smooth edge: sharper ones show rings where the surface meets the grid
 
 
 def make_head(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> tuple[torch.Tensor, Geometry]:
@@ -66,7 +67,7 @@ def _ct_values(x: Tensor, y: Tensor, z: Tensor, edge: float) -> Tensor:
     _lay_brain(values, x, y, z, inside, edge)
 
     air = torch.maximum(union(anatomy.AIR_SPACES, x, y, z), -inside)
-    _lay(values, torch.maximum(air, skin + SKIN_DEPTH), AIR, edge)
+    _lay(values, torch.maximum(air, skin + FLESH_OVER_BONE + BONE_WALL), AIR, edge)
     _lay(values, union(anatomy.EAR_CANALS, x, y, z), AIR, edge)
     _lay(values, union(anatomy.TEETH, x, y, z), TOOTH, edge)
     _lay(values, union(anatomy.EAR_BEAD, x, y, z), METAL, edge)
@@ -102,7 +103,7 @@ def _bone(x: Tensor, y: Tensor, z: Tensor, inside: Tensor, orbits: Tensor, skin:
     bone = without(bone, union(anatomy.PEAR_OPENING, x, y, z), 2.0)
     spine = without(union(anatomy.VERTEBRAE, x, y, z), union(anatomy.SPINAL_CORD, x, y, z))
     bone = torch.minimum(torch.minimum(bone, spine), union(anatomy.MANDIBLE, x, y, z, 4.0))
-    return torch.maximum(bone, skin + SKIN_DEPTH)
+    return torch.maximum(bone, skin + FLESH_OVER_BONE)
 
 
 def _lay_brain(values: Tensor, x: Tensor, y: Tensor, z: Tensor, inside: Tensor, edge: float) -> None:

@@ -119,8 +119,8 @@ SPINAL_CORD: tuple[Solid, ...] = (
 )
 
 AIR_SPACES: tuple[Solid, ...] = (
-    Ellipsoid((14, -72, 25), (14, 4.2, 10)),  # frontal sinuses: the left is larger
-    Ellipsoid((-10, -72, 21), (8, 4, 6)),
+    Ellipsoid((14, -70.5, 25), (14, 3.8, 10)),  # frontal sinuses: the left is larger
+    Ellipsoid((-10, -70.5, 21), (8, 3.6, 6)),
     *both_sides(
         Ellipsoid((28, -50, -26), (13, 15, 13)),  # maxillary sinuses
         Ellipsoid((8, -50, 1), (5, 16, 8)),  # ethmoid cells

@@ -38,20 +38,24 @@ def open_volume(path: str) -> VolumeReader:
     Raises BadInput where there is nothing, where the format is unknown, and where the header is not that of a
     volume or promises more than the file holds.
     """
-    place = Path(path)
-    if place.is_dir():
-        return dicom_series.open_folder(place)
     try:
-        head = _head(place)
+        return _opened(Path(path))
     except FileNotFoundError:
         raise BadInput(f"{path}: there is no such file; check the path") from None
     except OSError as error:
-        raise BadInput(f"{path}: cannot be read ({os.strerror(error.errno or 0)})") from None
+        reason = os.strerror(error.errno or 0)
+        raise BadInput(f"{path}: cannot be read ({reason}); check its permissions and its disk") from None
+
+
+def _opened(path: Path) -> VolumeReader:
+    if path.is_dir():
+        return dicom_series.open_folder(path)
+    head = _head(path)
     if not head:
         raise BadInput(f"{path}: the file is empty; fetch or export the volume again")
     for volume_format in FORMATS:
         if volume_format.recognises(head):
-            return volume_format.open(place)
+            return volume_format.open(path)
     known = ", ".join(volume_format.name for volume_format in FORMATS)
     raise BadInput(f"{path}: its format is not known; volumes are read from {known}")
 

@@ -80,7 +80,13 @@ class StoredVoxels:
     def read(self, box: Box) -> Voxels:
         """The voxels of `box`, in native byte order. Raises BadInput where the files end too early."""
         ni, nj, nk = box.size
-        voxels = np.empty((nk, nj, ni), self.dtype)
+        try:
+            voxels = np.empty((nk, nj, ni), self.dtype)
+        except MemoryError:
+            need = box.voxels * self.dtype.itemsize / 2**30
+            raise BadInput(
+                f"{self.source}: {need:.1f} GiB of voxels do not fit into memory; use more workers"
+            ) from None
         first = 0  # of the piece's sheets, in the whole volume
         for piece in self.pieces:
             low, high = max(box.low[2], first), min(box.high[2], first + piece.sheets)
