@@ -1,7 +1,7 @@
 """NRRD with attached and detached headers (teem.sourceforge.net/nrrd/format.html).
 
-The header is read here and the voxels as they are stored, since SimpleITK reads NRRD files whole even where they
-are raw, knows no bzip2 and cannot say which bytes are missing. Only voxels written as text go through SimpleITK.
+The header is read here and the voxels as they are stored, since SimpleITK (2.5) reads NRRD files whole even where
+they are raw and knows no bzip2. Only voxels written as text go through SimpleITK.
 """
 
 import re

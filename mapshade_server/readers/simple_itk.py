@@ -110,7 +110,7 @@ def checked_geometry(path: Path, dims: tuple[int, ...], matrix: Matrix, origin: 
 
 
 def extracted(path: Path, reader: Any, box: Box) -> Voxels:
-    """The voxels of `box` by SimpleITK's streamed extract; formats that do not stream are read whole."""
+    """The voxels of `box` by SimpleITK's extract, which reads more than them."""
     more_axes = len(reader.GetSize()) - 3
     reader.SetExtractIndex([*box.low, *[0] * more_axes])
     reader.SetExtractSize([*box.size, *[0] * more_axes])
