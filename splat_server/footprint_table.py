@@ -1,5 +1,6 @@
 """Builds the footprint table of a view, as fine as the cache allows (paper: "Combining"; design, section 3.6)."""
 
+import math
 from functools import lru_cache
 
 from volsplat.protocol.errors import BadInput
@@ -8,9 +9,11 @@ from volsplat.protocol.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.scene import Kernel
 from volsplat.splat_server._kernels import Ellipse, FootprintTable, KernelProjection
 
-CACHE_BUDGET = 1 << 20  # bytes: half of a common L2 cache, since the image's rows want the other half
-COARSEST_OFFSET_BITS = 3  # 8 offsets a pixel, unless the table would leave LARGEST_TABLE
-LARGEST_TABLE = 1 << 25
+CACHE_BUDGET = 3 << 19  # bytes: what is left of a 2 MiB second-level cache beside some rows of the image
+FINEST_RATIO = 64  # offsets a voxel that a table keeps even beyond the cache: what packets have at a pixel a voxel
+COARSEST_OFFSET_BITS = 3  # 8 offsets a pixel, likewise
+LARGEST_TABLE = 1 << 25  # bytes: beyond, offsets give way
+ROUNDING = 1e-6  # of a logarithm
 LARGEST_SINGLE = 1 << 28  # of one offset: beyond, a footprint is larger than any image
 
 
@@ -21,10 +24,18 @@ def kernel_projection(kernel: Kernel, radius: float) -> KernelProjection:
     return KernelProjection(kernel.value, parameter, radius)
 
 
-def offset_bits_for(ellipse: Ellipse) -> int:
-    """The binary logarithm of the offsets a pixel: 6 is the packets' own lattice."""
+def offset_bits_for(shape: FootprintShape) -> int:
+    """The binary logarithm of the offsets a pixel: 6 is the packets' own lattice.
+
+    As fine as the cache allows, but across its narrow side a footprint never gets less than FINEST_RATIO offsets a
+    voxel: where all rows of an axis-aligned view round alike, coarser ones show.
+    """
+    ellipse = _ellipse(shape)
+    mean, spread = (shape.qxx + shape.qyy) / 2, math.hypot((shape.qxx - shape.qyy) / 2, shape.qxy)
+    narrow = 1 / math.sqrt(mean + spread)  # pixels a voxel
+    enough = max(COARSEST_OFFSET_BITS, math.ceil(math.log2(FINEST_RATIO / narrow) - ROUNDING))
     bits = SUBPIXEL_BITS
-    while bits > COARSEST_OFFSET_BITS and FootprintTable.bytes_needed(ellipse, bits) > CACHE_BUDGET:
+    while bits > enough and FootprintTable.bytes_needed(ellipse, bits) > CACHE_BUDGET:
         bits -= 1
     while bits > 0 and FootprintTable.bytes_needed(ellipse, bits) > LARGEST_TABLE:
         bits -= 1
@@ -34,9 +45,13 @@ def offset_bits_for(ellipse: Ellipse) -> int:
 @lru_cache(maxsize=2)
 def footprint_table(shape: FootprintShape) -> FootprintTable:
     """The table of a view. Raises BadInput where one footprint is larger than any image."""
-    ellipse = Ellipse(shape.amplitude, shape.qxx, shape.qxy, shape.qyy, shape.half_width, shape.half_height)
+    ellipse = _ellipse(shape)
     if FootprintTable.bytes_needed(ellipse, 0) > LARGEST_SINGLE:
         raise BadInput(
             f"a voxel's footprint is {2 * shape.half_width:.0f} x {2 * shape.half_height:.0f} pixels; lower the zoom"
         )
-    return FootprintTable(kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(ellipse))
+    return FootprintTable(kernel_projection(shape.kernel, shape.radius), ellipse, offset_bits_for(shape))
+
+
+def _ellipse(shape: FootprintShape) -> Ellipse:
+    return Ellipse(shape.amplitude, shape.qxx, shape.qxy, shape.qyy, shape.half_width, shape.half_height)

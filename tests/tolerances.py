@@ -88,10 +88,13 @@ SHELLS_VISIBLE = (0.10, 0.15)
 SPLAT_FLOAT32 = 1e-5
 """The image buffer is float32: some hundreds of roundings of numbers up to 1."""
 
-TABLE_FLOAT32 = 2e-6
-"""Of weights up to 1: float32, two interpolations of P(rho), and a rim left out within 1e-9 pixel."""
+PROJECTION = 2e-5
+"""Of P(rho) up to 1: interpolations over 1024 and 8192 intervals, and float32."""
 
-UNITY_ROUNDED_POSITIONS = 0.014
+CONE_TIP = 5e-4
+"""As PROJECTION for the cone, whose P goes as rho^2 log rho at its middle, where interpolation is at its worst."""
+
+UNITY_ROUNDED_POSITIONS = 0.02
 """Relative: positions are rounded to 1/64 pixel, and in axis-aligned views all rows round alike; see
 protocol/footprint_shape.py. It holds 1e-4 of float32 sums and of thin opacities that weaken each other, too."""
 

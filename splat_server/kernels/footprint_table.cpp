@@ -13,14 +13,15 @@ int pixels_across(double half_extent) {
     return std::max(1, static_cast<int>(std::ceil(2 * (half_extent - kRimSlack))));
 }
 
-// Zeros on both sides of a row, so that the splat loop may read whole aligned vectors around it.
-int padded_row(int width) { return (kRowPadding + width + kRowPadding + 3) / 4 * 4; }
+// Zeros on both sides of a row, so that the splat loop may read whole aligned vectors around it. Those after a row
+// are those before the next.
+int padded_row(int width) { return width + kRowPadding; }
 
 }  // namespace
 
 double FootprintTable::bytes_needed(const Ellipse& ellipse, int offset_bits) {
     const double rows = std::ldexp(1.0, 2 * offset_bits) * pixels_across(ellipse.half_height);
-    return rows * (padded_row(pixels_across(ellipse.half_width)) * sizeof(float) + sizeof(RowSpan));
+    return rows * padded_row(pixels_across(ellipse.half_width)) * sizeof(float);
 }
 
 FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits)
@@ -41,7 +42,7 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
         start_y_.push_back(static_cast<int>(std::floor(offset - half_height)) + 1);
     }
     const std::size_t rows = static_cast<std::size_t>(n) * n * height_;
-    weights_.assign(rows * pitch_, 0.0f);
+    weights_.assign(rows * pitch_ + kRowPadding, 0.0f);
     spans_.resize(rows);
     std::size_t row = 0;
     for (int fy = 0; fy < n; ++fy)

@@ -19,7 +19,7 @@ public:
     // 2^offset_bits offsets a pixel on each axis, 0..6. Throws std::invalid_argument for numbers that make no table.
     FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits);
 
-    // The bytes that a table of this size takes, to choose the offsets by.
+    // The bytes of such a table's weights, to choose the offsets by.
     static double bytes_needed(const Ellipse& ellipse, int offset_bits);
 
     FootprintView view() const;
@@ -29,7 +29,7 @@ public:
     int offset_bits() const { return offset_bits_; }
     int width() const { return width_; }
     int height() const { return height_; }
-    std::size_t bytes() const { return weights_.size() * sizeof(float) + spans_.size() * sizeof(RowSpan); }
+    std::size_t bytes() const { return weights_.size() * sizeof(float); }
 
 private:
     int offset_bits_, width_, height_, pitch_;

@@ -59,13 +59,15 @@ KernelProjection::KernelProjection(const std::string& kernel, double parameter, 
     const double over_space =
         simpson([&](double r) { return 4 * std::numbers::pi * r * r * k(r); }, radius, kRadialIntervals);
     over_half_chord_.resize(kChordIntervals + 3);
-    for (int n = 0; n <= kChordIntervals + 1; ++n) {
-        // One step beyond the centre only serves the interpolation; there rho^2 is slightly negative.
+    double* entry = over_half_chord_.data() + 1;
+    for (int n = 0; n <= kChordIntervals; ++n) {
         const double z_end = radius * n / kChordIntervals, rho_square = radius * radius - z_end * z_end;
         const auto along = [&](double z) { return k(std::sqrt(std::max(rho_square + z * z, 0.0))); };
-        over_half_chord_[n + 1] = 2 * simpson(along, z_end, kLineIntervals) / over_space;
+        entry[n] = 2 * simpson(along, z_end, kLineIntervals) / over_space;
     }
-    over_half_chord_[0] = -over_half_chord_[2];  // P is odd in Z at the rim
+    entry[kChordIntervals + 1] =
+        3 * (entry[kChordIntervals] - entry[kChordIntervals - 1]) + entry[kChordIntervals - 2];
+    entry[-1] = -entry[1];  // P is odd in Z at the rim
 }
 
 double KernelProjection::at_square(double rho_square) const {

@@ -31,7 +31,7 @@ struct RowSpan {  // the non-zero weights of a row of the table
 };
 
 struct FootprintView {
-    const float* weights;  // [fy][fx][row][pitch], each row behind kRowPadding zeros
+    const float* weights;  // [fy][fx][row][pitch], each row between kRowPadding zeros
     const RowSpan* spans;  // [fy][fx][row]
     const int32_t* start_x;
     const int32_t* start_y;
