@@ -4,7 +4,13 @@ import os
 from pathlib import Path
 
 import pytest
+import torch
 from hypothesis import HealthCheck, settings
+
+# The tests themselves run side by side; torch's own threads would only wait for each other.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+torch.set_num_threads(1)  # pytest runs a process a core; more threads than cores make small tensors slower
 
 settings.register_profile("volsplat", deadline=None, max_examples=25, suppress_health_check=[HealthCheck.too_slow])
 settings.register_profile("thorough", parent=settings.get_profile("volsplat"), max_examples=500)

@@ -3,10 +3,11 @@
 import msgspec
 import pytest
 import torch
-from arbitrary import plain_scene, quaternion_to, turns
+from arbitrary import plain_scene, quaternion_to, situations, turns
 from hypothesis import given
 from hypothesis import strategies as st
 from phantoms import QUANTISATION, shaded_scene, shells
+from rendering import TableWeights, rendered
 from torch import Tensor
 
 from reference import combining, render, voxel_packets
@@ -15,8 +16,9 @@ from tolerances import (
     MISMATCHED_OBLIQUE,
     ONE_LEVEL,
     ROUNDING,
+    SAME_NUMBERS,
 )
-from volsplat.protocol.scene import Order, Scene, Step, View
+from volsplat.protocol.scene import Kernel, Order, Reconstruction, Scene, Step, View
 from volsplat.protocol.volume import Geometry
 
 SIZE = 40
@@ -116,3 +118,73 @@ def test_transparent_samples_and_no_data_leave_the_image_empty() -> None:
         for step in (Step.A, Step.C, Step.F):
             image = render.render(voxels, geometry, QUANTISATION, plain_scene(), step, exact=False)
             assert not image.any()
+
+
+@pytest.mark.parametrize("order", Order)
+@pytest.mark.parametrize("step", [Step.A, Step.C, Step.F])
+@pytest.mark.parametrize("zoom", (0.25, 0.7, *ZOOMS, 5.0))
+@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5, 0.5), (0.1, 0.2, 0.3, 0.9)])
+def test_kernels_draw_what_the_reference_draws_from_the_same_packets_and_table(
+    rotation: tuple[float, float, float, float], zoom: float, step: Step, order: Order
+) -> None:
+    size = 18
+    geometry = Geometry((size, size, size), GEOMETRY.index_to_physical)
+    scene = shaded_scene(View(rotation=rotation, zoom=zoom), (50, 47), order)
+    values = shells(size)
+    voxels = voxel_packets.pack(values, geometry, QUANTISATION)
+    table = TableWeights(scene, geometry, step) if step >= Step.D else None
+    expected = render.render(voxels, geometry, QUANTISATION, scene, step, exact=False, weights=table)
+    assert (rendered(values, geometry, scene, step) - expected).abs().max() <= ONE_LEVEL
+
+
+@given(situations(largest=8), st.sampled_from(Step), st.integers(0, 2**32), st.sampled_from(Kernel))
+def test_kernels_and_reference_agree_in_any_view_of_any_grid(
+    situation: tuple[Scene, Geometry], step: Step, seed: int, kernel: Kernel
+) -> None:
+    drawn, geometry = situation
+    size = (min(drawn.image.width, 40), min(drawn.image.height, 40))
+    view = msgspec.structs.replace(drawn.view, zoom=min(float(drawn.view.zoom), 5.0))
+    scene = msgspec.structs.replace(
+        shaded_scene(view, size, drawn.order), bounds=drawn.bounds, reconstruction=Reconstruction(kernel=kernel)
+    )
+    ni, nj, nk = geometry.dims
+    values = 255 * torch.rand((nk, nj, ni), generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    voxels = voxel_packets.pack(values, geometry, QUANTISATION)
+    table = TableWeights(scene, geometry, step) if step >= Step.D else None
+    expected = render.render(voxels, geometry, QUANTISATION, scene, step, exact=False, weights=table)
+    assert (rendered(values, geometry, scene, step) - expected).abs().max() <= ONE_LEVEL
+
+
+@pytest.mark.parametrize("opacity", [1e-5, 1e-4, 1e-3, 1e-2])
+def test_kernels_and_reference_agree_in_thin_fog(opacity: float) -> None:
+    geometry = Geometry((20, 20, 200))
+    scene = plain_scene(opacity, view=View(rotation=quaternion_to((0.02, 0.01, 1.0)), zoom=1.73), size=(40, 40))
+    values = torch.full((200, 20, 20), 255.0, dtype=torch.float64)
+    voxels = voxel_packets.pack(values, geometry, QUANTISATION)
+    for step in (Step.A, Step.C, Step.F):
+        table = TableWeights(scene, geometry, step) if step >= Step.D else None
+        expected = render.render(voxels, geometry, QUANTISATION, scene, step, exact=False, weights=table)
+        image = rendered(values, geometry, scene, step)
+        assert (image - expected).abs().max() <= SAME_NUMBERS
+        exact = render.render(voxels, geometry, QUANTISATION, scene, step, exact=True)
+        assert (image - exact).abs().max() <= ONE_LEVEL
+
+
+@pytest.mark.parametrize("zoom", ZOOMS)
+@pytest.mark.parametrize(
+    ("rotation", "allowed"),
+    [
+        ((0.1, 0.2, 0.3, 0.9), MISMATCHED_OBLIQUE),
+        (quaternion_to((1.0, 1.0, 1.0)), MISMATCHED_OBLIQUE),
+        ((0.0, 0.0, 0.0, 1.0), MISMATCHED_AXIS_ALIGNED),
+        ((0.5, 0.5, 0.5, 0.5), MISMATCHED_AXIS_ALIGNED),
+    ],
+)
+def test_kernels_hardly_differ_from_the_reference_without_quantisation(
+    rotation: tuple[float, float, float, float], allowed: float, zoom: float
+) -> None:
+    for order in Order:
+        scene = shaded_scene(View(rotation=rotation, zoom=zoom), (96, 96), order)
+        exact = render.render(packets(), GEOMETRY, QUANTISATION, scene, Step.F, exact=True)
+        off = (exact - rendered(shells(SIZE), GEOMETRY, scene, Step.F)).abs().amax(dim=2)
+        assert (off > ONE_LEVEL).double().mean() <= allowed
