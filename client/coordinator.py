@@ -56,6 +56,7 @@ class RunningFrame:
     scene: Scene
     step: Step
     started: bool = False  # sent to the servers
+    partial_wanted: bool = False  # as soon as it has started
     unacknowledged: set[int] = field(default_factory=set)  # servers that were told to abort and have not said so
     image: PublishImage | None = None
     map_shade: dict[int, messages.MapShadeStats] = field(default_factory=dict)
@@ -269,7 +270,12 @@ class Coordinator:
             quantisation=quantisation,
             workers=list(self.boxes),
         )
-        return [ReportProgress(f"step {frame.step}"), *(Send(server, render) for server in self._drawing())]
+        partial = self._handle_PartialImageAsked(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
+        return [
+            ReportProgress(f"step {frame.step}"),
+            *(Send(server, render) for server in self._drawing()),
+            *partial,
+        ]
 
     def _drawing(self) -> list[int]:
         """The servers of a frame: the splat server first, so that it expects what comes."""
@@ -299,7 +305,10 @@ class Coordinator:
 
     def _handle_PartialImageAsked(self, event: PartialImageAsked) -> list[Instruction]:
         frame = self._current(event.frame)
-        if frame is None or not frame.started or frame.unacknowledged or frame.splat is not None:
+        if frame is None or frame.unacknowledged or frame.splat is not None:
+            return []
+        if not frame.started:
+            frame.partial_wanted = True
             return []
         return [Send(self._splat_servers()[0], messages.ReadImage(frame=event.frame))]
 

@@ -63,6 +63,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
+Answers = queue.SimpleQueue[PublishImage | EndFrame]  # to one frame's request
 
 
 class FrameAborted(Exception):
@@ -91,7 +92,7 @@ class Session:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._connections: dict[int, Connection] = {}  # touched by the coordinator's and the receiving threads
         self._connections_lock = threading.Lock()  # guards _connections
-        self._frames: dict[int, queue.SimpleQueue[PublishImage | EndFrame]] = {}
+        self._frames: dict[int, Answers] = {}
         self._newest_frame = 0
         self._frames_lock = threading.Lock()  # guards _frames and _newest_frame
         self._volume: SurveyedVolume | None = None
@@ -125,6 +126,11 @@ class Session:
         return self._listener.address
 
     @property
+    def server_processes(self) -> list[int]:
+        """Process ids of the servers that this session started."""
+        return self._servers.process_ids
+
+    @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume; waits until every server has read its sub-cube."""
         self._volume_known.wait()
@@ -146,7 +152,8 @@ class Session:
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
-        *_, finished = self._drawn(scene, step, partial_interval=None)
+        frame, answers = self._ask(scene, step)
+        *_, finished = self._drawn(frame, answers, step, partial_interval=None)
         return finished
 
     def refine(
@@ -155,12 +162,14 @@ class Session:
         """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds.
 
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
-        Ends early, without an error, when a newer frame is asked for or the frame is aborted.
+        Ends early, without an error, when something else is asked for or all is aborted.
         """
         under: Tensor | None = None
+        frame: int | None = None
         for step in [step for step in Step if step <= last]:
             try:
-                for refinement in self._drawn(scene, step, partial_interval):
+                frame, answers = self._ask(scene, step, after=frame)
+                for refinement in self._drawn(frame, answers, step, partial_interval):
                     if refinement.complete:
                         under = None if scene.refine.bare_buffer else refinement.image
                         yield refinement
@@ -169,23 +178,26 @@ class Session:
             except FrameAborted:
                 return
 
-    def _drawn(self, scene: Scene, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
+    def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
         started = time.perf_counter()
-        frame, answers = self._ask(scene, step)
-        while (answer := self._answer(frame, answers, partial_interval)) is None or answer.outcome is None:
+        patience = partial_interval
+        while (answer := self._answer(frame, answers, patience)) is None or answer.outcome is None:
             if answer is None:
                 self._events.put(PartialImageAsked(frame))
+                patience = None  # one request at a time: its image or the finished one will come
             else:
                 yield Refinement(step, _tensor(answer), None)
+                patience = partial_interval
         image = _tensor(answer)
         yield Refinement(step, image, StepOutcome(step, time.perf_counter() - started, answer.outcome))
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
         with self._frames_lock:
-            newest = self._newest_frame
-        self._events.put(AbortAsked(newest))
+            aborted = self._newest_frame
+            self._newest_frame += 1  # a refinement between two steps is superseded as well
+        self._events.put(AbortAsked(aborted))
 
     def close(self) -> None:
         """End the session and every server that it started. Safe to call twice."""
@@ -212,20 +224,21 @@ class Session:
 
     # -- frames
 
-    def _ask(self, scene: Scene, step: Step) -> tuple[int, queue.SimpleQueue[PublishImage | EndFrame]]:
-        answers: queue.SimpleQueue[PublishImage | EndFrame] = queue.SimpleQueue()
+    def _ask(self, scene: Scene, step: Step, after: int | None = None) -> tuple[int, Answers]:
+        """Ask for a frame. Raises FrameAborted where something else was asked since frame `after`."""
+        answers: Answers = queue.SimpleQueue()
         with self._frames_lock:
             if self._failure is not None:
                 raise self._failure
+            if after is not None and after != self._newest_frame:
+                raise FrameAborted(f"what followed frame {after} was superseded")
             self._newest_frame += 1
             frame = self._newest_frame
             self._frames[frame] = answers
         self._events.put(FrameAsked(frame, scene, step))
         return frame, answers
 
-    def _answer(
-        self, frame: int, answers: queue.SimpleQueue[PublishImage | EndFrame], patience: float | None
-    ) -> PublishImage | None:
+    def _answer(self, frame: int, answers: Answers, patience: float | None) -> PublishImage | None:
         """The next image of a frame, or None after `patience` seconds. Raises what ended it otherwise."""
         try:
             answer = answers.get(timeout=patience)

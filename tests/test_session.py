@@ -1,0 +1,152 @@
+"""Sessions with real servers on real sockets: refinement, newest frame wins, losses."""
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+import torch
+
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.presets import preset_scene
+from volsplat.client.session import FrameAborted, Session
+from volsplat.client.single import SingleProcess
+from volsplat.client.volume_writer import write_volume
+from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.scene import Bounds, Image, Order, Quantise, Refine, Scene, Step
+
+SMALL = Image(width=96, height=80)
+NAMES = {"mapshade_server": "map/shade server", "splat_server": "splat server"}
+PATIENCE = 60.0  # seconds after which what never comes fails its test
+
+
+@pytest.fixture(scope="module")
+def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volumes") / "head.mha"
+    write_volume(path, *make_phantom("head", size=(32, 40, 36)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def session(head: Path) -> Iterator[Session]:
+    with Session(head, workers=3) as session:
+        yield session
+
+
+@pytest.fixture(scope="module")
+def single(head: Path) -> Iterator[SingleProcess]:
+    with SingleProcess(head) as single:
+        yield single
+
+
+def skin(session: Session | SingleProcess, image: Image = SMALL) -> Scene:
+    volume = session.volume
+    scene = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
+    return msgspec.structs.replace(scene, image=image)
+
+
+def test_a_session_and_a_single_process_know_the_same_of_a_volume(session: Session, single: SingleProcess) -> None:
+    assert session.volume == single.volume
+
+
+@pytest.mark.parametrize("order", Order)
+@pytest.mark.parametrize("step", Step)
+def test_every_step_is_the_same_distributed_and_single(
+    session: Session, single: SingleProcess, order: Order, step: Step
+) -> None:
+    scene = msgspec.structs.replace(skin(session), order=order)
+    image = session.render(scene, step)
+    assert image.shape == (80, 96, 4) and image.dtype == torch.float32
+    assert image[..., 3].max() > 0
+    assert torch.equal(image, single.render(scene, step))
+
+
+def test_refinement_yields_the_finished_steps_in_order(session: Session) -> None:
+    scene = skin(session)
+    refinements = list(session.refine(scene, partial_interval=0.0001))
+    finished = [refinement for refinement in refinements if refinement.complete]
+    assert [refinement.step for refinement in finished] == list(Step)
+    assert [r.step for r in refinements] == sorted(r.step for r in refinements)
+    assert torch.equal(finished[-1].image, session.render(scene))
+    for refinement in finished:
+        assert refinement.outcome is not None and len(refinement.outcome.servers.map_shade) == 3
+
+
+def test_a_partial_image_lies_over_the_finished_step_before(single: SingleProcess) -> None:
+    big = skin(single, Image(width=700, height=700))
+    under = {}
+    for bare in (False, True):
+        scene = msgspec.structs.replace(big, refine=Refine(bare_buffer=bare))
+        partials = [r for r in single.refine(scene, Step.B, partial_interval=0.0) if not r.complete]
+        under[bare] = [r for r in partials if r.step == Step.B]
+    for covered, uncovered in zip(under[False], under[True], strict=False):
+        assert torch.all(covered.image[..., 3] >= uncovered.image[..., 3])
+
+
+def test_a_newer_frame_ends_the_refinement_that_runs(session: Session) -> None:
+    scene = skin(session)
+    refinement = session.refine(scene)
+    assert next(refinement).step == Step.A
+    newer = session.render(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK))
+    assert newer.shape == (80, 96, 4)
+    assert list(refinement) == []
+
+
+def test_abort_ends_what_runs_and_the_session_goes_on(session: Session) -> None:
+    refinement = session.refine(skin(session, Image(width=900, height=900)), partial_interval=0.001)
+    seen = next(r for r in refinement if r.step == Step.C)
+    session.abort()
+    rest = list(refinement)
+    assert all(r.step == seen.step for r in rest), "a step that was done before the abort came may still be told"
+    assert session.render(skin(session)).shape == (80, 96, 4)
+
+
+def test_another_window_is_packed_anew_and_back(session: Session, single: SingleProcess) -> None:
+    scene = skin(session)
+    narrow = msgspec.structs.replace(scene, quantise=Quantise(window=(500.0, 1500.0), directions="paper"))
+    first, changed, again = session.render(scene), session.render(narrow), session.render(scene)
+    assert torch.equal(first, again) and not torch.equal(first, changed)
+    assert torch.equal(changed, single.render(narrow))
+
+
+def test_bounds_outside_the_volume_are_refused_and_the_session_goes_on(session: Session) -> None:
+    scene = skin(session)
+    with pytest.raises(BadInput, match="bounds on j"):
+        session.render(msgspec.structs.replace(scene, bounds=Bounds(low=(0, 99, 0))))
+    assert session.render(scene)[..., 3].max() > 0
+
+
+@pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])
+def test_a_killed_server_ends_the_session_with_one_clear_line(head: Path, victim: str) -> None:
+    with Session(head, workers=2) as session:
+        scene = skin(session)
+        session.render(scene)
+        servers = [psutil.Process(pid) for pid in session.server_processes]
+        next(server for server in servers if f"volsplat.{victim}" in server.cmdline()).kill()
+        with pytest.raises(PeerLost) as lost:
+            deadline = time.monotonic() + PATIENCE
+            while time.monotonic() < deadline:
+                session.render(scene)
+        assert NAMES[victim] in str(lost.value) and "\n" not in str(lost.value)
+    assert psutil.wait_procs(servers, timeout=PATIENCE)[1] == []
+
+
+def test_a_closed_session_says_so(head: Path) -> None:
+    session = Session(head, workers=1)
+    scene = skin(session)
+    session.close()
+    session.close()
+    with pytest.raises(VolsplatError, match="closed"):
+        session.render(scene)
+
+
+def test_a_volume_that_cannot_be_read_is_bad_input(tmp_path: Path) -> None:
+    with Session(tmp_path / "missing.nrrd", workers=1) as session:
+        with pytest.raises(BadInput, match="missing.nrrd"):
+            session.volume  # noqa: B018
+
+
+def test_frame_aborted_is_no_error_of_a_person() -> None:
+    assert not issubclass(FrameAborted, VolsplatError)
