@@ -16,6 +16,8 @@ using namespace volsplat;
 
 NB_MODULE(_kernels, m) {
   m.doc() = "Kernels of the map/shade server.";
+  // Cached tables live until the interpreter ends; nanobind would report them on the person's terminal.
+  nanobind::set_leak_warnings(false);
 
   nb::register_exception_translator([](const std::exception_ptr& raised, void*) {
     try {

@@ -6,6 +6,8 @@
 
 NB_MODULE(_kernels, m) {
     m.doc() = "Kernels of the splat_server.";
+    // Cached tables live until the interpreter ends; nanobind would report them on the person's terminal.
+    nanobind::set_leak_warnings(false);
     volsplat::bind_merge(m);
     volsplat::bind_combining(m);
 }
