@@ -109,3 +109,6 @@ BETWEEN_CPU_PATHS = 1e-5
 
 ONE_BYTE = 1
 """A histogram's peak lies in one of two neighbouring bytes where the true value falls between them."""
+
+EDGE_ANGLE = 1e-9
+"""Relative: a face whose normal turns less than this to or from the viewer is seen edge on."""
