@@ -1,6 +1,5 @@
 """One frame's way from batches to the published image: the stage that splat server and single process share."""
 
-import logging
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -28,8 +27,6 @@ from volsplat.splat_server.merge import (
 )
 from volsplat.splat_server.pixel_reach import pixel_reach
 from volsplat.splat_server.volume_edges import edge_layers, volume_edges
-
-log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -80,15 +77,15 @@ class FrameAssembly:
         self.merge = merge or Merge()
         self._lock: AbstractContextManager[object] = lock or Lock()  # guards the merge
         sheet, row, sample = (self.plan.visits[axis].count for axis in self.plan.traversal.axes)
-        for instruction in self._handle(FrameStarted(frame, tuple(workers), (sheet, row, sample))):
-            if isinstance(instruction, RefuseBatch):  # one that came early; its worker now counts as lost
-                log.warning("%s", instruction.fault)
+        begun = self._handle(FrameStarted(frame, tuple(workers), (sheet, row, sample)))
+        # Batches that came early and break this frame's rules. Their workers now count as lost.
+        self.refused = tuple(instruction for instruction in begun if isinstance(instruction, RefuseBatch))
 
     def arrived(self, worker: int, runs: object, packets: object, reached: tuple[int, int], last: bool) -> None:
         """Take a batch of this frame: row runs and packets as any contiguous CPU memory (see protocol.packet_layout).
 
         The memory is pinned and must not change until the batch is splatted.
-                Raises RemoteProtocolError where the batch breaks the rules.
+        Raises RemoteProtocolError where the batch breaks the rules.
         """
         try:
             memory = BatchMemory(runs, packets)

@@ -36,6 +36,7 @@ class SplatServer:
         self._threads = threads
         self._changed = threading.Condition()  # guards what follows; notified whenever any of it changes
         self._merge = Merge()
+        self._links: dict[int, Connection] = {}  # by worker
         self._requests: deque[messages.Message | None] = deque()  # None: the session is over
         self._news = False  # something arrived that the merge may go on with
         self._received: defaultdict[int, int] = defaultdict(int)  # bytes of each frame
@@ -131,11 +132,12 @@ class SplatServer:
                 lock=self._changed,
                 threads=self._threads,
             )
-        except (BadInput, ValueError, RemoteProtocolError) as error:
-            refusal = messages.Refused(request="RenderFrame", cause=str(error), frame=request.frame)
-            self._client.send(refusal)
+        except (BadInput, ValueError) as error:
+            self._client.send(messages.Refused(request="RenderFrame", cause=str(error), frame=request.frame))
             return
         self._step, self._drawing = request.step, True
+        for refusal in self._assembly.refused:
+            self._cut_off(refusal)
 
     def _abort(self, frame: int) -> None:
         with self._changed:
@@ -183,6 +185,8 @@ class SplatServer:
 
     def _receive_batches(self, link: Connection) -> None:
         worker = link.peer.id
+        with self._changed:
+            self._links[worker] = link
         try:
             while True:
                 self._hold_back(worker)
@@ -197,6 +201,7 @@ class SplatServer:
             log.info("%s", error)  # the client is told with the frame
         link.close()
         with self._changed:
+            del self._links[worker]
             self._merge.handle(WorkerLost(worker))
             self._news = True
             self._changed.notify_all()
@@ -225,4 +230,12 @@ class SplatServer:
             self._changed.notify_all()
         for instruction in instructions:
             if isinstance(instruction, RefuseBatch):
-                raise RemoteProtocolError(instruction.fault)
+                self._cut_off(instruction)
+
+    def _cut_off(self, refusal: RefuseBatch) -> None:
+        """Close the link of a worker that broke the rules; its thread then tells the merge of the loss."""
+        log.warning("%s; its connection is closed", refusal.fault)
+        with self._changed:
+            link = self._links.get(refusal.worker)
+        if link is not None:
+            link.close()

@@ -1,0 +1,247 @@
+"""The splat server's loop over real sockets, with the test as its client and as its map/shade servers."""
+
+import threading
+from collections.abc import Iterator
+from random import Random
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from phantoms import QUANTISATION, shaded_scene, shells
+from rendering import rendered
+
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol import messages
+from volsplat.protocol.connection import Connection
+from volsplat.protocol.dialling import connect
+from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.listener import Listener
+from volsplat.protocol.roles import Role
+from volsplat.protocol.scene import Order, Scene, Step, View
+from volsplat.protocol.tokens import new_token
+from volsplat.protocol.volume import Box, Geometry
+from volsplat.splat_server import merge
+from volsplat.splat_server.server import SplatServer
+
+SIZE = 24
+VALUES = shells(SIZE)
+GEOMETRY = Geometry(dims=(SIZE, SIZE, SIZE))
+SCENE = shaded_scene(View(rotation=(0.2, 0.5, 0.1, 0.8), zoom=3.0), (96, 80))
+WORKERS = (11, 12, 13)
+PATIENCE = 30.0  # seconds, after which what never comes fails its test
+
+
+class Bench:
+    """A splat server in a thread, and what a client and map/shade servers say to it."""
+
+    def __init__(self) -> None:
+        token = new_token()
+        self._clients = Listener(Role.CLIENT, token)
+        self._data = Listener(Role.SPLAT_SERVER, token)
+        hello = new_hello(Role.SPLAT_SERVER, data_port=self._data.address.port)
+        server = SplatServer(connect(self._clients.address, hello, token, Role.CLIENT), self._data, threads=2)
+        self._thread = threading.Thread(target=server.run, name="splat server under test", daemon=True)
+        self._thread.start()
+        control = self._clients.accept(PATIENCE)
+        assert control is not None
+        self.control: Connection = control
+        self.links = {
+            worker: connect(
+                self._data.address, new_hello(Role.DATA_LINK, server=worker), token, Role.SPLAT_SERVER, server=1
+            )
+            for worker in WORKERS
+        }
+
+    def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
+        self.control.send(messages.RenderFrame(frame, 1, scene, step, GEOMETRY, QUANTISATION, workers=list(WORKERS)))
+
+    def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
+        message = messages.Batch(
+            frame,
+            worker,
+            sequence,
+            messages.RAW,
+            batch.run_count,
+            batch.packet_count,
+            batch.reached[0],
+            batch.reached[1],
+            batch.last,
+        )
+        self.links[worker].send(message, batch.runs, batch.packets)
+
+    def hears(self, kind: type[messages.Message]) -> tuple[messages.Message, memoryview]:
+        received = self.control.receive()
+        assert received is not None and isinstance(received.message, kind), received
+        return received
+
+    def image(self, frame: int) -> bytes:
+        self.control.send(messages.ReadImage(frame))
+        return bytes(self.hears(messages.ImageRead)[1])
+
+    def close(self) -> None:
+        self.control.send(messages.EndSession())
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+        for link in self.links.values():
+            link.close()
+        self.control.close()
+        self._clients.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def batches(
+    boxes: list[Box], scene: Scene = SCENE, step: Step = Step.F, max_packets: int = 500
+) -> list[list[ShadedBatch]]:
+    """The batches of each box's own worker."""
+    plan = plan_frame(scene, GEOMETRY, step)
+    of_workers = []
+    for box in boxes:
+        sub_cube = SubCube.of_volume(GEOMETRY, VALUES, box)
+        sub_cube.pack(QUANTISATION)
+        walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, scene, plan)
+        of_workers.append(list(iter(lambda walk=walk: walk.next_batch(max_packets), None)))  # type: ignore[misc]
+    return of_workers
+
+
+def slabs(axis: int, first: int, second: int) -> list[Box]:
+    """Three boxes, cut across an axis."""
+    boxes = []
+    for low, high in ((0, first), (first, second), (second, SIZE)):
+        corner = [[0, 0, 0], [SIZE, SIZE, SIZE]]
+        corner[0][axis], corner[1][axis] = low, high
+        boxes.append(Box((corner[0][0], corner[0][1], corner[0][2]), (corner[1][0], corner[1][1], corner[1][2])))
+    return boxes
+
+
+@settings(max_examples=10)
+@given(
+    st.integers(0, 2),
+    st.integers(1, 11),
+    st.integers(12, 23),
+    st.randoms(use_true_random=False),
+    st.sampled_from(Order),
+)
+def test_the_image_is_the_same_for_any_arrival_order_over_sockets(
+    axis: int, first: int, second: int, random: Random, order: Order
+) -> None:
+    scene = shaded_scene(SCENE.view, (96, 80), order)
+    expected = rendered(VALUES, GEOMETRY, scene, Step.F)
+    waiting = dict(zip(WORKERS, batches(slabs(axis, first, second), scene), strict=True))
+    bench = Bench()
+    begun = False
+    sent = dict.fromkeys(WORKERS, 0)
+    while not begun or any(sent[worker] < len(waiting[worker]) for worker in WORKERS):
+        choices = [worker for worker in WORKERS if sent[worker] < len(waiting[worker])]
+        if not begun and (not choices or random.random() < 0.2):
+            bench.renders(1, scene)  # batches may be faster than the client's request
+            begun = True
+            continue
+        worker = random.choice(choices)
+        bench.sends(worker, 1, sent[worker], waiting[worker][sent[worker]])
+        sent[worker] += 1
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.complete
+    image = torch.frombuffer(bytearray(bench.image(1)), dtype=torch.float32)
+    bench.close()
+    assert torch.equal(image, expected.flatten())
+
+
+def test_nothing_of_a_frame_is_splatted_after_its_abort_is_acknowledged(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    bench.renders(1)
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        for sequence, batch in enumerate(sent[: len(sent) // 2]):
+            bench.sends(worker, 1, sequence, batch)
+    bench.control.send(messages.AbortFrame(1))
+    bench.hears(messages.FrameAborted)
+    at_acknowledgement = bench.image(1)
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        for sequence, batch in enumerate(sent[len(sent) // 2 :], start=len(sent) // 2):
+            bench.sends(worker, 1, sequence, batch)
+    assert bench.image(1) == at_acknowledgement
+    bench.renders(2)
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 2, sequence, batch)
+    bench.hears(messages.FrameFinished)
+    image = torch.frombuffer(bytearray(bench.image(2)), dtype=torch.float32)
+    assert torch.equal(image, rendered(VALUES, GEOMETRY, SCENE, Step.F).flatten())
+
+
+def test_a_front_server_need_not_wait_for_the_one_behind_it(bench: Bench) -> None:
+    view = View(zoom=3.0)  # along k: sub-cubes cut across k lie one behind the other
+    scene = shaded_scene(view, (96, 80))
+    behind, between, front = batches(slabs(2, 8, 16), scene)
+    bench.renders(1, scene)
+    for worker, sent in ((WORKERS[2], front), (WORKERS[1], between), (WORKERS[0], behind)):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.stats.held_back_seconds == {}
+
+
+def test_beyond_the_budget_a_front_server_waits_and_the_report_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(merge, "CONNECTION_BUDGET", 1000)
+    scene = shaded_scene(View(zoom=3.0), (96, 80))
+    behind, between, front = batches(slabs(2, 8, 16), scene, max_packets=50)
+    bench = Bench()
+    bench.renders(1, scene)
+
+    def deliver(worker: int, sent: list[ShadedBatch]) -> None:
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+
+    senders = [threading.Thread(target=deliver, args=pair) for pair in ((WORKERS[2], front), (WORKERS[1], between))]
+    for sender in senders:
+        sender.start()
+    deliver(WORKERS[0], behind)
+    for sender in senders:
+        sender.join(PATIENCE)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.complete
+    assert finished.stats.held_back_seconds.get(WORKERS[2], 0.0) > 0.0
+    bench.close()
+
+
+def test_a_lost_worker_leaves_the_frame_incomplete_and_named(bench: Bench) -> None:
+    of_workers = batches(slabs(1, 8, 16))
+    bench.renders(1)
+    for worker, sent in zip(WORKERS[:2], of_workers, strict=False):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+    bench.links[WORKERS[2]].close()
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished)
+    assert not finished.complete and finished.lost == [WORKERS[2]]
+    bench.control.send(messages.ReadImage(1))
+    image = bench.hears(messages.ImageRead)[0]
+    assert isinstance(image, messages.ImageRead) and not image.complete
+
+
+def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, _, _ = batches(slabs(0, 8, 16))
+    bench.renders(1)
+    batch = next(b for b in first if b.run_count > 1)
+    hostile = bytearray(batch.runs)
+    hostile[:12] = b"\xff" * 12  # a sheet, row and sample far beyond the volume
+    message = messages.Batch(
+        1, WORKERS[0], 0, messages.RAW, batch.run_count, batch.packet_count, batch.reached[0], batch.reached[1], False
+    )
+    bench.links[WORKERS[0]].send(message, hostile, batch.packets)
+    with pytest.raises(VolsplatError):
+        bench.links[WORKERS[0]].receive()
+    assert len([record for record in caplog.records if record.levelname == "WARNING"]) == 1
+    bench.control.send(messages.AbortFrame(1))
+    bench.hears(messages.FrameAborted)
