@@ -37,11 +37,13 @@ def minus(a: Vector, b: Vector) -> Vector:
 
 
 def normalised(a: Vector) -> Vector:
-    """`a` at length 1. Raises ValueError for the zero vector."""
-    size = length(a)
-    if size == 0.0 or not math.isfinite(size):
+    """`a` at length 1, however short or long it is. Raises ValueError for the zero vector and what is not finite."""
+    largest = max(abs(a[0]), abs(a[1]), abs(a[2]))
+    if largest == 0.0 or not all(math.isfinite(x) for x in a):
         raise ValueError("a direction needs a finite, non-zero length")
-    return (a[0] / size, a[1] / size, a[2] / size)
+    reduced = (a[0] / largest, a[1] / largest, a[2] / largest)  # its squares neither vanish nor overflow
+    size = length(reduced)
+    return (reduced[0] / size, reduced[1] / size, reduced[2] / size)
 
 
 def column(m: Matrix, index: int) -> Vector:
@@ -84,10 +86,12 @@ def inverse(m: Matrix) -> Matrix:
 
 def rotation_from_quaternion(q: tuple[float, float, float, float]) -> Matrix:
     """The rotation of the quaternion (x, y, z, w), which is normalised first. Raises ValueError for zero."""
-    size = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
-    if size == 0.0 or not math.isfinite(size):
+    largest = max(abs(part) for part in q)
+    if largest == 0.0 or not all(math.isfinite(part) for part in q):
         raise ValueError("a rotation needs a quaternion of finite, non-zero length")
-    x, y, z, w = q[0] / size, q[1] / size, q[2] / size, q[3] / size
+    x, y, z, w = q[0] / largest, q[1] / largest, q[2] / largest, q[3] / largest
+    size = math.sqrt(x * x + y * y + z * z + w * w)
+    x, y, z, w = x / size, y / size, z / size, w / size
     return (
         (1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)),
         (2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)),

@@ -110,3 +110,9 @@ def test_inverse_undoes_a_volume_s_matrix(situation: tuple[Scene, Geometry]) -> 
     matrix = situation[1].index_to_physical
     product = matrices.product(matrix, matrices.inverse(matrix))
     assert torch.allclose(torch.tensor(product, dtype=torch.float64), torch.eye(3).double(), rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("size", [5e-324, 1e-200, 1.0, 1e200, 1.7e308])
+def test_directions_and_rotations_may_have_any_length(size: float) -> None:
+    assert matrices.normalised((0.0, -size, 0.0)) == (0.0, -1.0, 0.0)
+    assert matrices.rotation_from_quaternion((0.0, 0.0, 0.0, size)) == matrices.IDENTITY
