@@ -14,11 +14,14 @@ from volsplat.client.presets import preset_scene
 from volsplat.client.session import Session
 from volsplat.client.step_images import step_image_path
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.view_rotation import rotation_from_angles
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.scene import Scene
+from volsplat.protocol.scene import Scene, View
 
 DEMO_WORKERS = 2
+DEMO_ANGLES = (28.0, 12.0)  # azimuth and elevation
+DEMO_ZOOM = 3.2  # the volume's box fills the image
 SHEET = "contact-sheet.png"
 
 
@@ -52,6 +55,10 @@ def demo(output: Path) -> None:
 
 
 def demo_scene(volume: SurveyedVolume) -> Scene:
-    """The skin, with white edges as in the paper's plates."""
+    """The skin from a little to the side, with white edges as in the paper's plates."""
     scene = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
-    return msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, edges=True))
+    return msgspec.structs.replace(
+        scene,
+        view=View(rotation=rotation_from_angles(*DEMO_ANGLES), zoom=DEMO_ZOOM),
+        image=msgspec.structs.replace(scene.image, edges=True),
+    )
