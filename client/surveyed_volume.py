@@ -1,7 +1,7 @@
 """What is known of a volume once every server has read its sub-cube; scenes and quantisation follow from it."""
 
 from dataclasses import dataclass
-from typing import Literal
+from functools import cached_property
 
 from volsplat.client.default_scene import default_scene
 from volsplat.client.density_histogram import DensityHistogram, density_histogram
@@ -20,22 +20,28 @@ class SurveyedVolume:
     density_counts: list[int]
     strength_counts: list[int]
 
-    def window(self, chosen: tuple[float, float] | Literal["auto"]) -> tuple[float, float]:
-        """The density window, in the data's units, for what a scene says of it."""
-        return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type, chosen)
+    @cached_property
+    def automatic_window(self) -> tuple[float, float]:
+        """The density window that the data chooses, in its own units."""
+        return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type)
+
+    @cached_property
+    def strength_scale(self) -> float:
+        """Bytes per unit of |gradient|."""
+        return index_rules.strength_scale(self.survey, self.strength_counts)
 
     def quantisation(self, quantise: Quantise) -> Quantisation:
         """The rules by which the whole volume becomes 8 bits."""
         return Quantisation(
-            window=self.window(quantise.window),
-            strength_scale=index_rules.strength_scale(self.survey, self.strength_counts),
+            window=self.automatic_window if quantise.window == "auto" else quantise.window,
+            strength_scale=self.strength_scale,
             directions=quantise.directions,
         )
 
     def density_histogram(self) -> DensityHistogram:
         """The histogram of density bytes under the window that the data chooses."""
-        return density_histogram(self.survey, self.density_counts, self.window("auto"))
+        return density_histogram(self.survey, self.density_counts, self.automatic_window)
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""
-        return default_scene(self.description, self.survey, self.density_counts, self.window("auto"))
+        return default_scene(self.description, self.survey, self.density_counts, self.automatic_window)

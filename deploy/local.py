@@ -34,7 +34,9 @@ class LocalServers:
             stdout=subprocess.DEVNULL,
             start_new_session=True,
         )
-        watcher = threading.Thread(target=self._watch, args=(program, process), name=f"watch {program.title}", daemon=True)
+        watcher = threading.Thread(
+            target=self._watch, args=(program, process), name=f"watch {program.title}", daemon=True
+        )
         self._processes.append(process)
         self._watchers.append(watcher)
         watcher.start()

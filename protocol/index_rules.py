@@ -75,16 +75,13 @@ def percentile(counts: list[int], low: float, high: float, fraction: float) -> f
     return high
 
 
-def density_window(
-    survey: Survey, counts: list[int], scalar_type: str, chosen: tuple[float, float] | Literal["auto"]
-) -> tuple[float, float]:
-    """The one density window of a volume.
+def density_window(survey: Survey, counts: list[int], scalar_type: str) -> tuple[float, float]:
+    """The one density window of a volume, where the scene does not set it.
 
     8-bit data keeps its values (0..255, or -128..127). Everything else is cut at its 0.05 and 99.95 percentiles,
-    unless those meet, where the full range is taken. A constant volume gets a window of width 1.
+    unless those meet, where the full range is taken. A constant volume gets a window of width 1, or more where its
+    value is so great that 1 would be lost.
     """
-    if chosen != "auto":
-        return chosen
     if scalar_type == "uint8":
         return (0.0, 255.0)
     if scalar_type == "int8":
@@ -96,7 +93,7 @@ def density_window(
     high = percentile(counts, survey.low, survey.high, 0.9995)
     if not low < high:
         low, high = survey.low, survey.high
-    return (low, high) if low < high else (low, low + 1.0)
+    return (low, high) if low < high else (low, low + max(1.0, abs(low) * 2.0**-20))
 
 
 def strength_scale(survey: Survey, counts: list[int]) -> float:

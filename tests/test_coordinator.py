@@ -125,7 +125,7 @@ def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[in
     answers = [
         said(FIRST, messages.FrameMapped(1, MAP_STATS)),
         said(SECOND, messages.FrameMapped(1, MAP_STATS)),
-        said(SPLAT, messages.FrameFinished(1, True, (), SPLAT_STATS)),
+        said(SPLAT, messages.FrameFinished(1, True, [], SPLAT_STATS)),
         said(SPLAT, messages.ImageRead(1, Step.F, True, 1, 1), bytes(16)),
     ]
     last: list[Instruction] = []

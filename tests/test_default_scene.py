@@ -23,7 +23,7 @@ def first_scene(values: dict[float, int], scalar_type: str, no_data: int = 0) ->
         position = (value - low) / (high - low) if high > low else 0.0
         counts[min(int(position * HISTOGRAM_BINS), HISTOGRAM_BINS - 1)] += count
     survey = Survey(low=low, high=high, max_gradient=1.0, voxels=sum(values.values()) + no_data, no_data=no_data)
-    window = density_window(survey, counts, scalar_type, "auto")
+    window = density_window(survey, counts, scalar_type)
     description = VolumeDescription(
         name="nasty", format="test", geometry=Geometry(dims=(SIDE, SIDE, SIDE)), scalar_type=scalar_type
     )
