@@ -81,7 +81,7 @@ class Outputs:
 @click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
-@click.option("--token-file", type=click.Path(path_type=Path), help="The session's token, where servers share one.")
+@click.option("--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen if missing.")
 def render(
     volume: str,
     output: Path | None,
@@ -133,11 +133,20 @@ def render(
         workers=workers,
         single=single,
         listen=parse_address(listen) if listen else None,
-        token=find_token(os.environ, token_file),
+        token=shared_token(token_file, makes=listen is not None),
     )
     console = Console(stderr=True)
     with opened(volume, servers, spawns, console) as renderer:
         draw(renderer, scene_options, Step(step), outputs, console)
+
+
+def shared_token(token_file: Path | None, makes: bool) -> Token | None:
+    """The token that the environment or the file gives; `makes` the file where there is none. None: no such wish."""
+    if makes and token_file is not None and not token_file.exists():
+        token = new_token()
+        token.write(token_file)
+        return token
+    return find_token(os.environ, token_file)
 
 
 @contextmanager
