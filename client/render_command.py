@@ -81,7 +81,9 @@ class Outputs:
 @click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
-@click.option("--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen if missing.")
+@click.option(
+    "--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen if missing."
+)
 def render(
     volume: str,
     output: Path | None,
