@@ -112,3 +112,12 @@ ONE_BYTE = 1
 
 EDGE_ANGLE = 1e-9
 """Relative: a face whose normal turns less than this to or from the viewer is seen edge on."""
+
+SAME_SILHOUETTE = 1.0 + 1 / 3.7
+"""Voxels: one, and the pixel that each of two masks is rounded to, at 3.7 pixels a voxel."""
+
+MIRRORED_SILHOUETTE = 4 * SAME_SILHOUETTE
+"""Voxels: how far a mirrored head's silhouette must stick out for the comparison to be worth anything."""
+
+SURFACE_VOXELS = 2
+"""Voxels: a surface seen through a soft table lies between the first opaque voxel and the one behind it."""
