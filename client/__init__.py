@@ -1,1 +1,17 @@
 """The client: owns the scene, divides the volume, coordinates every server."""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from volsplat.client.session import Session as Session
+
+__all__ = ["Session"]
+
+
+def __getattr__(name: str) -> Any:
+    # Only who asks for Session pays for its import; the command has not got that time.
+    if name == "Session":
+        from volsplat.client.session import Session
+
+        return Session
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -32,9 +32,9 @@ from volsplat.client.coordinator_events import (
 from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
-from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
-from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -78,7 +78,9 @@ class Coordinator:
         self._path = ""
         self._wanted_workers = 0
         self._assignment = 0
-        self._pending: set[int] = set()  # servers whose answer the phase waits for
+        self._enlisted_workers: list[int] = []  # those that hold the volume's sub-cubes
+        self._splat_server = 0  # the one that draws
+        self._pending: set[int] = set()  # workers whose answer the phase waits for
         self._density_counts: list[int] = []
         self._strength_counts: list[int] = []
         self.failure: VolsplatError | None = None
@@ -99,12 +101,8 @@ class Coordinator:
 
     def _handle_ServerLost(self, event: ServerLost) -> list[Instruction]:
         server = self.servers.pop(event.server, None)
-        needed = event.server in self.boxes or (server is not None and server.role == Role.SPLAT_SERVER)
-        if server is None or not needed:
-            return []
-        return self._fail(
-            PeerLost(f"lost the {server.name}: {event.cause}; the image cannot be finished, start again without it")
-        )
+        needed = event.server == self._splat_server or event.server in self._enlisted_workers
+        return self._fail(PeerLost(event.cause)) if server is not None and needed else []
 
     def _handle_ServerProcessEnded(self, event: ServerProcessEnded) -> list[Instruction]:
         if self.phase != Phase.GATHERING:
@@ -118,24 +116,21 @@ class Coordinator:
     def _gathered(self) -> list[Instruction]:
         if self.phase != Phase.GATHERING or not self._path:
             return []
-        workers, splat_servers = self._workers(), self._splat_servers()
+        workers, splat_servers = self._joined(Role.MAPSHADE_SERVER), self._joined(Role.SPLAT_SERVER)
         if len(workers) < self._wanted_workers or not splat_servers:
             missing = (
                 f"{len(workers)} of {self._wanted_workers} map/shade servers, {len(splat_servers)} of 1 splat server"
             )
             return [ReportProgress(f"waiting for servers: {missing} joined")]
         self.phase = Phase.DESCRIBING
-        self._pending = {workers[0]}
+        self._enlisted_workers, self._splat_server = workers[: self._wanted_workers], splat_servers[0]
         return [
             ReportProgress("reading the volume's header"),
             Send(workers[0], messages.DescribeVolume(path=self._path)),
         ]
 
-    def _workers(self) -> list[int]:
-        return sorted(n for n, server in self.servers.items() if server.role == Role.MAPSHADE_SERVER)
-
-    def _splat_servers(self) -> list[int]:
-        return sorted(n for n, server in self.servers.items() if server.role == Role.SPLAT_SERVER)
+    def _joined(self, role: Role) -> list[int]:
+        return sorted(n for n, server in self.servers.items() if server.role == role)
 
     # -- the volume: described, read, counted, packed
 
@@ -148,16 +143,13 @@ class Coordinator:
         self, server: int, message: messages.VolumeDescribed, payload: memoryview
     ) -> list[Instruction]:
         self.description = message.description
-        workers = self._workers()[: self._wanted_workers]
         try:
-            boxes = divided(self.description.geometry, len(workers))
+            boxes = divided(self.description.geometry, len(self._enlisted_workers))
         except BadInput as error:
             return self._fail(error)
-        self.boxes = {worker: [box] for worker, box in zip(workers, boxes, strict=True)}
-        routes = [
-            messages.Route(server=n, host=self.servers[n].data.host, port=self.servers[n].data.port)
-            for n in self._splat_servers()[:1]
-        ]
+        self.boxes = {worker: [box] for worker, box in zip(self._enlisted_workers, boxes, strict=True)}
+        data = self.servers[self._splat_server].data
+        routes = [messages.Route(server=self._splat_server, host=data.host, port=data.port)]
         connect: list[Instruction] = [
             Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in self.boxes
         ]
@@ -181,6 +173,8 @@ class Coordinator:
     def _received_SubCubesRead(
         self, server: int, message: messages.SubCubesRead, payload: memoryview
     ) -> list[Instruction]:
+        if message.assignment != self._assignment:
+            return []
         first_reading = not self._density_counts
         if first_reading:
             self.survey = message.survey if self.survey is None else self.survey.joined(message.survey)
@@ -203,6 +197,10 @@ class Coordinator:
     def _received_HistogramsCounted(
         self, server: int, message: messages.HistogramsCounted, payload: memoryview
     ) -> list[Instruction]:
+        if message.assignment != self._assignment:
+            return []
+        if message.bins != HISTOGRAM_BINS:
+            return self._fail(RemoteProtocolError(f"{self.servers[server].name} counted {message.bins} bins"))
         counts = array("q", payload.tobytes())
         density, strength = counts[: message.bins], counts[message.bins :]
         self._density_counts = _added(self._density_counts, density)
@@ -224,6 +222,8 @@ class Coordinator:
     def _received_VoxelsPacked(
         self, server: int, message: messages.VoxelsPacked, payload: memoryview
     ) -> list[Instruction]:
+        if message.assignment != self._assignment:
+            return []
         if not self._answered(server):
             return []
         self.phase = Phase.READY
@@ -235,15 +235,31 @@ class Coordinator:
         return not self._pending
 
     def _received_Refused(self, server: int, message: messages.Refused, payload: memoryview) -> list[Instruction]:
-        return self._fail(BadInput(message.cause))
+        unreachable = message.request == messages.ConnectToSplatServers.__name__
+        error = PeerLost(message.cause) if unreachable else BadInput(message.cause)
+        if not message.frame:
+            return self._fail(error)
+        frame = self._current(message.frame)
+        if frame is None:
+            return []
+        self.frame = None
+        return [*self._abort_everywhere(frame), EndFrame(frame.frame, error)]
 
     # -- frames
 
     def _handle_FrameAsked(self, event: FrameAsked) -> list[Instruction]:
-        # A newer RenderFrame makes every server drop the older frame by itself, so nothing is awaited here.
-        replaced: list[Instruction] = [EndFrame(self.frame.frame)] if self.frame is not None else []
+        replaced = self.frame
         self.frame = RunningFrame(event.frame, event.scene, event.step)
-        return [*replaced, *self._begin_frame()]
+        begun = self._begin_frame()
+        if replaced is None:
+            return begun
+        # RenderFrame makes every server drop older frames by itself; where it must wait, they are told to stop now.
+        waits = self.frame is None or not self.frame.started
+        stop = self._abort_everywhere(replaced) if waits and replaced.started else []
+        return [*stop, EndFrame(replaced.frame), *begun]
+
+    def _abort_everywhere(self, frame: RunningFrame) -> list[Instruction]:
+        return [Send(server, messages.AbortFrame(frame=frame.frame)) for server in self._drawing()]
 
     def _begin_frame(self) -> list[Instruction]:
         """Send the waiting frame, after packing for its quantisation where that is still to be done."""
@@ -279,7 +295,7 @@ class Coordinator:
 
     def _drawing(self) -> list[int]:
         """The servers of a frame: the splat server first, so that it expects what comes."""
-        return [*self._splat_servers()[:1], *self.boxes]
+        return [self._splat_server, *self.boxes]
 
     def _handle_AbortAsked(self, event: AbortAsked) -> list[Instruction]:
         frame = self.frame
@@ -289,7 +305,7 @@ class Coordinator:
             self.frame = None
             return [EndFrame(frame.frame)]
         frame.unacknowledged = set(self._drawing())
-        return [Send(server, messages.AbortFrame(frame=frame.frame)) for server in self._drawing()]
+        return self._abort_everywhere(frame)
 
     def _received_FrameAborted(
         self, server: int, message: messages.FrameAborted, payload: memoryview
@@ -310,7 +326,7 @@ class Coordinator:
         if not frame.started:
             frame.partial_wanted = True
             return []
-        return [Send(self._splat_servers()[0], messages.ReadImage(frame=event.frame))]
+        return [Send(self._splat_server, messages.ReadImage(frame=event.frame))]
 
     def _received_FrameMapped(
         self, server: int, message: messages.FrameMapped, payload: memoryview
@@ -330,7 +346,7 @@ class Coordinator:
         if not message.complete:
             self.frame = None
             names = ", ".join(self.servers[n].name if n in self.servers else f"server {n}" for n in message.lost)
-            return [EndFrame(frame.frame, PeerLost(f"the image is incomplete: lost the packets of {names}"))]
+            return [EndFrame(frame.frame, PeerLost(f"the image is incomplete: packets of {names} were lost"))]
         frame.splat = message.stats
         return [Send(server, messages.ReadImage(frame=frame.frame))]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
@@ -55,6 +55,25 @@ class Renderer(Protocol):
         self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
     ) -> Iterator[Refinement]:
         """The steps A to `last`, each finished image and the partial images between."""
+
+
+def refined(drawn: Callable[[Step], Iterator[Refinement]], scene: Scene, last: Step) -> Iterator[Refinement]:
+    """The steps A to `last`, each as `drawn` gives it: partial images of the bare buffer, then the finished one."""
+    under: Tensor | None = None
+    for step in [step for step in Step if step <= last]:
+        for refinement in drawn(step):
+            if refinement.complete:
+                under = None if scene.refine.bare_buffer else refinement.image
+                yield refinement
+            else:
+                yield Refinement(step, laid_over(refinement.image, under), None)
+
+
+def image_tensor(pixels: bytearray | memoryview, width: int, height: int) -> Tensor:
+    """What a splat server published, as (H, W, 4) float32 over the same memory."""
+    import torch
+
+    return torch.frombuffer(pixels, dtype=torch.float32).reshape(height, width, 4)
 
 
 def laid_over(partial: Tensor, finished: Tensor | None) -> Tensor:

@@ -42,7 +42,8 @@ from volsplat.client.renderer import (
     PARTIAL_INTERVAL,
     Refinement,
     StepOutcome,
-    laid_over,
+    image_tensor,
+    refined,
 )
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.deploy.local import LocalServers
@@ -100,6 +101,8 @@ class Session:
         self._volume_known = threading.Event()  # set when _volume or _failure is
         self._closed = False
 
+        if workers is not None and workers < 1:
+            raise BadInput(f"{workers} map/shade servers cannot hold a volume; start one or more")
         token = token or new_token()
         self._listener = Listener(Role.CLIENT, token, host=listen.host, port=listen.port, assign_id=ServerIds())
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
@@ -164,33 +167,37 @@ class Session:
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
         """
-        under: Tensor | None = None
-        frame: int | None = None
-        for step in [step for step in Step if step <= last]:
-            try:
-                frame, answers = self._ask(scene, step, after=frame)
-                for refinement in self._drawn(frame, answers, step, partial_interval):
-                    if refinement.complete:
-                        under = None if scene.refine.bare_buffer else refinement.image
-                        yield refinement
-                    else:
-                        yield Refinement(step, laid_over(refinement.image, under), None)
-            except FrameAborted:
-                return
+        asked: list[int] = []  # the newest frame of this refinement
+
+        def drawn(step: Step) -> Iterator[Refinement]:
+            frame, answers = self._ask(scene, step, after=asked[-1] if asked else None)
+            asked.append(frame)
+            return self._drawn(frame, answers, step, partial_interval)
+
+        try:
+            yield from refined(drawn, scene, last)
+        except FrameAborted:
+            return
 
     def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
         started = time.perf_counter()
         patience = partial_interval
-        while (answer := self._answer(frame, answers, patience)) is None or answer.outcome is None:
-            if answer is None:
-                self._events.put(PartialImageAsked(frame))
-                patience = None  # one request at a time: its image or the finished one will come
-            else:
-                yield Refinement(step, _tensor(answer), None)
-                patience = partial_interval
-        image = _tensor(answer)
-        yield Refinement(step, image, StepOutcome(step, time.perf_counter() - started, answer.outcome))
+        try:
+            while (answer := self._answer(answers, patience)) is None or answer.outcome is None:
+                if answer is None:
+                    self._events.put(PartialImageAsked(frame))
+                    patience = None  # one request at a time: its image or the finished one will come
+                else:
+                    yield Refinement(step, _tensor(answer), None)
+                    patience = partial_interval
+        finally:
+            # Also where whoever asked has lost interest: then nobody need draw on.
+            with self._frames_lock:
+                del self._frames[frame]
+            self._events.put(AbortAsked(frame))
+        seconds = time.perf_counter() - started
+        yield Refinement(step, _tensor(answer), StepOutcome(step, seconds, answer.outcome))
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
@@ -238,19 +245,15 @@ class Session:
         self._events.put(FrameAsked(frame, scene, step))
         return frame, answers
 
-    def _answer(self, frame: int, answers: Answers, patience: float | None) -> PublishImage | None:
+    def _answer(self, answers: Answers, patience: float | None) -> PublishImage | None:
         """The next image of a frame, or None after `patience` seconds. Raises what ended it otherwise."""
         try:
             answer = answers.get(timeout=patience)
         except queue.Empty:
             return None
-        if isinstance(answer, PublishImage) and not answer.complete:
-            return answer
-        with self._frames_lock:
-            self._frames.pop(frame, None)
         if isinstance(answer, PublishImage):
             return answer
-        raise answer.error or FrameAborted(f"frame {frame} was aborted")
+        raise answer.error or FrameAborted(f"frame {answer.frame} was aborted")
 
     # -- threads
 
@@ -277,10 +280,16 @@ class Session:
 
     def _coordinate(self) -> None:
         coordinator = Coordinator()
-        while (event := self._events.get()) is not None:
-            for instruction in coordinator.handle(event):
-                self._carry_out(instruction)
-        for server in list(coordinator.servers):
+        try:
+            while (event := self._events.get()) is not None:
+                for instruction in coordinator.handle(event):
+                    self._carry_out(instruction)
+        except Exception as error:  # a mistake of ours, or in `on_progress`: whoever waits must hear of it
+            log.exception("the session cannot go on")
+            self._fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
+        with self._connections_lock:
+            servers = list(self._connections)
+        for server in servers:
             self._send(server, messages.EndSession())
 
     def _carry_out(self, instruction: Instruction) -> None:
@@ -334,6 +343,4 @@ class ServerIds:
 
 
 def _tensor(image: PublishImage) -> Tensor:
-    import torch
-
-    return torch.frombuffer(image.pixels, dtype=torch.float32).reshape(image.height, image.width, 4)
+    return image_tensor(image.pixels, image.width, image.height)

@@ -9,12 +9,10 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import TracebackType
-
-import torch
-from torch import Tensor
+from typing import TYPE_CHECKING
 
 from volsplat.client.coordinator_events import FrameOutcome
-from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, laid_over
+from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, image_tensor, refined
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.readers import open_volume
@@ -27,6 +25,9 @@ from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.scene import Scene, Step
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.image_buffer import ImageBuffer
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 WORKER = 1  # the one map/shade "server"
 
@@ -70,14 +71,7 @@ class SingleProcess:
         self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
     ) -> Iterator[Refinement]:
         """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds."""
-        under: Tensor | None = None
-        for step in [step for step in Step if step <= last]:
-            for refinement in self._drawn(scene, step, partial_interval):
-                if refinement.complete:
-                    under = None if scene.refine.bare_buffer else refinement.image
-                    yield refinement
-                else:
-                    yield Refinement(step, laid_over(refinement.image, under), None)
+        return refined(lambda step: self._drawn(scene, step, partial_interval), scene, last)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
@@ -162,5 +156,4 @@ class SingleProcess:
 
 
 def _tensor(assembly: FrameAssembly) -> Tensor:
-    pixels = bytearray(assembly.published())
-    return torch.frombuffer(pixels, dtype=torch.float32).reshape(assembly.plan.height, assembly.plan.width, 4)
+    return image_tensor(bytearray(assembly.published()), assembly.plan.width, assembly.plan.height)

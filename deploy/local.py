@@ -3,13 +3,14 @@
 import os
 import subprocess
 import threading
+import time
 from collections.abc import Callable
 
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.tokens import Token
 
 PATIENCE_SECONDS = 10  # that a server just started tries to reach its client
-GRACE_SECONDS = 3.0  # that a server has to end by itself before it is terminated, and again before it is killed
+GRACE_SECONDS = 1.0  # that servers have to end by themselves before they are terminated, and again before a kill
 
 
 class LocalServers:
@@ -50,12 +51,13 @@ class LocalServers:
         self._on_end(f"the {program.title} (process {process.pid}) ended with status {status}")
 
     def stop(self) -> None:
-        """End every server: wait for it, then terminate, then kill. Returns when none is left."""
+        """End every server: wait for them, then terminate, then kill. Returns when none is left."""
         for end in (None, subprocess.Popen.terminate, subprocess.Popen.kill):
             for process in self._processes:
                 if end is not None and process.poll() is None:
                     end(process)
+            deadline = time.monotonic() + GRACE_SECONDS
             for watcher in self._watchers:
-                watcher.join(GRACE_SECONDS)
+                watcher.join(max(0.0, deadline - time.monotonic()))
             if not any(watcher.is_alive() for watcher in self._watchers):
                 return

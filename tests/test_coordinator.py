@@ -166,7 +166,7 @@ def test_partial_images_are_asked_for_only_while_the_frame_is_drawn() -> None:
 def test_another_window_makes_the_servers_read_and_pack_again() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    assert sent(coordinator.handle(FrameAsked(2, narrow, Step.F))) == [
+    assert sent(coordinator.handle(FrameAsked(2, narrow, Step.F)))[-2:] == [
         (FIRST, messages.ReadSubCubes),
         (SECOND, messages.ReadSubCubes),
     ]
@@ -178,11 +178,12 @@ def test_another_window_makes_the_servers_read_and_pack_again() -> None:
     assert isinstance(render, messages.RenderFrame) and render.quantisation.window == (0.0, 9.0)
 
 
-def test_a_lost_server_that_holds_a_sub_cube_fails_the_frame_and_the_session() -> None:
+@pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
+def test_a_lost_server_that_draws_fails_the_frame_and_the_session(server: int) -> None:
     coordinator = drawing()
-    ended, failed = coordinator.handle(ServerLost(SECOND, "it closed the connection"))
+    ended, failed = coordinator.handle(ServerLost(server, f"server {server} is gone"))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, PeerLost) and ended.frame == 1
-    assert isinstance(failed, FailSession) and "map/shade server 3" in str(failed.error)
+    assert isinstance(failed, FailSession) and f"server {server} is gone" == str(failed.error)
     (again,) = coordinator.handle(FrameAsked(2, SCENE, Step.F))
     assert isinstance(again, EndFrame) and again.error is failed.error
 
@@ -217,3 +218,44 @@ def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
     (*_, ended) = coordinator.handle(FrameAsked(2, outside, Step.F))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "bounds on i" in str(ended.error)
     assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(3, SCENE, Step.F)))
+
+
+@pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
+def test_a_server_that_is_lost_while_the_volume_is_described_fails_the_session(server: int) -> None:
+    coordinator = Coordinator()
+    for event in [*JOINS, ASKED]:
+        coordinator.handle(event)
+    (failed,) = coordinator.handle(ServerLost(server, "it is gone"))
+    assert isinstance(failed, FailSession)
+
+
+def test_an_idle_splat_server_may_leave() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", DATA))
+    assert coordinator.handle(ServerLost(9, "left")) == []
+
+
+def test_a_frame_that_must_wait_stops_the_running_one_at_once() -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    asked = coordinator.handle(FrameAsked(2, narrow, Step.F))
+    assert sent(asked)[:3] == [(n, messages.AbortFrame) for n in (SPLAT, FIRST, SECOND)]
+    assert EndFrame(1) in asked
+
+
+def test_a_refused_frame_ends_alone_and_is_aborted_everywhere() -> None:
+    coordinator = drawing()
+    *aborts, ended = coordinator.handle(said(SPLAT, messages.Refused("RenderFrame", "no memory", frame=1)))
+    assert sent(aborts) == [(n, messages.AbortFrame) for n in (SPLAT, FIRST, SECOND)]
+    assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput)
+    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F)))
+
+
+def test_answers_of_an_older_assignment_count_for_nothing() -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    coordinator.handle(FrameAsked(2, narrow, Step.F))
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
+    for server in (FIRST, SECOND):
+        assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
+    assert coordinator.phase == Phase.READING

@@ -1,5 +1,7 @@
 """Sessions with real servers on real sockets: refinement, newest frame wins, losses."""
 
+import gc
+import signal
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -9,9 +11,10 @@ import psutil
 import pytest
 import torch
 
+from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.presets import preset_scene
-from volsplat.client.session import FrameAborted, Session
+from volsplat.client.session import FrameAborted
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
@@ -150,3 +153,44 @@ def test_a_volume_that_cannot_be_read_is_bad_input(tmp_path: Path) -> None:
 
 def test_frame_aborted_is_no_error_of_a_person() -> None:
     assert not issubclass(FrameAborted, VolsplatError)
+
+
+@pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])
+@pytest.mark.parametrize("moment", ["header", "reading", "histograms", "packets", "step"])
+def test_a_server_may_die_at_any_moment_and_nobody_hangs(head: Path, victim: str, moment: str) -> None:
+    sessions: list[Session] = []
+
+    def kill(text: str) -> None:
+        if moment in text and sessions:
+            servers = [psutil.Process(pid) for pid in sessions[0].server_processes]
+            next(s for s in servers if f"volsplat.{victim}" in s.cmdline()).send_signal(signal.SIGKILL)
+
+    with Session(head, workers=2, on_progress=kill) as session:
+        sessions.append(session)
+        with pytest.raises(PeerLost):
+            scene = skin(session)
+            deadline = time.monotonic() + PATIENCE
+            while time.monotonic() < deadline:
+                session.render(scene)
+
+
+def test_whoever_waits_hears_of_a_mistake_inside(head: Path) -> None:
+    def fail(text: str) -> None:
+        raise RuntimeError("a progress bar broke")
+
+    with Session(head, workers=1, on_progress=fail) as session:
+        with pytest.raises(VolsplatError, match="a progress bar broke"):
+            session.volume  # noqa: B018
+
+
+def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Session) -> None:
+    for _ in session.refine(skin(session)):
+        break
+    gc.collect()
+    assert session.render(skin(session)).shape == (80, 96, 4)
+    assert session._frames == {}
+
+
+def test_no_workers_are_bad_input(head: Path) -> None:
+    with pytest.raises(BadInput, match="0 map/shade servers"):
+        Session(head, workers=0)
