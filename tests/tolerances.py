@@ -119,5 +119,5 @@ SAME_SILHOUETTE = 1.0 + 1 / 3.7
 MIRRORED_SILHOUETTE = 4 * SAME_SILHOUETTE
 """Voxels: how far a mirrored head's silhouette must stick out for the comparison to be worth anything."""
 
-SURFACE_VOXELS = 2
-"""Voxels: a surface seen through a soft table lies between the first opaque voxel and the one behind it."""
+SURFACE_VOXELS = 4
+"""Voxels: depth is told in bytes of 0.8 voxel, the skin's tables rise over about two, and footprints reach two."""
