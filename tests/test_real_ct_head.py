@@ -18,7 +18,6 @@ from volsplat.client.presets import preset_scene
 from volsplat.client.scene_file import read_scene_file, scene_toml
 from volsplat.client.session import Session
 from volsplat.client.single import SingleProcess
-from volsplat.client.step_images import step_image_path
 from volsplat.client.view_rotation import named_view, rotation_from_option
 from volsplat.protocol.scene import Image, Quantise, Scene, Step, View
 
@@ -77,7 +76,7 @@ def test_files_are_the_same_for_1_2_and_4_workers_and_a_single_process(
         (tmp_path / folder).mkdir()
         done = person.runs(*arguments, *how, "-o", f"{folder}/head.exr", "--steps-dir", folder)
         assert done.returncode == 0, done.stderr
-        paths = [tmp_path / folder / "head.exr", *(step_image_path(tmp_path / folder, step) for step in Step)]
+        paths = [tmp_path / folder / "head.exr", *(tmp_path / folder / f"step-{step}.png" for step in Step)]
         files[folder] = [path.read_bytes() for path in paths]
     for folder in folders:
         assert files[folder] == files["single"], folder
