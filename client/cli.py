@@ -36,6 +36,8 @@ def main() -> NoReturn:
         _end(str(error), EXIT_BAD_INPUT)
     except VolsplatError as error:
         _end(str(error), EXIT_FAILED)
+    except MemoryError:
+        _end("not enough memory on this machine; choose a smaller --size, or more servers elsewhere", EXIT_FAILED)
     except (KeyboardInterrupt, click.Abort):
         _end("interrupted", EXIT_INTERRUPTED)
     sys.exit(0)

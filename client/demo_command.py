@@ -11,8 +11,8 @@ from volsplat.client.frame_report import report_of, step_table, write_report
 from volsplat.client.image_file import write_image
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.presets import preset_scene
+from volsplat.client.render_outputs import step_image_path
 from volsplat.client.session import Session
-from volsplat.client.step_images import step_image_path
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.view_rotation import rotation_from_angles
 from volsplat.client.volume_writer import write_volume

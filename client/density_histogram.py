@@ -6,6 +6,7 @@ Positions are those of tables: 0 is byte 0, 1 is byte 255.
 import math
 from dataclasses import dataclass
 
+from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Survey
 from volsplat.protocol.scene import TABLE_ENTRIES
 
@@ -19,6 +20,16 @@ TISSUE_HU = 40.0
 # Where a CT's air and soft tissue lie when there is no volume to ask: stored as HU + 1024, window 0..2550.
 ASSUMED_AIR = 24 / 2550
 ASSUMED_TISSUE = 1064 / 2550
+
+# What tells a CT of a body from other data, in Hounsfield units and shares of the voxels.
+LEAST_AIR = 0.03  # within AIR_WIDTH of the air's peak
+AIR_WIDTH = 150.0
+MOST_BELOW_AIR = 0.005  # but for the lowest byte, where scanners put their padding
+LEAST_BONE = 0.003  # at BONE_HU or above
+BONE_HU = 300.0
+TISSUE_WIDTH = 200.0  # soft tissue is a peak narrower than this at half its height
+VALLEY = 0.25  # of that height, at most: the least count between air and tissue
+LEAST_BYTES = 40  # from air to tissue; fewer are labels or a scale too coarse to tell
 
 
 @dataclass(frozen=True)
@@ -65,9 +76,14 @@ class DensityHistogram:
 
 
 def density_histogram(survey: Survey, counts: list[int], window: tuple[float, float]) -> DensityHistogram:
-    """The bytes' counts from the survey's histogram, whose bins split survey.low..survey.high evenly."""
+    """The bytes' counts from the survey's histogram, whose bins split survey.low..survey.high evenly.
+
+    Raises BadInput for a window too narrow for a scale.
+    """
     low, high = window
     scale = LAST / (high - low)
+    if math.isinf(scale):
+        raise BadInput(f"the values differ by no more than {high - low:g}, too little to tell apart; scale them up")
     width = (survey.high - survey.low) / len(counts)
     result = [0] * TABLE_ENTRIES
     for n, count in enumerate(counts):
@@ -121,6 +137,36 @@ def ct_scale(histogram: DensityHistogram | None) -> CtScale:
     air = max(range(split + 1), key=lambda byte: counts[byte])
     tissue = max(range(split + 1, TABLE_ENTRIES), key=lambda byte: counts[byte])
     return CtScale(air / LAST, tissue / LAST)
+
+
+def recognised_ct(histogram: DensityHistogram | None) -> CtScale | None:
+    """The scale of what is certainly a CT of a body: a crowd at air, a narrow soft-tissue peak, some bone.
+
+    None for anything else, and where there is no histogram.
+    """
+    if histogram is None or histogram.voxels == 0:
+        return None
+    scale = ct_scale(histogram)
+    air, tissue = round(scale.air * LAST), round(scale.tissue * LAST)
+    if tissue - air < LEAST_BYTES:
+        return None
+    smoothed = histogram.smoothed()
+    half = smoothed[tissue] / 2
+    first = next((byte for byte in range(tissue, air, -1) if smoothed[byte] < half), air)
+    last = next((byte for byte in range(tissue, TABLE_ENTRIES) if smoothed[byte] < half), TABLE_ENTRIES)
+    per_byte = (TISSUE_HU - AIR_HU) / (tissue - air)
+    reach = round(AIR_WIDTH / per_byte)
+    below_air = sum(histogram.counts[1 : max(air - reach, 1)])
+    at_air = sum(histogram.counts[max(air - reach, 0) : air + reach + 1])
+    bone = histogram.share_above(tissue + math.ceil((BONE_HU - TISSUE_HU) / per_byte) - 1)
+    is_ct = (
+        at_air >= LEAST_AIR * histogram.voxels
+        and below_air <= MOST_BELOW_AIR * histogram.voxels
+        and min(smoothed[air:tissue]) <= VALLEY * smoothed[tissue]
+        and (last - first) * per_byte <= TISSUE_WIDTH
+        and bone >= LEAST_BONE
+    )
+    return scale if is_ct else None
 
 
 @dataclass(frozen=True)

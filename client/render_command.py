@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import os
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from ipaddress import ip_address
 from pathlib import Path
 
 import click
 from rich.console import Console
 
 from volsplat.client.frame_report import report_of, write_report
-from volsplat.client.image_formats import check_writable
 from volsplat.client.presets import PRESETS
 from volsplat.client.render_options import (
     SceneOptions,
@@ -20,9 +21,9 @@ from volsplat.client.render_options import (
     size_from_option,
     triple_from_option,
 )
+from volsplat.client.render_outputs import Outputs, step_image_path
 from volsplat.client.renderer import Refinement, Renderer
 from volsplat.client.session import ANY_LOOPBACK_PORT, Session
-from volsplat.client.step_images import step_image_path
 from volsplat.protocol.addresses import Address, parse_address
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Order, Scene, Step
@@ -37,29 +38,6 @@ class Servers:
     single: bool
     listen: Address | None
     token: Token | None
-
-
-@dataclass(frozen=True)
-class Outputs:
-    """The files that a rendering leaves."""
-
-    image: Path | None
-    steps_dir: Path | None
-    report: Path | None
-
-    def check(self) -> None:
-        """Raises BadInput before any work where a file could not be written."""
-        if self.image is None and self.steps_dir is None:
-            raise BadInput("nothing to write: give -o IMAGE, --steps-dir FOLDER, or both")
-        if self.image is not None:
-            check_writable(self.image)
-        if self.steps_dir is not None:
-            if self.steps_dir.exists() and not self.steps_dir.is_dir():
-                raise BadInput(f"{self.steps_dir}: not a folder; name another with --steps-dir")
-            self.steps_dir.mkdir(parents=True, exist_ok=True)
-            check_writable(step_image_path(self.steps_dir, Step.A))
-        if self.report is not None and not os.access(self.report.parent, os.W_OK):
-            raise BadInput(f"{self.report}: the folder is missing or cannot be written; name another with --report")
 
 
 @click.command()
@@ -130,7 +108,7 @@ def render(
     if spawns and not Path(volume).exists():
         raise BadInput(f"{volume}: no such file or folder")
     scene_options.scene_of(None)
-    outputs.check()
+    outputs.check(Path(volume))
     servers = Servers(
         workers=workers,
         single=single,
@@ -182,9 +160,14 @@ def opened(volume: str, servers: Servers, spawns: bool, console: Console) -> Ite
 
 def tell_how_to_join(session: Session, token: Token, known: bool, console: Console) -> None:
     """Print the commands that start servers by hand."""
+    address = session.address
     secret = "" if known else f"{TOKEN_VARIABLE}={token.key.decode()} "
-    for program in ("splat-server", "mapshade-server"):
-        console.print(f"{secret}volsplat {program} --connect {session.address}", soft_wrap=True, highlight=False)
+    everywhere = ip_address(address.host).is_unspecified
+    joined = Address(socket.gethostname(), address.port) if everywhere else address
+    # Servers on other machines must reach the splat server as well, which by itself listens on its own alone.
+    opened = "" if ip_address(address.host).is_loopback else " --listen 0.0.0.0:0"
+    for command in (f"splat-server --connect {joined}{opened}", f"mapshade-server --connect {joined}"):
+        console.print(f"{secret}volsplat {command}", soft_wrap=True, highlight=False)
 
 
 def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: Console) -> None:
@@ -199,6 +182,7 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
             continue
         finished.append(refinement)
         if outputs.steps_dir is not None:
+            outputs.make_folder()
             write_image(step_image_path(outputs.steps_dir, refinement.step), refinement.image, scene)
     if outputs.image is not None:
         write_image(outputs.image, finished[-1].image, scene)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.tokens import Token
 
-PATIENCE_SECONDS = 10  # that a server just started tries to reach its client
+PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
 GRACE_SECONDS = 1.0  # that servers have to end by themselves before they are terminated, and again before a kill
 
 

@@ -119,6 +119,8 @@ BAD_OPTIONS = {
     "address": (["-o", "a.png", "--listen", "here"], "HOST:PORT"),
     "spawn none": (["-o", "a.png", "--spawn", "none"], "--listen"),
     "scene missing": (["-o", "a.png", "--scene", "none.toml"], "none.toml"),
+    "report is a folder": (["-o", "a.png", "--report", "."], "--report"),
+    "steps below a file": (["--steps-dir", "/dev/null/steps"], "--steps-dir"),
     "token file missing": (["-o", "a.png", "--token-file", "none"], "token"),
 }
 
@@ -168,6 +170,22 @@ def test_a_bad_volume_is_one_clear_line_and_the_old_image_stays(
     assert done.returncode == 2 and "bad.nrrd" in one_line(done), done.stderr
     assert image.read_bytes() == b"an older image"
     assert person.servers() == []
+
+
+@pytest.mark.parametrize("option", ["-o", "--report"])
+def test_a_volume_is_never_overwritten(person: Person, option: str) -> None:
+    volume = person.folder / "stack.tif"
+    write_volume(volume, *make_phantom("head", size=(12, 12, 12)))
+    before = volume.read_bytes()
+    done = person.runs("render", "stack.tif", "--steps-dir", "steps", option, str(volume))
+    assert done.returncode == 2 and "stack.tif" in one_line(done)
+    assert volume.read_bytes() == before
+
+
+def test_bounds_outside_the_volume_leave_no_folder(person: Person, head: Path) -> None:
+    done = person.runs("render", str(head), "--steps-dir", "new/steps", "--bounds", ":,:,90:")
+    assert done.returncode == 2 and "bounds on k" in one_line(done)
+    assert list(person.folder.iterdir()) == []
 
 
 def test_a_port_in_use_is_named(person: Person, head: Path) -> None:
