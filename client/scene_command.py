@@ -14,7 +14,8 @@ def scene(name: str | None) -> None:
     Without --preset, list the presets. Use the file with `volsplat render VOLUME --scene FILE`.
     """
     if name is None:
+        widest = max(map(len, PRESETS))
         for known, preset in PRESETS.items():
-            click.echo(f"{known:<12} {preset.description}")
+            click.echo(f"{known:<{widest}}  {preset.description}")
         return
     click.echo(scene_toml(preset_scene(name), f"{name}: {PRESETS[name].description}"), nl=False)
