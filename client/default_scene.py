@@ -1,20 +1,31 @@
 """The scene that a volume is first seen with: chosen from its histogram so that the picture is never empty."""
 
-import math
 from dataclasses import dataclass
 
-from volsplat.client.density_histogram import LAST, DensityHistogram, density_histogram, otsu_byte, zero_position
-from volsplat.client.presets import KEY_LIGHT, colours, dimmed
-from volsplat.client.view_rotation import named_view
+from volsplat.client.density_histogram import (
+    LAST,
+    CtScale,
+    DensityHistogram,
+    density_histogram,
+    otsu_byte,
+    recognised_ct,
+    zero_position,
+)
+from volsplat.client.presets import KEY_LIGHT, colours, dimmed, scalars, start_rotation
 from volsplat.protocol.index_rules import Survey
 from volsplat.protocol.scene import ColourTable, ScalarTable, Scene, Shading, Tables, View
 from volsplat.protocol.volume import VolumeDescription
 
 LEAST_SEEN, MOST_SEEN = 0.01, 0.60  # shares of the voxels between which the first picture stays where it can
 AIMED_SEEN = 0.35  # at most, where the histogram shows no gap of its own
-OPAQUE = 0.97  # what the first third of a ray through the seen voxels should add up to, on average
-LEAST_OPACITY, MOST_OPACITY = 0.02, 0.7  # of the strongest sample
-WEAKEST = 0.15  # of that, for the weakest sample that is seen
+AIMED_SIGNS = 0.05  # at most, of data of both signs: more would be the noise about zero
+SURFACE = 0.85  # opacity of what is seen: a few voxels hide what lies behind, so that form is told by light
+RIM = 0.2  # opacity of the weakest sample that is seen
+RISE = 0.2  # of the seen range: where SURFACE is reached, so that a surface is no staircase
+DENSE_SHARE = 0.01  # of the seen voxels: the colours end where no more are denser
+SKIN_HU = -300.0  # where the skin of a CT begins
+MOST_LABELS = 32  # whole numbers up to here, each one a thing of its own
+LABEL_HUES = ("#d08068", "#6f9fd8", "#88b868", "#d8b860", "#a888c8", "#60b8a8", "#d080a0", "#c8c0b0")
 
 
 @dataclass(frozen=True)
@@ -33,17 +44,41 @@ def default_scene(
 ) -> Scene:
     """A scene for a volume that nothing but its survey is known of. `density_counts` split survey.low..survey.high."""
     histogram = density_histogram(survey, density_counts, window)
-    seen = seen_bytes(histogram)
-    mean_side = description.geometry.box.voxels ** (1 / 3)
+    view = View(rotation=start_rotation(histogram, description.anatomical))
+    scale = recognised_ct(histogram)
+    if scale is not None and _well_seen(Seen(0, round(scale.position(SKIN_HU) * LAST)), histogram):
+        return _skull_in_flesh(scale, view)
+    if _are_labels(description, survey) and _well_seen(_unusual(histogram), histogram):
+        seen, tint = _unusual(histogram), _label_tint(survey, histogram)
+        opacity = _opacity(seen, histogram, rim=SURFACE)
+    else:
+        seen = seen_bytes(histogram)
+        tint, opacity = _tint(seen, histogram), _opacity(seen, histogram, rim=RIM)
     return Scene(
-        tables=Tables(
-            emit=dimmed(_tint(seen), 0.45),
-            refl=dimmed(_tint(seen), 0.75),
-            opac=_opacity(seen, _strongest(seen.share(histogram) * mean_side / 3)),
-        ),
+        tables=Tables(emit=dimmed(tint, 0.35), refl=dimmed(tint, 0.75), opac=opacity),
         shading=Shading(modulation=False, two_sided=seen.below > 0),
         light=KEY_LIGHT,
-        view=View(rotation=named_view("front")),
+        view=view,
+    )
+
+
+def _well_seen(seen: Seen, histogram: DensityHistogram) -> bool:
+    return LEAST_SEEN <= seen.share(histogram) <= MOST_SEEN
+
+
+def _skull_in_flesh(scale: CtScale, view: View) -> Scene:
+    """A CT: bone as a solid surface, the skin as a veil about it; what does not change is clear."""
+    at = scale.position
+    return Scene(
+        tables=Tables(
+            emit=colours((at(-300), "#2a1811"), (at(100), "#3a251c"), (at(600), "#4a4436")),
+            refl=colours((at(-300), "#a05c44"), (at(100), "#a8664e"), (at(300), "#c8bca0"), (at(1200), "#e0d8c0")),
+            opac=scalars((at(SKIN_HU), 0.0), (at(-100), 0.22), (at(120), 0.22), (at(300), 0.9), (at(1000), 0.95)),
+            modu=scalars((0.06, 0.0), (0.5, 1.0)),
+        ),
+        shading=Shading(specular_power=25.0),
+        light=KEY_LIGHT,
+        view=view,
     )
 
 
@@ -60,7 +95,7 @@ def seen_bytes(histogram: DensityHistogram) -> Seen:
         return Seen(below=0, above=occupied[0] - 1) if occupied[0] else Seen(below=1, above=LAST)
     candidates = [*_both_signs(histogram), *_dense(histogram), *_sparse(histogram), _unusual(histogram)]
     for candidate in candidates:
-        if LEAST_SEEN <= candidate.share(histogram) <= MOST_SEEN:
+        if _well_seen(candidate, histogram):
             return candidate
     return candidates[-1]
 
@@ -75,7 +110,7 @@ def _both_signs(histogram: DensityHistogram) -> list[Seen]:
         return []
     reach = max(middle, LAST - middle)
     sets = (Seen(max(middle - n, 0), min(middle + n, LAST)) for n in range(reach))
-    return [next((seen for seen in sets if seen.share(histogram) <= AIMED_SEEN), Seen(0, LAST))]
+    return [next((seen for seen in sets if seen.share(histogram) <= AIMED_SIGNS), Seen(0, LAST))]
 
 
 def _dense(histogram: DensityHistogram) -> list[Seen]:
@@ -98,24 +133,49 @@ def _unusual(histogram: DensityHistogram) -> Seen:
     return Seen(mode, mode)
 
 
-def _strongest(samples: float) -> float:
-    """The opacity of the densest sample, for rays that meet this many seen samples on average."""
-    opacity = 1 - math.pow(1 - OPAQUE, 1 / max(samples, 1.0))
-    return min(max(opacity, LEAST_OPACITY), MOST_OPACITY)
-
-
-def _opacity(seen: Seen, strongest: float) -> ScalarTable:
+def _opacity(seen: Seen, histogram: DensityHistogram, rim: float) -> ScalarTable:
+    """Nothing up to the seen bytes, then a steep rise from `rim`: a surface."""
     points: list[tuple[float, float]] = []
     if seen.below > 0:
-        points += [(0.0, strongest), ((seen.below - 1) / LAST, strongest * WEAKEST), (seen.below / LAST, 0.0)]
+        least = _least(seen, histogram)
+        full = max(seen.below - 1 - round(RISE * (seen.below - least)), 0)
+        points += [(full / LAST, SURFACE), ((seen.below - 1) / LAST, rim), (seen.below / LAST, 0.0)]
     if seen.above < LAST:
-        points += [(seen.above / LAST, 0.0)] if seen.above >= 0 else []
-        points += [((seen.above + 1) / LAST, strongest * WEAKEST), (1.0, strongest)]
+        most = _most(seen, histogram)
+        full = min(seen.above + 1 + round(RISE * (most - seen.above)), LAST)
+        points += [(seen.above / LAST, 0.0), ((seen.above + 1) / LAST, rim), (full / LAST, SURFACE)]
     return ScalarTable(points=tuple(points))
 
 
-def _tint(seen: Seen) -> ColourTable:
-    below, above = max(seen.below, 0) / LAST, min(max(seen.above, 0), LAST) / LAST
-    cold = [(0.0, "#4a86d8"), (below, "#b8c4d0")] if seen.below > 0 else []
-    warm = [(above, "#a08878"), (above + (1 - above) / 3, "#d8a888"), (1.0, "#f4ead8")] if seen.above < LAST else []
-    return colours(*cold, *warm)
+def _most(seen: Seen, histogram: DensityHistogram) -> int:
+    """The byte above which no more than the densest hundredth of what is seen lies."""
+    share = DENSE_SHARE * histogram.share_above(seen.above)
+    return next(byte for byte in range(seen.above, LAST + 1) if histogram.share_above(byte) <= share)
+
+
+def _least(seen: Seen, histogram: DensityHistogram) -> int:
+    """The same at the other end."""
+    share = DENSE_SHARE * histogram.share_below(seen.below)
+    return next(byte for byte in range(seen.below, -1, -1) if histogram.share_below(byte) <= share)
+
+
+def _tint(seen: Seen, histogram: DensityHistogram) -> ColourTable:
+    """Warm above, from brown to ivory; cold below."""
+    points: list[tuple[float, str]] = []
+    if seen.below > 0:
+        points += [(_least(seen, histogram) / LAST, "#4a86d8"), (seen.below / LAST, "#8fb4e0")]
+    if seen.above < LAST:
+        above, most = seen.above / LAST, _most(seen, histogram) / LAST
+        points += [(above, "#b07858"), (above + (most - above) / 3, "#dca884"), (most, "#f4ead8")]
+    return colours(*points)
+
+
+def _are_labels(description: VolumeDescription, survey: Survey) -> bool:
+    """Few whole numbers from 0 up."""
+    return "int" in description.scalar_type and 0 <= survey.low < survey.high <= MOST_LABELS
+
+
+def _label_tint(survey: Survey, histogram: DensityHistogram) -> ColourTable:
+    """A colour for each whole number, neighbours well apart."""
+    labels = range(int(survey.low), int(survey.high) + 1)
+    return colours(*((histogram.position(label), LABEL_HUES[label % len(LABEL_HUES)]) for label in labels))

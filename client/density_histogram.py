@@ -24,12 +24,12 @@ ASSUMED_TISSUE = 1064 / 2550
 # What tells a CT of a body from other data, in Hounsfield units and shares of the voxels.
 LEAST_AIR = 0.03  # within AIR_WIDTH of the air's peak
 AIR_WIDTH = 150.0
-MOST_BELOW_AIR = 0.005  # but for the lowest byte, where scanners put their padding
+MOST_BELOW_AIR = 0.002  # but for the lowest byte, where scanners put their padding
 LEAST_BONE = 0.003  # at BONE_HU or above
 BONE_HU = 300.0
 TISSUE_WIDTH = 200.0  # soft tissue is a peak narrower than this at half its height
 VALLEY = 0.25  # of that height, at most: the least count between air and tissue
-LEAST_BYTES = 40  # from air to tissue; fewer are labels or a scale too coarse to tell
+LEAST_BYTES = 40  # that occur from air to tissue; fewer are labels or a scale too coarse to tell
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ def recognised_ct(histogram: DensityHistogram | None) -> CtScale | None:
         return None
     scale = ct_scale(histogram)
     air, tissue = round(scale.air * LAST), round(scale.tissue * LAST)
-    if tissue - air < LEAST_BYTES:
+    if tissue - air - histogram.counts[air:tissue].count(0) < LEAST_BYTES:
         return None
     smoothed = histogram.smoothed()
     half = smoothed[tissue] / 2

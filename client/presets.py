@@ -6,8 +6,14 @@ from dataclasses import dataclass
 import msgspec
 
 from volsplat.client.colours import colour_from_hex
-from volsplat.client.density_histogram import DensityHistogram, ct_scale, landmarks, zero_position
-from volsplat.client.view_rotation import named_view
+from volsplat.client.density_histogram import (
+    DensityHistogram,
+    ct_scale,
+    landmarks,
+    recognised_ct,
+    zero_position,
+)
+from volsplat.client.view_rotation import Quaternion, named_view
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import ColourTable, CrossBar, Field, Light, ScalarTable, Scene, Shading, Tables, View
 
@@ -25,14 +31,23 @@ class Preset:
 def preset_scene(name: str, histogram: DensityHistogram | None = None, anatomical: bool = True) -> Scene:
     """The scene of a preset, for a volume's histogram or, without one, for a CT of HU + 1024 in a window 0..2550.
 
-    Patients are seen from the front. Where a scan does not tell its orientation, its slices are taken to count from
-    the top of the head down and its rows from the nose backwards, as in the paper's. Raises BadInput for no such name.
+    It is seen as start_rotation tells. Raises BadInput for no such name.
     """
     preset = PRESETS.get(name)
     if preset is None:
         raise BadInput(f"--preset {name}: no such preset; choose one of {', '.join(PRESETS)}")
-    rotation = named_view("stack" if preset.patient and not anatomical else "front")
+    rotation = start_rotation(histogram, anatomical, preset.patient)
     return msgspec.structs.replace(preset.build(histogram), view=View(rotation=rotation))
+
+
+def start_rotation(histogram: DensityHistogram | None, anatomical: bool, patient: bool = False) -> Quaternion:
+    """The view that every scene starts with, preset or not: the front.
+
+    Where a patient's scan does not tell its orientation, its slices are taken to count from the top of the head down
+    and its rows from the nose backwards, as in the paper's. A CT is known by its histogram, or where `patient` says so.
+    """
+    stacked = not anatomical and (patient or recognised_ct(histogram) is not None)
+    return named_view("stack" if stacked else "front")
 
 
 def colours(*points: tuple[float, str]) -> ColourTable:

@@ -1,20 +1,29 @@
 """The default scene: whatever the histogram, the first picture shows something, and not everything."""
 
+import math
+from pathlib import Path
+
+import msgspec
 import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
 from volsplat.client.default_scene import LEAST_SEEN, MOST_SEEN, default_scene
-from volsplat.client.density_histogram import density_histogram
+from volsplat.client.density_histogram import density_histogram, recognised_ct
+from volsplat.client.presets import PRESETS, preset_scene
+from volsplat.client.single import SingleProcess
+from volsplat.client.view_rotation import named_view
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey, density_window
-from volsplat.protocol.scene import Scene
+from volsplat.protocol.scene import Field, Image, Scene, View
 from volsplat.protocol.volume import Geometry, VolumeDescription
 
 SIDE = 64
 VOXELS = SIDE**3
 
 
-def first_scene(values: dict[float, int], scalar_type: str, no_data: int = 0) -> tuple[Scene, float, float]:
+def first_scene(
+    values: dict[float, int], scalar_type: str, no_data: int = 0, anatomical: bool = False
+) -> tuple[Scene, float, float]:
     """The default scene of a volume with these values and counts, the share of voxels it shows, and the share of
     the most frequent density byte."""
     low, high = min(values, default=1.0), max(values, default=0.0)
@@ -25,7 +34,11 @@ def first_scene(values: dict[float, int], scalar_type: str, no_data: int = 0) ->
     survey = Survey(low=low, high=high, max_gradient=1.0, voxels=sum(values.values()) + no_data, no_data=no_data)
     window = density_window(survey, counts, scalar_type)
     description = VolumeDescription(
-        name="nasty", format="test", geometry=Geometry(dims=(SIDE, SIDE, SIDE)), scalar_type=scalar_type
+        name="nasty",
+        format="test",
+        geometry=Geometry(dims=(SIDE, SIDE, SIDE)),
+        scalar_type=scalar_type,
+        anatomical=anatomical,
     )
     scene = default_scene(description, survey, counts, window)
     histogram = density_histogram(survey, counts, window)
@@ -99,3 +112,90 @@ def test_what_is_seen_also_glows() -> None:
         scene, _, _ = first_scene(values, "float32")
         for opacity, colour in zip(scene.tables.opac.entries(), scene.tables.emit.entries(), strict=True):
             assert opacity == 0 or max(colour) > 0
+
+
+# Scans
+
+
+def ct_of_a_head(air: int = 6000) -> dict[float, int]:
+    """Hounsfield units with the peaks of air, fat, soft tissue and bone, and some of all between."""
+    peaks = ((-1000, 12, air), (-100, 12, 150), (40, 12, 2500), (900, 200, 120))
+    values = range(-1024, 1500)
+    return {
+        float(v): int(1 + sum(n * math.exp(-0.5 * ((v - at) / wide) ** 2) for at, wide, n in peaks)) for v in values
+    }
+
+
+def test_a_ct_is_shown_by_its_surfaces_air_clear_flesh_faint_and_bone_solid() -> None:
+    scene, shown, _ = first_scene(ct_of_a_head(), "int16")
+    assert LEAST_SEEN <= shown <= MOST_SEEN
+    assert scene.shading.modulation and scene.cross_bar.modu is Field.STRENGTH
+    low, high = -1024.0, 1500.0
+    air, flesh, bone = (
+        scene.tables.opac.entries()[round((hounsfield - low) / (high - low) * 255)] for hounsfield in (-1000, 40, 600)
+    )
+    assert air == 0 < flesh < 0.5 < bone
+
+
+@pytest.mark.parametrize("anatomical", [True, False])
+def test_a_ct_starts_with_the_view_that_every_preset_gives_it(anatomical: bool) -> None:
+    scene, _, _ = first_scene(ct_of_a_head(), "int16", anatomical=anatomical)
+    assert scene.view.rotation == named_view("front" if anatomical else "stack")
+
+
+def test_a_ct_that_fills_its_grid_still_shows_no_more_than_sixty_percent() -> None:
+    _, shown, _ = first_scene(ct_of_a_head(air=1000), "int16")
+    assert LEAST_SEEN <= shown <= MOST_SEEN
+
+
+@pytest.mark.parametrize("name", ORDINARY)
+def test_what_is_no_ct_is_seen_from_the_front_without_modulation(name: str) -> None:
+    scene, _, _ = first_scene(ORDINARY[name], "float32")
+    assert scene.view.rotation == named_view("front") and not scene.shading.modulation
+
+
+@pytest.mark.parametrize("head", ["ct_head_96x128x113", "cthead_256x256x113"])
+def test_the_real_heads_start_upright_with_and_without_a_preset(shared_data: Path, head: str) -> None:
+    volume = SingleProcess(shared_data / "ct_head" / f"{head}.nrrd").volume
+    views = {volume.default_scene().view}
+    views |= {preset_scene(name, volume.density_histogram(), volume.description.anatomical).view for name in PRESETS}
+    assert views == {View(rotation=named_view("stack"))}
+
+
+@pytest.mark.parametrize(
+    ("file", "is_ct"),
+    [
+        ("nifti/CT_pitch.nii.gz", True),
+        ("dicom_ct_phantom", True),
+        ("volvis/tooth_103x94x161_uint8.nhdr", False),  # one, but with no scale of a body
+        ("volvis/nucleon_41x41x41_uint8.nhdr", False),
+        ("volvis/neghip_64x64x64_uint8.nhdr", False),
+        ("metaimage/HeadMRVolume.mhd", False),
+        ("nrrd/template_T2.nrrd", False),
+        ("nifti/avg152T1_LR_nifti.nii.gz", False),
+        ("nifti/big.nii.gz", False),
+        ("sod/sod_density_97x97x116.nhdr", False),
+    ],
+)
+def test_only_scans_of_bodies_count_as_ct(shared_data: Path, file: str, is_ct: bool) -> None:
+    volume = SingleProcess(shared_data / file).volume
+    assert (recognised_ct(volume.density_histogram()) is not None) == is_ct
+
+
+@pytest.mark.parametrize(
+    "file", ["ct_head/ct_head_96x128x113.nrrd", "volvis/tooth_103x94x161_uint8.nhdr", "nrrd/template_T2.nrrd"]
+)
+def test_the_first_picture_has_a_solid_object(shared_data: Path, file: str) -> None:
+    """Where anything lies in front of the background, it is a surface and no fog."""
+    with SingleProcess(shared_data / file) as single:
+        scene = msgspec.structs.replace(single.volume.default_scene(), image=Image(width=128, height=128))
+        alpha = single.render(scene)[..., 3]
+    assert (alpha > 0.9).sum() > 0.6 * (alpha > 0.02).sum()
+
+
+def test_each_label_has_a_colour_of_its_own_and_the_background_none() -> None:
+    scene, shown, _ = first_scene(ORDINARY["labels"], "uint8")
+    emitted, opacity = scene.tables.emit.entries(), scene.tables.opac.entries()
+    assert len({emitted[label] for label in (1, 2, 29)}) == 3
+    assert opacity[0] == 0 and opacity[1] == opacity[2] == opacity[29] > 0.5
+    assert shown == 0.1

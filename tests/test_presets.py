@@ -19,6 +19,7 @@ from volsplat.client.density_histogram import (
     density_histogram,
     landmarks,
     otsu_byte,
+    recognised_ct,
     zero_position,
 )
 from volsplat.client.presets import PRESETS, preset_scene
@@ -63,6 +64,7 @@ def test_a_ct_is_calibrated_by_its_air_and_tissue_peaks(scan: str) -> None:
     scale = ct_scale(histogram)
     assert round(scale.position(TISSUE) * LAST) == pytest.approx(position(TISSUE) * LAST, abs=ONE_BYTE)
     assert round(scale.position(AIR) * LAST) == pytest.approx(position(AIR) * LAST, abs=ONE_BYTE)
+    assert recognised_ct(histogram) == scale
 
 
 @pytest.mark.parametrize("scan", SCANS)
@@ -128,6 +130,13 @@ def test_patients_are_seen_from_the_front_and_unoriented_stacks_with_their_first
     assert preset_scene("ct-skin").view.rotation == named_view("front")
     assert preset_scene("ct-bone", anatomical=False).view.rotation == named_view("stack")
     assert preset_scene("molecules", anatomical=False).view.rotation == named_view("front")
+
+
+@pytest.mark.parametrize("name", PRESETS)
+@pytest.mark.parametrize("scan", SCANS)
+def test_a_ct_starts_with_the_same_view_under_every_preset(name: str, scan: str) -> None:
+    for anatomical, view in ((True, "front"), (False, "stack")):
+        assert preset_scene(name, SCANS[scan][0], anatomical).view.rotation == named_view(view)
 
 
 def test_an_unknown_preset_is_refused_with_the_known_ones() -> None:
