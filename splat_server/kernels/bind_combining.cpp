@@ -11,7 +11,7 @@
 #include <stdexcept>
 
 #include "bind_merge.h"
-#include "cpu_paths.h"
+#include "cpu_path.h"
 #include "edge_layer.h"
 #include "footprint_table.h"
 #include "image_memory.h"

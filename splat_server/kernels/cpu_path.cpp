@@ -1,4 +1,4 @@
-#include "cpu_paths.h"
+#include "cpu_path.h"
 
 #include <atomic>
 #include <cstdlib>
