@@ -17,6 +17,7 @@ from volsplat.protocol.errors import BadInput, LocalProtocolError, RemoteProtoco
 from volsplat.protocol.greetings import NONCE_BYTES, Challenge, Hello, Proof, Rejected, Welcome
 from volsplat.protocol.message_rules import encode_control
 from volsplat.protocol.messages import LONGEST_LINE, Message
+from volsplat.protocol.printable import printable
 from volsplat.protocol.roles import DIALLED, Role, Way
 from volsplat.protocol.tokens import Token
 from volsplat.protocol.versions import SPOKEN, VersionRange
@@ -240,8 +241,3 @@ def no_shared_version(one: str, ones: VersionRange, other: str, others: VersionR
     return (
         f"{one} speaks protocol {ones}, {other} {others}: they share none; install the same release of volsplat on both"
     )
-
-
-def printable(text: str) -> str:
-    """What a stranger wrote, without what could steer a terminal."""
-    return "".join(character if character.isprintable() else "?" for character in text)

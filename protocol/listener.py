@@ -18,7 +18,8 @@ from volsplat.protocol.connection import Connection, ConnectionClosed, Peer
 from volsplat.protocol.errors import BadInput, RemoteProtocolError, VolsplatError
 from volsplat.protocol.framing import Allocate, new_buffer
 from volsplat.protocol.greetings import Hello
-from volsplat.protocol.handshake import AccepterHandshake, State, printable
+from volsplat.protocol.handshake import AccepterHandshake, State
+from volsplat.protocol.printable import printable
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
 from volsplat.protocol.versions import SPOKEN, VersionRange

@@ -15,6 +15,7 @@ from volsplat.protocol import greetings, messages
 from volsplat.protocol.errors import LocalProtocolError, RemoteProtocolError
 from volsplat.protocol.messages import LARGEST_EXTENT, Batch, HistogramsCounted, ImageRead, Message
 from volsplat.protocol.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
+from volsplat.protocol.printable import printable
 from volsplat.protocol.roles import (
     CLIENT_TO_MAPSHADE,
     CLIENT_TO_SPLAT,
@@ -166,7 +167,7 @@ def decode_control(control: bytes | bytearray | memoryview, phase: Phase) -> Mes
 
 def _told(error: Exception, control: bytes | bytearray | memoryview) -> str:
     """The error in one line, with the offending value where msgspec gives its place."""
-    text = " ".join(str(error).split())
+    text = printable(" ".join(str(error).split()))
     place = re.search(r" - at `\$((?:\.\w+|\[\d+\])+)`$", text)
     if place is None:
         return text

@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.printable import printable
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 
@@ -260,6 +261,10 @@ class Refused(Message, frozen=True):
     cause: Line
     frame: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
     assignment: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
+
+    def __post_init__(self) -> None:
+        for field in ("request", "cause"):  # they will be shown
+            msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
 
 
 class EndSession(Message, frozen=True):

@@ -246,6 +246,8 @@ class Quantise(Part, frozen=True):
             _check_finite("window", self.window)
             if self.window[0] >= self.window[1]:
                 raise ValueError(f"window must rise, not {list(self.window)}")
+            if not 0.0 < (TABLE_ENTRIES - 1) / (self.window[1] - self.window[0]) < math.inf:
+                raise ValueError(f"window must be neither too narrow nor too wide for float64, not {list(self.window)}")
 
 
 class Scene(Part, frozen=True):

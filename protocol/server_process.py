@@ -10,9 +10,7 @@ import click
 
 from volsplat.protocol.addresses import Address, parse_address
 from volsplat.protocol.errors import BadInput, VolsplatError
-
-EXIT_FAILED = 1
-EXIT_BAD_INPUT = 2
+from volsplat.protocol.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 
 
 def address_option(context: click.Context, parameter: click.Parameter, value: str) -> Address:
@@ -40,7 +38,7 @@ def run_server(command: click.Command, title: str) -> NoReturn:
     except VolsplatError as error:
         _end(title, str(error), EXIT_FAILED)
     except (KeyboardInterrupt, click.Abort):
-        _end(title, "interrupted", 130)
+        _end(title, "interrupted", EXIT_INTERRUPTED)
     sys.exit(0)
 
 

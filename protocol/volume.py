@@ -6,6 +6,7 @@ import msgspec
 
 from volsplat.protocol import matrices
 from volsplat.protocol.matrices import Matrix, Vector
+from volsplat.protocol.printable import printable
 
 Index = tuple[int, int, int]  # always grid (i, j, k)
 
@@ -73,7 +74,7 @@ class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a reader tells of a volume without reading its voxels."""
+    """What a reader tells of a volume without reading its voxels; texts are made printable, for they are shown."""
 
     name: str
     format: str
@@ -85,3 +86,7 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     strength_name: str = "gradient strength"  # what its second byte holds
     reads_sub_cubes: bool = True  # False: every server reads the whole file
     why_whole: str = ""  # the reason, when it does
+
+    def __post_init__(self) -> None:
+        for field in ("name", "format", "scalar_type", "unit", "density_name", "strength_name", "why_whole"):
+            msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))

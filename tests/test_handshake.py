@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from message_samples import SAMPLES
+from protocol_pictures import PICTURES, redrawn
 
 from volsplat.protocol import greetings
 from volsplat.protocol.errors import BadInput, LocalProtocolError, RemoteProtocolError
@@ -24,7 +25,6 @@ from volsplat.protocol.handshake import (
 )
 from volsplat.protocol.message_rules import RULES
 from volsplat.protocol.messages import Message
-from volsplat.protocol.pictures import PICTURES, redrawn
 from volsplat.protocol.roles import DIALLED, Role, Way
 from volsplat.protocol.tokens import Token, new_token
 from volsplat.protocol.versions import VersionRange
@@ -251,6 +251,6 @@ def test_what_one_side_sends_the_other_receives() -> None:
 
 def test_the_page_shows_the_tables_as_they_are() -> None:
     page = (Path(__file__).parents[1] / "docs" / "protocol.md").read_text(encoding="utf-8")
-    assert redrawn(page) == page, "run: python -m volsplat.protocol.pictures docs/protocol.md"
+    assert redrawn(page) == page, "run: python tests/protocol_pictures.py docs/protocol.md"
     for picture in PICTURES.values():
         assert picture() in page

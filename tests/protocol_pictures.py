@@ -1,4 +1,4 @@
-"""The pictures of docs/protocol.md, drawn from the tables: `python -m volsplat.protocol.pictures docs/protocol.md`.
+"""The pictures of docs/protocol.md, drawn from the tables: `python tests/protocol_pictures.py docs/protocol.md`.
 
 They stand in the page between "<!-- picture: name -->" and "<!-- end -->", so that page and code cannot drift.
 """

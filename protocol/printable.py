@@ -1,0 +1,6 @@
+"""Texts that others wrote, made fit to be shown."""
+
+
+def printable(text: str) -> str:
+    """The text without what could steer a terminal or break a line."""
+    return "".join(character if character.isprintable() else "?" for character in text)
