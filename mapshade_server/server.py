@@ -4,7 +4,6 @@ Two threads: one receives from the client and notes the newest frame and aborts 
 requests in order. A frame stops between two batches, so an abort takes no longer than a batch does.
 """
 
-import logging
 import queue
 import sys
 import threading
@@ -19,15 +18,14 @@ from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
-from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.peak_memory import peak_memory
+from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
-
-log = logging.getLogger(__name__)
 
 
 @dataclass
@@ -46,14 +44,17 @@ class FrameTally:
 
 
 class MapShadeServer:
-    """One client's map/shade server. `run` returns when the client ends the session or is gone."""
+    """One client's map/shade server. `run` returns when the client ends the session."""
 
     def __init__(self, client: Connection, token: Token) -> None:
         self._client = client
         self._token = token
         self._requests: queue.SimpleQueue[messages.Message | None] = queue.SimpleQueue()
         self._newest_frame = 0  # written by the receiving thread, read by the working one
-        self._splat_server: Connection | None = None
+        self._over = False  # the client has ended the session
+        self._failure: VolsplatError | None = None  # how the client was lost
+        self._route: messages.Route | None = None
+        self._splat_server: Connection | None = None  # at the end of the route
         self._sub_cubes: list[SubCube] = []
         self._assignment = 0
 
@@ -64,11 +65,14 @@ class MapShadeServer:
         try:
             while (request := self._requests.get()) is not None:
                 self._answer(request)
+        except VolsplatError as error:
+            self._failure = self._failure or error
         finally:
             self._client.close()
-            if self._splat_server is not None:
-                self._splat_server.close()
+            self._close_data_link()
             receiver.join()
+        if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
+            raise self._failure
 
     def _receive(self) -> None:
         try:
@@ -76,6 +80,7 @@ class MapShadeServer:
                 message = received.message
                 match message:
                     case messages.EndSession():
+                        self._over = True
                         break
                     case messages.RenderFrame(frame=frame):
                         self._newest_frame = frame
@@ -83,7 +88,7 @@ class MapShadeServer:
                         self._newest_frame = max(self._newest_frame, frame + 1)
                 self._requests.put(message)
         except VolsplatError as error:
-            log.info("the client is gone: %s", error)
+            self._failure = error
         self._newest_frame = sys.maxsize
         self._requests.put(None)
 
@@ -91,15 +96,8 @@ class MapShadeServer:
         handler = getattr(self, f"_on_{type(request).__name__}")
         try:
             handler(request)
-        except (BadInput, PeerLost) as error:
-            self._client.send(
-                messages.Refused(
-                    request=type(request).__name__,
-                    cause=str(error)[: messages.LONGEST_LINE],
-                    frame=getattr(request, "frame", 0),
-                    assignment=getattr(request, "assignment", 0),
-                )
-            )
+        except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
+            self._client.send(refusal(request, error))
 
     # -- the volume
 
@@ -111,7 +109,7 @@ class MapShadeServer:
         started = time.perf_counter()
         reader = open_volume(request.path)
         geometry = reader.describe().geometry
-        self._sub_cubes = []
+        self._sub_cubes, self._assignment = [], 0  # nothing, should the reading fail
         for box in request.boxes:
             sub_cube = SubCube(geometry, box)
             sub_cube.read(reader)
@@ -161,16 +159,22 @@ class MapShadeServer:
         if len(request.routes) != 1:
             raise BadInput(f"this version draws with one splat server, not {len(request.routes)}")
         route = request.routes[0]
+        if route != self._route or self._splat_server is None or self._splat_server.closed:
+            self._close_data_link()
+            self._splat_server = connect(
+                Address(route.host, route.port),
+                new_hello(Role.DATA_LINK, server=self._client.id),
+                self._token,
+                Role.SPLAT_SERVER,
+                server=route.server,
+            )
+            self._route = route
+        self._client.send(messages.ConnectedToSplatServers(servers=[route.server]))
+
+    def _close_data_link(self) -> None:
         if self._splat_server is not None:
             self._splat_server.close()
-        self._splat_server = connect(
-            Address(route.host, route.port),
-            new_hello(Role.DATA_LINK, server=self._client.id),
-            self._token,
-            Role.SPLAT_SERVER,
-            server=route.server,
-        )
-        self._client.send(messages.ConnectedToSplatServers(servers=[route.server]))
+        self._splat_server, self._route = None, None
 
     def _on_AbortFrame(self, request: messages.AbortFrame) -> None:
         # The frame's walk ended before this request's turn came.
@@ -179,6 +183,8 @@ class MapShadeServer:
     def _on_RenderFrame(self, request: messages.RenderFrame) -> None:
         if request.assignment != self._assignment:
             raise BadInput(f"frame {request.frame} is for assignment {request.assignment}, not {self._assignment}")
+        if self._splat_server is None:
+            raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
         plan = plan_frame(request.scene, request.geometry, request.step)
         walk = FrameWalk(self._sub_cubes, request.geometry, request.quantisation, request.scene, plan)
         tally = FrameTally()

@@ -12,7 +12,8 @@ from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Geometry
 from volsplat.splat_server._kernels import BatchMemory
 from volsplat.splat_server.image_buffer import ImageBuffer
-from volsplat.splat_server.merge import (
+from volsplat.splat_server.merge import Merge
+from volsplat.splat_server.merge_events import (
     Batch,
     BatchArrived,
     CompleteFrame,
@@ -20,12 +21,11 @@ from volsplat.splat_server.merge import (
     FrameStarted,
     Instruction,
     MarkIncomplete,
-    Merge,
     RefuseBatch,
     SplatSpans,
     SplatterReady,
 )
-from volsplat.splat_server.pixel_reach import pixel_reach
+from volsplat.splat_server.pixel_reach import pixel_reach, pixels_reached
 from volsplat.splat_server.volume_edges import edge_layers, volume_edges
 
 
@@ -68,6 +68,7 @@ class FrameAssembly:
         self.seconds_in_splat = 0.0
         self._order = scene.order
         self._reach = pixel_reach(self.plan, scene.reconstruction)
+        self.pixels_per_packet = pixels_reached(self._reach, self.plan)
         edges = volume_edges(scene, geometry, self.plan)
         self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
         if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
@@ -104,7 +105,7 @@ class FrameAssembly:
         for instruction in instructions:
             match instruction:
                 case SplatSpans(spans=spans):
-                    self.image.splat(spans, self._reach, self._order)
+                    self.image.splat(spans, self._reach, self._order, self.pixels_per_packet)
                     packets += spans.packets
                 case CompleteFrame():
                     self.complete = True

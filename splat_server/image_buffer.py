@@ -7,7 +7,8 @@ from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import CellMap, EdgeLayer, FootprintTable, ImageMemory, SpanList
 from volsplat.splat_server.pixel_reach import PixelReach
 
-THREADED_FROM = 4096  # packets: below, handing out stripes costs more than it saves
+THREADED_FROM = 4096  # packets …
+THREADED_FROM_PIXELS = 1 << 17  # … or pixels under them: below both, handing out stripes costs more than it saves
 
 
 class ImageBuffer:
@@ -26,9 +27,10 @@ class ImageBuffer:
     def clear(self) -> None:
         self._memory.clear()
 
-    def splat(self, spans: SpanList, reach: PixelReach, order: Order) -> None:
-        """Combine the spans' samples with the buffer, in their order."""
-        if self._pool is None or spans.packets < THREADED_FROM:
+    def splat(self, spans: SpanList, reach: PixelReach, order: Order, pixels_per_packet: int = 1) -> None:
+        """Combine the spans' samples with the buffer, in their order. `pixels_per_packet` says what to thread."""
+        few = spans.packets < THREADED_FROM and spans.packets * pixels_per_packet < THREADED_FROM_PIXELS
+        if self._pool is None or few:
             self._splat_rows(spans, reach, order, 0, self.height)
             return
         ends = [self.height * n // self.threads for n in range(self.threads + 1)]

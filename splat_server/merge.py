@@ -2,133 +2,31 @@
 
 All workers' batches become one sequence through the kernel's sorted linked list of buffers (paper: "Parallel
 Implementation"). One frame runs at a time, and frame ids rise: batches of older frames are discarded, those of
-newer ones held until their frame starts. Every event names its frame, so that a log can tell why something happened.
+newer ones held until their frame starts.
 """
 
 from dataclasses import dataclass
 
-from volsplat.splat_server._kernels import BatchMemory, SortedBuffers, SpanList
+from volsplat.splat_server._kernels import SortedBuffers
+from volsplat.splat_server.merge_events import (
+    Batch,
+    BatchArrived,
+    CompleteFrame,
+    Event,
+    FrameAborted,
+    FrameId,
+    FrameStarted,
+    Instruction,
+    MarkIncomplete,
+    RefuseBatch,
+    SplatSpans,
+    SplatterReady,
+    WorkerId,
+    WorkerLinked,
+    WorkerLost,
+)
 
 CONNECTION_BUDGET = 64 << 20  # bytes buffered for one worker, beyond which its connection is held back
-
-WorkerId = int
-FrameId = int
-
-
-@dataclass(frozen=True)
-class Batch:
-    """What a worker sent: nothing that it sends later lies before `reached`, and after `last` nothing comes."""
-
-    memory: BatchMemory
-    reached: tuple[int, int]  # sheet, row
-    last: bool
-
-
-# Events
-
-
-@dataclass(frozen=True)
-class FrameStarted:
-    frame: FrameId
-    workers: tuple[WorkerId, ...]
-    counts: tuple[int, int, int]  # visited samples along the sheet, row and sample axes
-
-
-@dataclass(frozen=True)
-class BatchArrived:
-    worker: WorkerId
-    frame: FrameId
-    batch: Batch
-
-
-@dataclass(frozen=True)
-class WorkerFinished:
-    """Nothing more comes from the worker for this frame."""
-
-    worker: WorkerId
-    frame: FrameId
-
-
-@dataclass(frozen=True)
-class WorkerLost:
-    """The worker is gone for good: one that comes back has a new id."""
-
-    worker: WorkerId
-
-
-@dataclass(frozen=True)
-class SplatterReady:
-    """The splatter has done what it was given and asks for about this many packets more."""
-
-    frame: FrameId
-    max_packets: int
-
-
-@dataclass(frozen=True)
-class FrameAborted:
-    frame: FrameId
-
-
-Event = FrameStarted | BatchArrived | WorkerFinished | WorkerLost | SplatterReady | FrameAborted
-
-
-# Instructions
-
-
-@dataclass(frozen=True)
-class SplatSpans:
-    frame: FrameId
-    spans: SpanList
-    keeps_alive: tuple[Batch, ...]  # the memory that the spans lie in
-
-
-@dataclass(frozen=True)
-class ReleaseBuffers:
-    """Fewer bytes are now buffered for these workers."""
-
-    frame: FrameId
-    workers: tuple[WorkerId, ...]
-
-
-@dataclass(frozen=True)
-class CompleteFrame:
-    frame: FrameId
-
-
-@dataclass(frozen=True)
-class MarkIncomplete:
-    """All that will come has been splatted, but these workers were lost before their last batch."""
-
-    frame: FrameId
-    lost: tuple[WorkerId, ...]
-
-
-@dataclass(frozen=True)
-class HoldBatch:
-    """The batch belongs to a frame that has not started here."""
-
-    worker: WorkerId
-    frame: FrameId
-
-
-@dataclass(frozen=True)
-class DiscardBatch:
-    """The batch belongs to a frame that is over, or its worker is gone."""
-
-    worker: WorkerId
-    frame: FrameId
-
-
-@dataclass(frozen=True)
-class RefuseBatch:
-    """The batch breaks the rules: the worker's connection must be closed. For the merge the worker is lost."""
-
-    worker: WorkerId
-    frame: FrameId
-    fault: str
-
-
-Instruction = SplatSpans | ReleaseBuffers | CompleteFrame | MarkIncomplete | HoldBatch | DiscardBatch | RefuseBatch
 
 
 @dataclass
@@ -187,7 +85,7 @@ class Merge:
             raise ValueError(f"frame {event.frame} cannot start after frame {self._newest}")
         if len(set(event.workers)) != len(event.workers):
             raise ValueError(f"frame {event.frame} names a worker twice")
-        instructions = self._end_frame()
+        self._end_frame()
         self._newest = event.frame
         sheets, rows, samples = event.counts
         self._running = _RunningFrame(
@@ -198,12 +96,11 @@ class Merge:
             unfinished=set(event.workers),
             lost=set(),
         )
-        for frame in sorted(frame for frame in self._held if frame <= event.frame):
-            for worker, batch in self._held.pop(frame):
-                self._buffered[worker] -= batch.memory.bytes
-                instructions += self._handle_batch_arrived(BatchArrived(worker, frame, batch))
+        instructions: list[Instruction] = []
+        for worker, batch in self._taken_from_held(event.frame):
+            instructions += self._handle_batch_arrived(BatchArrived(worker, event.frame, batch))
         for worker in sorted(self._gone.intersection(event.workers)):
-            self._finish(worker, lost=True)
+            self._lose(worker)
         return instructions
 
     def _handle_batch_arrived(self, event: BatchArrived) -> list[Instruction]:
@@ -211,12 +108,10 @@ class Merge:
         if frame > self._newest:
             self._held.setdefault(frame, []).append((worker, batch))
             self._buffered[worker] = self.buffered_bytes(worker) + batch.memory.bytes
-            return [HoldBatch(worker, frame)]
+            return []
         running = self._running
-        if running is None or frame != running.frame:
-            return [DiscardBatch(worker, frame)]
-        if worker in self._gone:
-            return [DiscardBatch(worker, frame)]
+        if running is None or frame != running.frame or worker in self._gone or worker in running.lost:
+            return []
         if worker not in running.workers:
             return self._refuse(worker, frame, "it has no part in this frame")
         try:
@@ -232,14 +127,13 @@ class Merge:
             running.unfinished.discard(worker)
         return []
 
-    def _handle_worker_finished(self, event: WorkerFinished) -> list[Instruction]:
-        if self._running and event.frame == self._running.frame:
-            self._finish(event.worker, lost=False)
-        return []
-
     def _handle_worker_lost(self, event: WorkerLost) -> list[Instruction]:
         self._gone.add(event.worker)
-        self._finish(event.worker, lost=True)
+        self._lose(event.worker)
+        return []
+
+    def _handle_worker_linked(self, event: WorkerLinked) -> list[Instruction]:
+        self._gone.discard(event.worker)
         return []
 
     def _handle_splatter_ready(self, event: SplatterReady) -> list[Instruction]:
@@ -251,8 +145,7 @@ class Merge:
         instructions: list[Instruction] = []
         if spans.packets:
             instructions.append(SplatSpans(running.frame, spans, alive))
-        if released:
-            instructions.append(self._released(running, released))
+        self._release(running, released)
         if complete:
             lost = tuple(sorted(running.lost))
             instructions.append(MarkIncomplete(running.frame, lost) if lost else CompleteFrame(running.frame))
@@ -261,42 +154,44 @@ class Merge:
 
     def _handle_frame_aborted(self, event: FrameAborted) -> list[Instruction]:
         self._newest = max(self._newest, event.frame)
-        instructions: list[Instruction] = []
         if self._running and self._running.frame <= event.frame:
-            instructions = self._end_frame()
-        for frame in sorted(frame for frame in self._held if frame <= event.frame):
-            for worker, batch in self._held.pop(frame):
-                self._buffered[worker] -= batch.memory.bytes
-                instructions.append(DiscardBatch(worker, frame))
-        return instructions
+            self._end_frame()
+        self._taken_from_held(event.frame)
+        return []
 
     def _refuse(self, worker: WorkerId, frame: FrameId, fault: str) -> list[Instruction]:
         instructions: list[Instruction] = [RefuseBatch(worker, frame, f"frame {frame}, worker {worker}: {fault}")]
         return instructions + self._handle_worker_lost(WorkerLost(worker))
 
-    def _finish(self, worker: WorkerId, lost: bool) -> None:
+    def _lose(self, worker: WorkerId) -> None:
+        """The running frame, if it is still waiting for the worker's last batch, must do without."""
         running = self._running
         if running is None or worker not in running.unfinished:
             return
         running.buffers.finish(running.workers.index(worker))
         running.unfinished.remove(worker)
-        if lost:
-            running.lost.add(worker)
+        running.lost.add(worker)
 
-    def _end_frame(self) -> list[Instruction]:
+    def _end_frame(self) -> None:
         """Let go of the running frame and all its buffers."""
         running, self._running = self._running, None
-        if running is None or not running.batches:
-            return []
-        return [self._released(running, list(running.batches))]
+        if running is not None:
+            self._release(running, list(running.batches))
 
-    def _released(self, running: _RunningFrame, batches: list[int]) -> ReleaseBuffers:
-        workers = set()
+    def _release(self, running: _RunningFrame, batches: list[int]) -> None:
         for batch_id in batches:
             worker, batch = running.batches.pop(batch_id)
             self._buffered[worker] -= batch.memory.bytes
-            workers.add(worker)
-        return ReleaseBuffers(running.frame, tuple(sorted(workers)))
+
+    def _taken_from_held(self, frame: FrameId) -> list[tuple[WorkerId, Batch]]:
+        """Let go of what is held up to this frame; what is held for it is returned, in order of arrival."""
+        taken: list[tuple[WorkerId, Batch]] = []
+        for held_for in [held_for for held_for in self._held if held_for <= frame]:
+            batches = self._held.pop(held_for)
+            for worker, batch in batches:
+                self._buffered[worker] -= batch.memory.bytes
+            taken += batches if held_for == frame else []
+        return taken
 
     def _all_held(self) -> list[tuple[WorkerId, Batch]]:
         return [entry for held in self._held.values() for entry in held]

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from volsplat.protocol.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN
 from volsplat.splat_server import _kernels
-from volsplat.splat_server.merge import Batch
+from volsplat.splat_server.merge_events import Batch
 
 FARTHEST = (1 << POSITION_BITS) - 1
 

@@ -14,23 +14,20 @@ from volsplat.splat_server import merge as merge_module
 from volsplat.splat_server._kernels import Ellipse, FootprintTable
 from volsplat.splat_server.footprint_table import kernel_projection
 from volsplat.splat_server.image_buffer import ImageBuffer
-from volsplat.splat_server.merge import (
+from volsplat.splat_server.merge import Merge
+from volsplat.splat_server.merge_events import (
     Batch,
     BatchArrived,
     CompleteFrame,
-    DiscardBatch,
     Event,
     FrameAborted,
     FrameStarted,
-    HoldBatch,
     Instruction,
     MarkIncomplete,
-    Merge,
     RefuseBatch,
-    ReleaseBuffers,
     SplatSpans,
     SplatterReady,
-    WorkerFinished,
+    WorkerLinked,
     WorkerLost,
 )
 
@@ -164,14 +161,17 @@ def test_nothing_of_another_frame_reaches_the_image(delivery: Delivery, chance: 
     assert checked.handle(BatchArrived(0, 1, stray)) == []
     early = [(worker, batch) for worker, batches in delivery.batches.items() for batch in batches]
     for worker, batch in early:
-        assert checked.handle(BatchArrived(worker, 2, batch)) == [HoldBatch(worker, 2)]
+        assert checked.handle(BatchArrived(worker, 2, batch)) == []
     assert checked.merge.buffered_bytes(0) > 0
-    assert checked.handle(FrameStarted(2, workers, COUNTS)) == [ReleaseBuffers(1, (0,))]
-    assert checked.handle(BatchArrived(0, 1, stray)) == [DiscardBatch(0, 1)]
+    checked.handle(FrameStarted(2, workers, COUNTS))
+    buffered = checked.merge.buffered_bytes(0)
+    assert checked.handle(BatchArrived(0, 1, stray)) == []
+    assert checked.merge.buffered_bytes(0) == buffered
     assert checked.handle(SplatterReady(1, 100)) == []
     assert CompleteFrame(2) in checked.handle(SplatterReady(2, 1 << 40))
+    assert checked.handle(BatchArrived(0, 2, stray)) == []
+    assert checked.merge.buffered_bytes(0) == 0
     assert checked.image.snapshot() == one_sequence(delivery.runs)
-    assert checked.handle(BatchArrived(0, 2, stray)) == [DiscardBatch(0, 2)]
 
 
 def run(sheet: int, row: int) -> Run:
@@ -202,8 +202,22 @@ def test_a_worker_lost_before_the_frame_is_not_waited_for() -> None:
     checked = CheckedMerge()
     checked.handle(WorkerLost(7))
     checked.handle(FrameStarted(1, (7, 8), COUNTS))
-    checked.handle(WorkerFinished(8, 1))
+    checked.handle(BatchArrived(8, 1, batch_of([], last=True)))
     assert checked.handle(SplatterReady(1, 100)) == [MarkIncomplete(1, (7,))]
+
+
+def test_a_worker_that_links_again_is_waited_for_from_the_next_frame_on() -> None:
+    checked = CheckedMerge()
+    checked.handle(FrameStarted(1, (7,), COUNTS))
+    checked.handle(WorkerLost(7))
+    checked.handle(WorkerLinked(7))
+    assert checked.handle(BatchArrived(7, 1, batch_of([run(0, 0)], last=True))) == []
+    assert checked.handle(SplatterReady(1, 100)) == [MarkIncomplete(1, (7,))]
+    checked.handle(FrameStarted(2, (7,), COUNTS))
+    assert checked.merge.waits_for == 7
+    checked.handle(BatchArrived(7, 2, batch_of([run(0, 0)], last=True)))
+    assert CompleteFrame(2) in checked.handle(SplatterReady(2, 100))
+    assert checked.packets == 1
 
 
 def test_a_frame_without_workers_or_samples_completes() -> None:
@@ -220,10 +234,11 @@ def test_an_aborted_frame_lets_go_of_everything() -> None:
     checked.handle(FrameStarted(3, (1,), COUNTS))
     checked.handle(BatchArrived(1, 3, batch_of([run(0, 0)])))
     checked.handle(BatchArrived(1, 4, batch_of([run(0, 0)])))
-    assert checked.handle(FrameAborted(4)) == [ReleaseBuffers(3, (1,)), DiscardBatch(1, 4)]
+    checked.handle(FrameAborted(4))
     assert checked.merge.running_frame is None and checked.merge.buffered_bytes(1) == 0
     assert checked.handle(SplatterReady(3, 100)) == []
-    assert checked.handle(BatchArrived(1, 4, batch_of([run(0, 0)]))) == [DiscardBatch(1, 4)]
+    assert checked.handle(BatchArrived(1, 4, batch_of([run(0, 0)]))) == []
+    assert checked.merge.buffered_bytes(1) == 0
 
 
 def test_spans_stay_readable_though_their_frame_is_aborted_before_they_are_splatted() -> None:
@@ -244,7 +259,8 @@ def test_a_batch_that_breaks_the_rules_loses_its_worker_only() -> None:
     [refused] = checked.handle(BatchArrived(1, 1, batch_of([run(99, 0)])))
     assert isinstance(refused, RefuseBatch)
     assert refused.fault.startswith("frame 1, worker 1: run 0 at (sheet 99, row 0, sample 0)")
-    assert checked.handle(BatchArrived(1, 1, batch_of([run(0, 0)]))) == [DiscardBatch(1, 1)]
+    assert checked.handle(BatchArrived(1, 1, batch_of([run(0, 0)]))) == []
+    assert checked.merge.buffered_bytes(1) == 0
     [stranger] = checked.handle(BatchArrived(9, 1, batch_of([run(0, 0)])))
     assert isinstance(stranger, RefuseBatch)
     checked.handle(BatchArrived(2, 1, batch_of([run(0, 0)], last=True)))
