@@ -1,10 +1,11 @@
 """A sub-cube: the box of the grid that a map/shade server holds, first as source values, then as voxel packets."""
 
+import math
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
-from volsplat.protocol.errors import LocalProtocolError
+from volsplat.protocol.errors import BadInput, LocalProtocolError
 from volsplat.protocol.index_rules import Quantisation, Survey, physical_gradient
 from volsplat.protocol.volume import Box, Geometry, Index
 
@@ -55,8 +56,17 @@ class SubCube:
         self._packets = None
 
     def survey(self) -> Survey:
-        """Extremes and counts of the box's own voxels."""
+        """Extremes and counts of the box's own voxels.
+
+        Raises BadInput for values so great that differences of two of them, in whichever boxes, overflow float64.
+        """
         low, high, max_gradient, no_data = _kernels.survey(*self._source_box())
+        greatest = max(abs(low), abs(high)) if low <= high else 0.0
+        steepest = 2 * greatest * max(1.0, sum(abs(entry) for entry in self._matrix))
+        if not math.isfinite(steepest * steepest):
+            raise BadInput(
+                f"the volume's values reach {greatest:.3g} in size, too far for gradients; divide them by a constant"
+            )
         return Survey(low=low, high=high, max_gradient=max_gradient, voxels=self.box.voxels, no_data=no_data)
 
     def histograms(self, low: float, high: float, max_gradient: float) -> Histograms:

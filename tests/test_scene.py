@@ -65,6 +65,8 @@ def encoded(changes: dict[str, object]) -> bytes:
         ("image.background", [0, 0, 2], "background channel must be"),
         ("quantise.window", [5, 5], "window must rise"),
         ("quantise.window", [0, float("inf")], "window must be finite"),
+        ("quantise.window", [0, 1e-320], "window must be neither too narrow nor too wide"),
+        ("quantise.window", [-1.7e308, 1.7e308], "window must be neither too narrow nor too wide"),
         ("quantise.directions", "euler", "quantise.directions"),
         ("tables.opac.points", [], "at least one point"),
         ("tables.opac.points", [[0.0, 1.5]], "table value must be"),
