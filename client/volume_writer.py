@@ -25,6 +25,7 @@ COMPRESSED = {
     ".tiff": True,
 }
 SHEARLESS = (".nii", ".nii.gz", ".tif", ".tiff")
+PAGED = (".tif", ".tiff")  # a slice a page, and nothing that tells one slice from an image
 SHEAR_TOLERANCE = 1e-5  # of the cosine between two grid axes
 
 
@@ -52,13 +53,15 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
     """Writes `values`, shaped (k, j, i), with their place in space, taken as LPS, to `path`.
 
     The files appear under their names only when they are complete. TIFF keeps no place in space but the spacing
-    along i and j. Raises BadInput for unknown extensions, for shear that the format cannot hold, and where the
-    disk refuses.
+    along i and j. Raises BadInput for unknown extensions, for shear or a single slice that the format cannot
+    hold, and where the disk refuses.
     """
     check_volume_writable(path)
     extension = extension_of(path)
     if extension in SHEARLESS and _shear(geometry) > SHEAR_TOLERANCE:
         raise BadInput(f"{path}: {extension} would lose the volume's shear; write .nrrd or .mha")
+    if extension in PAGED and geometry.dims[2] == 1:
+        raise BadInput(f"{path}: {extension} of one slice would be read as an image; write .nrrd or .mha")
     # Here, since whoever writes no volume should not wait for this import.
     simple_itk: Any = importlib.import_module("SimpleITK")
     simple_itk.ProcessObject_SetGlobalWarningDisplay(False)

@@ -3,7 +3,9 @@
 import math
 import resource
 import sys
+from pathlib import Path
 
+import msgspec
 import pytest
 import torch
 from hypothesis import given
@@ -12,7 +14,10 @@ from hypothesis import strategies as st
 import tolerances
 from volsplat.client.phantoms import PHANTOMS, centred_grid, make_phantom, shells_tables
 from volsplat.client.phantoms.known_signals import make_ramp, make_slab
+from volsplat.client.single import SingleProcess
+from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Image
 from volsplat.protocol.volume import Geometry, Index
 
 NOISY = ("head", "shells")
@@ -141,3 +146,16 @@ def test_a_phantom_that_cannot_be_is_refused(
     with pytest.raises(BadInput) as refusal:
         make_phantom(name, size, spacing)
     assert "\n" not in str(refusal.value)
+
+
+@pytest.mark.parametrize("size", [(1, 1, 1), (5, 1, 1), (1, 5, 1), (1, 1, 5), (5, 4, 1), (1, 4, 5)])
+@pytest.mark.parametrize("extension", [".nrrd", ".mha", ".nii"])
+def test_a_slab_of_one_voxel_row_or_slice_is_written_read_and_seen(
+    extension: str, size: tuple[int, int, int], tmp_path: Path
+) -> None:
+    path = tmp_path / f"slab{extension}"
+    write_volume(path, *make_phantom("slab", size=size))
+    with SingleProcess(path) as single:
+        assert single.volume.description.geometry.dims == size
+        scene = msgspec.structs.replace(single.volume.default_scene(), image=Image(width=32, height=32))
+        assert single.render(scene)[..., 3].max() > 0.25

@@ -43,6 +43,13 @@ def test_shear_that_a_format_cannot_hold_is_refused(extension: str, tmp_path: Pa
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize("extension", [".tif", ".tiff"])
+def test_a_single_slice_that_would_be_read_as_an_image_is_refused(extension: str, tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="would be read as an image; write .nrrd or .mha"):
+        write_volume(tmp_path / f"volume{extension}", VALUES[:1], Geometry(dims=(6, 5, 1)))
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_type_that_a_format_cannot_hold_leaves_the_old_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

@@ -63,8 +63,8 @@ def check_is_volume(path: Path, reader: Any) -> None:
 def refuse_other_dimensions(path: Path, size: tuple[int, ...]) -> None:
     """Raises BadInput unless `size` is that of one volume: three axes, and more only if they are 1 long."""
     shown = " x ".join(str(n) for n in size)
-    if len(size) < 3 or size[2] == 1 and max(size[3:], default=1) == 1:
-        kind = {1: "a 1-D list", 2: "a 2-D image"}.get(len(size), "a 2-D image")
+    if len(size) < 3:
+        kind = "a 1-D list" if len(size) == 1 else "a 2-D image"
         raise BadInput(f"{path}: {kind}, volsplat needs a volume: its size is {shown}; give a file with several slices")
     if max(size[3:], default=1) > 1:
         raise BadInput(f"{path}: a series of {shown} voxels, volsplat needs one volume; export one frame of it")
