@@ -76,13 +76,13 @@ class DataLinks:
 
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
+            with self._changed:
+                self._links[link.peer.id] = link
+                self._merge.handle(WorkerLinked(link.peer.id))
             threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True).start()
 
     def _serve(self, link: Connection) -> None:
         worker = link.peer.id
-        with self._changed:
-            self._links[worker] = link
-            self._merge.handle(WorkerLinked(worker))
         try:
             self._receive(link)
         except RemoteProtocolError as error:

@@ -26,6 +26,10 @@ PACKETS_AT_ONCE = 1 << 15
 PIXELS_AT_ONCE = 1 << 22
 
 
+def packets_at_once(pixels_per_packet: int) -> int:
+    return min(PACKETS_AT_ONCE, max(1, PIXELS_AT_ONCE // pixels_per_packet))
+
+
 class SplatServer:
     """One client's splat server. `run` returns when the client ends the session."""
 
@@ -98,7 +102,7 @@ class SplatServer:
         assembly, request = self._assembly, self._request
         assert assembly is not None and request is not None
         try:
-            progress = assembly.advance(min(PACKETS_AT_ONCE, max(1, PIXELS_AT_ONCE // assembly.pixels_per_packet)))
+            progress = assembly.advance(packets_at_once(assembly.pixels_per_packet))
         except Exception as error:
             self._refuse_frame(request, error)
             return

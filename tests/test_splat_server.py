@@ -1,9 +1,16 @@
 """The splat server's loop over real sockets, with the test as its client and as its map/shade servers."""
 
+import os
+import resource
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
 from random import Random
 
+import msgspec
+import psutil
 import pytest
 import torch
 from hypothesis import given, settings
@@ -16,16 +23,19 @@ from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
-from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
+from volsplat.protocol.refusals import OUT_OF_MEMORY
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import Order, Scene, Step, View
+from volsplat.protocol.scene import Bounds, Image, Order, Scene, Step, View
 from volsplat.protocol.tokens import new_token
 from volsplat.protocol.volume import Box, Geometry
 from volsplat.splat_server import merge
-from volsplat.splat_server.server import SplatServer
+from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.outbox import Outbox
+from volsplat.splat_server.server import PIXELS_AT_ONCE, SplatServer, packets_at_once
 
 SIZE = 24
 VALUES = shells(SIZE)
@@ -43,18 +53,31 @@ class Bench:
         self._clients = Listener(Role.CLIENT, token)
         self._data = Listener(Role.SPLAT_SERVER, token)
         hello = new_hello(Role.SPLAT_SERVER, data_port=self._data.address.port)
-        server = SplatServer(connect(self._clients.address, hello, token, Role.CLIENT), self._data, threads=2)
-        self._thread = threading.Thread(target=server.run, name="splat server under test", daemon=True)
+        self._server = SplatServer(connect(self._clients.address, hello, token, Role.CLIENT), self._data, threads=2)
+        self._token = token
+        self.failure: VolsplatError | None = None  # of the server
+        self._thread = threading.Thread(target=self._run, name="splat server under test", daemon=True)
         self._thread.start()
         control = self._clients.accept(PATIENCE)
         assert control is not None
         self.control: Connection = control
-        self.links = {
-            worker: connect(
-                self._data.address, new_hello(Role.DATA_LINK, server=worker), token, Role.SPLAT_SERVER, server=1
-            )
-            for worker in WORKERS
-        }
+        self.links = {worker: self.linked(worker) for worker in WORKERS}
+
+    def _run(self) -> None:
+        try:
+            self._server.run()
+        except VolsplatError as error:
+            self.failure = error
+
+    def linked(self, worker: int) -> Connection:
+        """A new data link of a worker."""
+        hello = new_hello(Role.DATA_LINK, server=worker)
+        return connect(self._data.address, hello, self._token, Role.SPLAT_SERVER, server=1)
+
+    def link_threads(self, worker: int) -> list[threading.Thread]:
+        """The server's threads that receive from a worker."""
+        name = f"receive from {Role.DATA_LINK} {worker} "
+        return [thread for thread in threading.enumerate() if thread.name.startswith(name)]
 
     def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
         self.control.send(messages.RenderFrame(frame, 1, scene, step, GEOMETRY, QUANTISATION, workers=list(WORKERS)))
@@ -73,6 +96,16 @@ class Bench:
         )
         self.links[worker].send(message, batch.runs, batch.packets)
 
+    def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
+        """A whole frame."""
+        self.renders(frame)
+        for worker, sent in zip(WORKERS, of_workers, strict=True):
+            for sequence, batch in enumerate(sent):
+                self.sends(worker, frame, sequence, batch)
+        finished = self.hears(messages.FrameFinished)[0]
+        assert isinstance(finished, messages.FrameFinished)
+        return finished
+
     def hears(self, kind: type[messages.Message]) -> tuple[messages.Message, memoryview]:
         received = self.control.receive()
         assert received is not None and isinstance(received.message, kind), received
@@ -83,13 +116,18 @@ class Bench:
         return bytes(self.hears(messages.ImageRead)[1])
 
     def close(self) -> None:
-        self.control.send(messages.EndSession())
-        self._thread.join(PATIENCE)
-        assert not self._thread.is_alive()
+        if not self.control.closed:
+            self.control.send(messages.EndSession())
+        self.ends()
         for link in self.links.values():
             link.close()
         self.control.close()
         self._clients.close()
+
+    def ends(self) -> None:
+        """Wait until the server has ended."""
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
 
 
 @pytest.fixture
@@ -245,3 +283,152 @@ def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else
     assert len([record for record in caplog.records if record.levelname == "WARNING"]) == 1
     bench.control.send(messages.AbortFrame(1))
     bench.hears(messages.FrameAborted)
+
+
+def test_a_link_that_takes_the_place_of_another_is_no_loss(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    assert bench.draws(1, of_workers).complete
+    worker = WORKERS[1]
+    [old_thread] = bench.link_threads(worker)
+    old, bench.links[worker] = bench.links[worker], bench.linked(worker)
+    assert bench.draws(2, of_workers).complete
+    old.close()
+    old_thread.join(PATIENCE)
+    assert bench.draws(3, of_workers).complete
+    [thread] = bench.link_threads(worker)
+    bench.links[worker].close()
+    bench.renders(4)
+    for other in (WORKERS[0], WORKERS[2]):
+        for sequence, batch in enumerate(of_workers[WORKERS.index(other)]):
+            bench.sends(other, 4, sequence, batch)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.lost == [worker]
+    thread.join(PATIENCE)
+    bench.links[worker] = bench.linked(worker)
+    while not bench.link_threads(worker):
+        assert not bench.links[worker].closed
+    assert bench.draws(5, of_workers).complete
+
+
+@pytest.mark.parametrize("skipped", [0, 2], ids=["repeated", "missing"])
+def test_a_batch_that_is_missing_or_repeated_ends_its_link(
+    bench: Bench, skipped: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, second, third = batches(slabs(0, 8, 16), max_packets=50)
+    bench.renders(1)
+    bench.sends(WORKERS[0], 1, 0, first[0])
+    bench.sends(WORKERS[0], 1, skipped, first[skipped])
+    with pytest.raises(VolsplatError):
+        bench.links[WORKERS[0]].receive()
+    assert f"frame 1, worker 11: Batch.sequence is {skipped}, but 1 is due" in caplog.text
+    for worker, sent in ((WORKERS[1], second), (WORKERS[2], third)):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.lost == [WORKERS[0]]
+
+
+def test_a_frame_that_cannot_be_drawn_is_refused_and_the_next_one_drawn(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    assert bench.draws(1, of_workers).complete
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        bench.sends(worker, 2, 0, sent[0])
+    bench.renders(2, msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0))))
+    refused = bench.hears(messages.Refused)[0]
+    assert isinstance(refused, messages.Refused)
+    assert (refused.request, refused.frame) == ("RenderFrame", 2) and "bounds" in refused.cause
+    assert bench.draws(3, of_workers).complete
+
+
+@contextmanager
+def little_memory() -> Iterator[None]:
+    """This process may map but one more GiB meanwhile."""
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + (1 << 30), before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
+def test_an_image_beyond_the_memory_is_refused_with_the_cure(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    with little_memory():
+        bench.renders(1, msgspec.structs.replace(SCENE, image=Image(width=16384, height=16384)))
+        refused = bench.hears(messages.Refused)[0]
+    assert refused == messages.Refused("RenderFrame", OUT_OF_MEMORY, frame=1, assignment=1)
+    assert bench.draws(2, of_workers).complete
+
+
+def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
+    bench.renders(1)
+    bench.control.close()
+    bench.ends()
+    assert isinstance(bench.failure, PeerLost)
+    with pytest.raises(PeerLost):
+        bench.links[WORKERS[0]].receive()
+
+
+def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost() -> None:
+    token = new_token()
+    with Listener(Role.CLIENT, token) as clients:
+        program = subprocess.Popen(
+            [sys.executable, "-m", "volsplat.splat_server", "--connect", str(clients.address)],
+            env=token.added_to(os.environ),
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        control = clients.accept(PATIENCE)
+        assert control is not None
+        control.close()
+        _, said = program.communicate(timeout=PATIENCE)
+    assert program.returncode == 1
+    assert said.startswith("splat-server: ") and said.count("\n") == 1
+
+
+def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(bench: Bench) -> None:
+    token, events = new_token(), list[str]()
+    sent = threading.Event()
+    with Listener(Role.CLIENT, token) as clients:
+        client = connect(clients.address, new_hello(Role.SPLAT_SERVER, data_port=1), token, Role.CLIENT)
+        control = clients.accept(PATIENCE)
+        assert control is not None
+        outbox = Outbox(client, image_sent=sent.set, failed=lambda error: events.append(str(error)))
+        pixels = bytes(2048 * 2048 * 16)  # far more than sockets buffer
+        outbox.post_image(messages.ImageRead(1, Step.F, True, 2048, 2048), pixels)
+        outbox.post(messages.FrameAborted(2))
+        assert outbox.holds_image and not sent.is_set()
+        image, abort = control.receive(), control.receive()
+        assert image is not None and len(image.payload) == len(pixels)
+        assert abort is not None and abort.message == messages.FrameAborted(2)
+        assert sent.wait(PATIENCE) and not outbox.holds_image
+        control.close()
+        while not events:
+            outbox.post(messages.FrameAborted(3))
+        assert "is gone" in events[0]
+        client.close()
+        outbox.close()
+
+
+def test_images_asked_for_at_once_are_each_answered(bench: Bench) -> None:
+    assert bench.draws(1, batches(slabs(0, 8, 16))).complete
+    for _ in range(5):
+        bench.control.send(messages.ReadImage(1))
+    images = {bytes(bench.hears(messages.ImageRead)[1]) for _ in range(5)}
+    assert len(images) == 1
+
+
+@settings(max_examples=40)
+@given(st.floats(0.3, 200), st.sampled_from(Step), st.tuples(*[st.floats(-1, 1)] * 3))
+def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(
+    zoom: float, step: Step, turn: tuple[float, float, float]
+) -> None:
+    view = View(rotation=(*turn, 1.0), zoom=zoom)
+    scene = shaded_scene(view, (200, 160))
+    geometry = Geometry(dims=(1, 1, 1))
+    values = torch.full((1, 1, 1), 200.0, dtype=torch.float64)
+    touched = int((rendered(values, geometry, scene, step)[..., 3] > 0).sum())
+    counted = FrameAssembly(scene, geometry, step, 1, [1]).pixels_per_packet
+    assert touched <= counted <= 64 * (touched + 200 + 160)
+    assert packets_at_once(counted) * counted <= max(PIXELS_AT_ONCE, counted)

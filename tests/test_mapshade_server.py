@@ -1,0 +1,237 @@
+"""The map/shade server's loop over real sockets, with the test as its client and as its splat servers."""
+
+import os
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+from phantoms import QUANTISATION, shaded_scene
+
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.volume_writer import write_volume
+from volsplat.mapshade_server.server import MapShadeServer
+from volsplat.protocol import messages
+from volsplat.protocol.connection import Connection
+from volsplat.protocol.dialling import connect
+from volsplat.protocol.errors import PeerLost, VolsplatError
+from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.listener import Listener
+from volsplat.protocol.refusals import OUT_OF_MEMORY, refusal
+from volsplat.protocol.roles import Role
+from volsplat.protocol.scene import Bounds, Scene, Step, View
+from volsplat.protocol.tokens import new_token
+from volsplat.protocol.volume import Geometry
+
+SIZE = 16
+SCENE = shaded_scene(View(zoom=3.0), (64, 48))
+OUTSIDE = msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0)))
+PATIENCE = 30.0  # seconds, after which what never comes fails its test
+
+
+@pytest.fixture(scope="module")
+def shells(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volumes") / "shells.mha"
+    write_volume(path, *make_phantom("shells", size=(SIZE,) * 3))
+    return path
+
+
+class Bench:
+    """A map/shade server in a thread, what a client says to it, and where splat servers would listen."""
+
+    def __init__(self) -> None:
+        self.token = new_token()
+        self._clients = Listener(Role.CLIENT, self.token)
+        self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token) for _ in range(2)]
+        server = connect(self._clients.address, new_hello(Role.MAPSHADE_SERVER), self.token, Role.CLIENT)
+        self._server = MapShadeServer(server, self.token)
+        self.failure: VolsplatError | None = None  # of the server
+        self._thread = threading.Thread(target=self._run, name="map/shade server under test", daemon=True)
+        self._thread.start()
+        control = self._clients.accept(PATIENCE)
+        assert control is not None
+        self.control: Connection = control
+
+    def _run(self) -> None:
+        try:
+            self._server.run()
+        except VolsplatError as error:
+            self.failure = error
+
+    def hears(self, kind: type[messages.Message]) -> messages.Message:
+        received = self.control.receive()
+        assert received is not None and isinstance(received.message, kind), received
+        return received.message
+
+    def refuses(self, request: messages.Message) -> messages.Refused:
+        self.control.send(request)
+        refused = self.hears(messages.Refused)
+        assert isinstance(refused, messages.Refused) and refused.request == type(request).__name__
+        return refused
+
+    def connects(self, number: int) -> None:
+        """Have the server link to a splat server."""
+        address = self.splat_servers[number].address
+        route = messages.Route(server=2 + number, host=address.host, port=address.port)
+        self.control.send(messages.ConnectToSplatServers(routes=[route]))
+        self.hears(messages.ConnectedToSplatServers)
+
+    def accepts(self, number: int) -> Connection:
+        """The data link that a splat server gets."""
+        link = self.splat_servers[number].accept(PATIENCE)
+        assert link is not None
+        return link
+
+    def holds(self, path: Path, assignment: int) -> Geometry:
+        """Have the server read and pack the whole volume."""
+        self.control.send(messages.DescribeVolume(str(path)))
+        described = self.hears(messages.VolumeDescribed)
+        assert isinstance(described, messages.VolumeDescribed)
+        geometry = described.description.geometry
+        self.control.send(messages.ReadSubCubes(assignment, str(path), [geometry.box]))
+        self.hears(messages.SubCubesRead)
+        self.control.send(messages.PackVoxels(assignment, QUANTISATION))
+        self.hears(messages.VoxelsPacked)
+        return geometry
+
+    def draws(self, frame: int, geometry: Geometry, link: Connection) -> None:
+        """A whole frame, whose batches come over this link."""
+        self.control.send(render(frame, geometry))
+        self.hears(messages.FrameMapped)
+        sequence, last = 0, False
+        while not last:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.Batch)
+            batch = received.message
+            assert (batch.frame, batch.sequence) == (frame, sequence)
+            sequence, last = sequence + 1, batch.last
+
+    def ends(self) -> None:
+        """Wait until the server has ended."""
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+    def close(self) -> None:
+        if not self.control.closed:
+            self.control.send(messages.EndSession())
+        self.ends()
+        self.control.close()
+        for listener in (self._clients, *self.splat_servers):
+            listener.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def render(frame: int, geometry: Geometry, scene: Scene = SCENE, assignment: int = 1) -> messages.RenderFrame:
+    return messages.RenderFrame(frame, assignment, scene, Step.F, geometry, QUANTISATION, workers=[1])
+
+
+def test_a_link_whose_route_is_unchanged_is_kept(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.connects(0)
+        bench.draws(1, geometry, link)
+
+
+def test_a_new_route_ends_the_old_link(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    with bench.accepts(0) as old:
+        bench.connects(1)
+        with pytest.raises(PeerLost):
+            old.receive()
+    with bench.accepts(1) as link:
+        bench.draws(1, geometry, link)
+
+
+def test_a_lost_link_is_dialled_again_on_the_same_route(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    bench.accepts(0).close()
+    frame = 0
+    while True:  # a send into a closed connection fails once its end has been heard of
+        frame += 1
+        bench.control.send(render(frame, geometry))
+        received = bench.control.receive()
+        assert received is not None
+        if isinstance(received.message, messages.Refused):
+            assert received.message.frame == frame and "gone" in received.message.cause
+            break
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.draws(frame + 1, geometry, link)
+
+
+def test_what_cannot_be_done_is_refused_in_one_line_and_the_server_goes_on(bench: Bench, shells: Path) -> None:
+    geometry = Geometry(dims=(SIZE, SIZE, SIZE))
+    assert "no such" in bench.refuses(messages.DescribeVolume("/absent.nrrd")).cause.lower()
+    early = bench.refuses(render(1, geometry))
+    assert early.frame == 1 and "assignment 1" in early.cause
+    geometry = bench.holds(shells, 1)
+    unlinked = bench.refuses(render(2, geometry))
+    assert unlinked.frame == 2 and "no splat server" in unlinked.cause
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        outside = bench.refuses(render(3, geometry, OUTSIDE))
+        assert outside.frame == 3 and "bounds" in outside.cause
+        bench.draws(4, geometry, link)
+
+
+def test_a_reading_that_fails_leaves_nothing_that_a_frame_could_be_drawn_from(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    with bench.accepts(0):
+        far = Geometry(dims=(4 * SIZE, SIZE, SIZE)).box
+        failed = bench.refuses(messages.ReadSubCubes(2, str(shells), [geometry.box, far]))
+        assert failed.assignment == 2
+        assert bench.refuses(render(1, geometry)).frame == 1
+
+
+def test_a_lost_client_ends_the_server_and_its_link(bench: Bench) -> None:
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.control.close()
+        bench.ends()
+        assert isinstance(bench.failure, PeerLost)
+        with pytest.raises(PeerLost):
+            link.receive()
+
+
+def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost() -> None:
+    token = new_token()
+    with Listener(Role.CLIENT, token) as clients:
+        program = subprocess.Popen(
+            [sys.executable, "-m", "volsplat.mapshade_server", "--connect", str(clients.address)],
+            env=token.added_to(os.environ),
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        control = clients.accept(PATIENCE)
+        assert control is not None
+        control.close()
+        _, said = program.communicate(timeout=PATIENCE)
+    assert program.returncode == 1
+    assert said.startswith("mapshade-server: ") and said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "cause"),
+    [
+        (MemoryError(), OUT_OF_MEMORY),
+        (ValueError("a line\nand \x1b[2J another"), "a line and ?[2J another"),
+        (KeyError("x"), "a mistake of volsplat's, please report it: KeyError: 'x'"),
+        (ValueError("x" * 5000), "x" * messages.LONGEST_LINE),
+    ],
+    ids=["memory", "control characters", "a mistake", "too long"],
+)
+def test_whatever_went_wrong_is_one_printable_line(error: Exception, cause: str) -> None:
+    assert refusal(messages.AbortFrame(7), error) == messages.Refused("AbortFrame", cause, frame=7)
