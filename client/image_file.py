@@ -8,7 +8,7 @@ import base64
 import json
 import os
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 import msgspec
@@ -23,9 +23,10 @@ from volsplat.protocol.scene import Colour, Scene
 JPEG_QUALITY = 95
 
 _PREFIX = "volsplat:"
-_SCENE = _PREFIX + "scene"
 _ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
 _PACKED = "zlib,base64:"
+_BLOCK_PIXELS = 1 << 20  # converted at a time, so that a large image is not held twice
+_BLOCK_ROWS = 64  # of which blocks are multiples: a format packs up to so many together
 _LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
 
 
@@ -42,10 +43,9 @@ def write_image(
     The scene's background is put under the image, except in EXR, which keeps alpha. `properties` are stored beside
     the scene. Raises BadInput where the file cannot be written; an older file of that name then stays as it was.
     """
-    keeps_alpha = path.suffix.lower() == ".exr"
-    pixels = image if keeps_alpha else over_background(image, scene.image.background)
+    background = None if path.suffix.lower() == ".exr" else scene.image.background
     stored = {"scene": msgspec.json.encode(scene).decode(), **(properties or {})}
-    write_pixels(path, pixels, stored, depth, jpeg_quality)
+    _write(path, image, background, stored, depth, jpeg_quality)
 
 
 def write_pixels(
@@ -56,22 +56,7 @@ def write_pixels(
     jpeg_quality: int = JPEG_QUALITY,
 ) -> None:
     """Write (H, W, C) values 0..1 as they are, and `properties` as text. Otherwise as write_image."""
-    check_writable(path)
-    kind = path.suffix.lower()
-    depth = depth or DEPTHS[kind][0]
-    if depth not in DEPTHS[kind]:
-        raise BadInput(f"{path}: {kind} cannot hold {depth} pixels; choose one of {', '.join(DEPTHS[kind])}")
-    height, width, channels = pixels.shape
-    spec = oiio.ImageSpec(width, height, channels, depth)
-    spec.attribute("oiio:ColorSpace", "sRGB")
-    spec.attribute("DateTime", "")  # otherwise the time of writing is stored
-    if kind in (".jpg", ".jpeg"):
-        spec.attribute("Compression", f"jpeg:{jpeg_quality}")
-        spec.attribute("jpeg:subsampling", "4:4:4")
-    else:
-        spec.attribute("Compression", "zip")
-    _store(spec, path, properties or {})
-    _write_whole(path, spec, _coded(pixels, depth))
+    _write(path, pixels, None, properties or {}, depth, jpeg_quality)
 
 
 def read_image(path: Path) -> Tensor:
@@ -113,11 +98,47 @@ def over_background(image: Tensor, background: Colour) -> Tensor:
     return image[..., :3] + (1.0 - image[..., 3:4]) * torch.tensor(background, dtype=image.dtype)
 
 
-def _coded(image: Tensor, depth: Depth) -> Tensor:
+def _write(
+    path: Path,
+    pixels: Tensor,
+    background: Colour | None,
+    properties: Mapping[str, str],
+    depth: Depth | None,
+    jpeg_quality: int,
+) -> None:
+    """As write_pixels, over `background` if there is one."""
+    check_writable(path)
+    kind = path.suffix.lower()
+    depth = depth or DEPTHS[kind][0]
+    if depth not in DEPTHS[kind]:
+        raise BadInput(f"{path}: {kind} cannot hold {depth} pixels; choose one of {', '.join(DEPTHS[kind])}")
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels if background is None else 3, depth)
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    spec.attribute("DateTime", "")  # otherwise the time of writing is stored
+    if kind in (".jpg", ".jpeg"):
+        spec.attribute("Compression", f"jpeg:{jpeg_quality}")
+        spec.attribute("jpeg:subsampling", "4:4:4")
+    else:
+        spec.attribute("Compression", "zip")
+    _store(spec, path, properties)
+    _write_whole(path, spec, _coded_blocks(pixels, background, depth))
+
+
+def _coded_blocks(pixels: Tensor, background: Colour | None, depth: Depth) -> Iterator[Tensor]:
+    rows = max(_BLOCK_PIXELS // pixels.shape[1] // _BLOCK_ROWS, 1) * _BLOCK_ROWS
+    for first in range(0, len(pixels), rows):
+        yield _coded(pixels[first : first + rows], background, depth)
+
+
+def _coded(block: Tensor, background: Colour | None, depth: Depth) -> Tensor:
+    """Rows of pixels as they are stored."""
+    if background is not None:
+        block = over_background(block, background)
     if depth == "float":
-        return image.to(torch.float32).contiguous()
+        return block.to(torch.float32).contiguous()
     largest = 255 if depth == "uint8" else 65535
-    levels = torch.floor(image.clamp(0.0, 1.0).to(torch.float64) * largest + 0.5)
+    levels = torch.floor(block.clamp(0.0, 1.0).to(torch.float64) * largest + 0.5)
     return levels.to(torch.uint8 if depth == "uint8" else torch.uint16).contiguous()
 
 
@@ -158,7 +179,7 @@ def _opened(path: Path) -> "oiio.ImageInput":
     return opened
 
 
-def _write_whole(path: Path, spec: "oiio.ImageSpec", pixels: Tensor) -> None:
+def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -> None:
     """Write beside the target, then rename: whoever looks finds the old file or the new one."""
     target = Path(os.path.realpath(path))
     temporary = temporary_name(target)
@@ -166,7 +187,10 @@ def _write_whole(path: Path, spec: "oiio.ImageSpec", pixels: Tensor) -> None:
         output = oiio.ImageOutput.create(str(temporary))
         if output is None:
             raise BadInput(f"{path}: cannot write the image: {_one_line(oiio.geterror())}")
-        written = output.open(str(temporary), spec) and output.write_image(pixels.numpy())
+        written, row = output.open(str(temporary), spec), 0
+        for block in blocks if written else ():
+            written = output.write_scanlines(row, row + len(block), 0, block.numpy()) and written
+            row += len(block)
         if not (output.close() and written):
             raise BadInput(f"{path}: cannot write the image: {_one_line(output.geterror() or 'the disk may be full')}")
         os.replace(temporary, target)

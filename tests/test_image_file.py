@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scenes import scenes
 
 from tolerances import HALF_A_LEVEL, JPEG_LEVELS
+from volsplat.client import image_file
 from volsplat.client.image_file import over_background, read_image, read_properties, read_scene
 from volsplat.client.image_file import write_image as write
 from volsplat.client.image_formats import DEPTHS, check_writable
@@ -54,6 +55,16 @@ def test_the_background_lies_under_opaque_formats_within_half_a_level(tmp_path: 
     expected = over_background(picture(), SCENE.image.background)
     assert read_image(path).shape == (5, 7, 3)
     assert (read_image(path) - expected).abs().max() <= HALF_A_LEVEL[depth]
+
+
+@pytest.mark.parametrize("kind", [".png", ".tif", ".exr"])
+def test_an_image_of_several_blocks_is_whole_and_in_order(tmp_path: Path, kind: str) -> None:
+    tall = picture(height=3 * image_file._BLOCK_ROWS + 5, width=image_file._BLOCK_PIXELS // image_file._BLOCK_ROWS + 1)
+    write(tmp_path / f"tall{kind}", tall, SCENE)
+    stored = read_image(tmp_path / f"tall{kind}")
+    expected = tall if kind == ".exr" else over_background(tall, SCENE.image.background)
+    assert stored.shape == expected.shape
+    assert (stored - expected).abs().max() <= HALF_A_LEVEL["float" if kind == ".exr" else "uint8"]
 
 
 def test_a_jpeg_is_close(tmp_path: Path) -> None:
