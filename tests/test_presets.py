@@ -167,6 +167,12 @@ def test_bytes_are_counted_as_voxels_are_quantised() -> None:
     assert histogram.counts[round((45 - 20) * LAST / 50)] == 1
 
 
+def test_values_too_near_each_other_for_a_scale_are_refused() -> None:
+    survey = Survey(low=0.0, high=1e-320, max_gradient=0.0, voxels=2, no_data=0)
+    with pytest.raises(BadInput, match="too little to tell apart; scale them up"):
+        density_histogram(survey, [1] + [0] * (HISTOGRAM_BINS - 2) + [1], (0.0, 1e-320))
+
+
 def test_without_a_histogram_landmarks_stand_in() -> None:
     assert ct_scale(None) == CtScale(ASSUMED_AIR, ASSUMED_TISSUE)
     assert landmarks(None).background < landmarks(None).object < landmarks(None).core
