@@ -15,7 +15,9 @@ class Outbox:
     One thread posts. It posts an image only while `holds_image` is False, so that no more than one waits in memory.
     """
 
-    def __init__(self, client: Connection, image_sent: Callable[[], None], failed: Callable[[VolsplatError], None]):
+    def __init__(
+        self, client: Connection, image_sent: Callable[[], None], failed: Callable[[VolsplatError], None]
+    ) -> None:
         """`image_sent` and `failed` are called by the sending thread; after `failed` nothing more is sent."""
         self.holds_image = False
         self._client = client
