@@ -15,6 +15,7 @@ code = 181 v + u. Paper: code = (x + 16) | (y + 16) << 5 | (z + 16) << 10 with t
 largest is 15, rounded half away from zero. Directions are in physical space and point to rising density.
 """
 
+import math
 from typing import Literal
 
 import msgspec
@@ -93,7 +94,9 @@ def density_window(survey: Survey, counts: list[int], scalar_type: str) -> tuple
     high = percentile(counts, survey.low, survey.high, 0.9995)
     if not low < high:
         low, high = survey.low, survey.high
-    return (low, high) if low < high else (low, low + max(1.0, abs(low) * 2.0**-20))
+    # Values too close for a scale in float64 are a constant.
+    constant = not low < high or math.isinf((TABLE_ENTRIES - 1) / (high - low))
+    return (low, low + max(1.0, abs(low) * 2.0**-20)) if constant else (low, high)
 
 
 def strength_scale(survey: Survey, counts: list[int]) -> float:
