@@ -41,6 +41,9 @@ DOCUMENTED_RIPPLE = {
 }
 
 
+ROUND_WITHIN = 1e-9  # relative: far above rounding errors, far below what shows
+
+
 @dataclass(frozen=True)
 class FootprintShape:
     """Weights are amplitude * P(sqrt(qxx x^2 + 2 qxy x y + qyy y^2)), x and y in pixels, zero beyond `radius`."""
@@ -62,7 +65,7 @@ def footprint_shape(plan: FramePlan, reconstruction: Reconstruction) -> Footprin
     """
     d, s = plan.pixels_per_index, plan.stride
     vxx, vxy, vyy = dot(d[0], d[0]) * s * s, dot(d[0], d[1]) * s * s, dot(d[1], d[1]) * s * s
-    vxx, vxy, vyy = _widened(vxx, vxy, vyy)
+    vxx, vxy, vyy = _widened(*_rounded_if_round(vxx, vxy, vyy, (plan.zoom * s) ** 2))
     area = vxx * vyy - vxy * vxy
     radius = reconstruction.radius
     if radius == "default":
@@ -77,6 +80,15 @@ def footprint_shape(plan: FramePlan, reconstruction: Reconstruction) -> Footprin
         half_width=radius * math.sqrt(vxx),
         half_height=radius * math.sqrt(vyy),
     )
+
+
+def _rounded_if_round(vxx: float, vxy: float, vyy: float, square: float) -> tuple[float, float, float]:
+    """The matrix, without the rounding errors of the view where the kernel is rotationally symmetric.
+
+    Then the footprint is the same from every side (paper: "Combining"), and one table serves all views.
+    """
+    error = max(abs(vxx - square), abs(vxy), abs(vyy - square))
+    return (square, 0.0, square) if error <= ROUND_WITHIN * square else (vxx, vxy, vyy)
 
 
 def _widened(vxx: float, vxy: float, vyy: float) -> tuple[float, float, float]:

@@ -191,3 +191,16 @@ def test_footprint_does_not_change_with_handedness(
     two = footprint_shape(plan_frame(scene, mirrored, Step.D), scene.reconstruction)
     assert replace(one, qxy=0.0).qxx == pytest.approx(two.qxx, rel=ROUNDING)
     assert (one.qxy, one.qyy) == pytest.approx((two.qxy, two.qyy), rel=ROUNDING)
+
+
+@given(quaternions, st.floats(0.25, 16), st.sampled_from([1.0, 0.5, 3.0]))
+def test_with_equal_spacings_the_footprint_is_exactly_the_same_from_every_side(
+    rotation: tuple[float, float, float, float], zoom: float, spacing: float
+) -> None:
+    matrix = ((spacing, 0.0, 0.0), (0.0, spacing, 0.0), (0.0, 0.0, spacing))
+    geometry = Geometry(dims=(5, 6, 7), index_to_physical=matrix)
+    turned, straight = (
+        footprint_shape(plan_frame(plain_scene(view=View(rotation=r, zoom=zoom)), geometry, Step.F), Reconstruction())
+        for r in (rotation, (0.0, 0.0, 0.0, 1.0))
+    )
+    assert turned == straight
