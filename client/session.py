@@ -1,5 +1,7 @@
 """A volume with its servers: carries out what the coordinator decides, and gives images to Python.
 
+    from volsplat.client import Session
+
     with Session("head.nrrd", workers=2) as session:
         image = session.render(scene)
 

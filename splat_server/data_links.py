@@ -93,7 +93,7 @@ class DataLinks:
             log.info("%s", error)  # the client is told with the frame
         link.close()
         with self._changed:
-            if self._links[worker] is link:  # a worker that has linked anew is not lost
+            if self._links.get(worker) is link:  # a worker that has linked anew is not lost
                 del self._links[worker]
                 self._merge.handle(WorkerLost(worker))
                 self._on_news()
