@@ -51,7 +51,7 @@ def demo(output: Path) -> None:
     write_contact_sheet(output / SHEET, pictures, title="volsplat: successive refinement of the head phantom")
     write_report(output / "report.json", report)
     console.print(step_table(report))
-    console.print(f"Look at {output / SHEET}; the six images beside it are step-A.png to step-F.png.")
+    console.print(f"Look at {output / SHEET}; the six images beside it are step-A.png to step-F.png.", soft_wrap=True)
 
 
 def demo_scene(volume: SurveyedVolume) -> Scene:
