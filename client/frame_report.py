@@ -2,7 +2,6 @@
 
 import os
 import platform
-import secrets
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -13,6 +12,7 @@ from rich.table import Table
 
 from volsplat.client.renderer import StepOutcome
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.temporary_name import temporary_name
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.messages import MapShadeStats, SplatStats
 from volsplat.protocol.peak_memory import peak_memory
@@ -101,7 +101,7 @@ def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutco
 def write_report(path: Path, report: FrameReport) -> None:
     """Write a report as JSON, whole or not at all. Raises BadInput where the file cannot be written."""
     text = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
-    temporary = path.with_name(f".volsplat-{secrets.token_hex(8)}.json")
+    temporary = temporary_name(path)
     try:
         temporary.write_bytes(text)
         os.replace(temporary, path)

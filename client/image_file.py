@@ -16,7 +16,8 @@ import OpenImageIO as oiio
 import torch
 from torch import Tensor
 
-from volsplat.client.image_formats import DEPTHS, Depth, check_writable, temporary_name
+from volsplat.client.image_formats import DEPTHS, Depth, check_writable
+from volsplat.client.temporary_name import temporary_name
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Colour, Scene
 

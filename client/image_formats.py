@@ -1,10 +1,10 @@
 """The kinds of image file that can be written, and whether one could be written here. Imports no image library."""
 
 import os
-import secrets
 from pathlib import Path
 from typing import Literal
 
+from volsplat.client.temporary_name import temporary_name
 from volsplat.protocol.errors import BadInput
 
 Depth = Literal["uint8", "uint16", "float"]
@@ -36,8 +36,3 @@ def check_writable(path: Path) -> None:
         trial.unlink()
     except OSError as error:
         raise BadInput(f"{path}: cannot write into the folder {path.parent}: {error.strerror}") from error
-
-
-def temporary_name(path: Path) -> Path:
-    """A name beside `path`, of the same kind, that is renamed to it once the file is whole."""
-    return path.with_name(f".volsplat-{secrets.token_hex(8)}{path.suffix.lower()}")
