@@ -11,7 +11,6 @@ from volsplat.protocol.frame_plan import Dda, FramePlan, Reach
 from volsplat.protocol.index_rules import Quantisation, grid_index_bytes
 from volsplat.protocol.refinement import active_shading
 from volsplat.protocol.scene import Field, Scene
-from volsplat.protocol.traversal import AxisVisits
 from volsplat.protocol.volume import Geometry, Index
 
 DEFAULT_PACKETS = 32768  # 256 KiB: what loopback TCP carries best in one go
@@ -96,7 +95,7 @@ def sample_reach(scene: Scene, plan: FramePlan) -> tuple[float, float]:
     if plan.reach == Reach.FOOTPRINT:
         shape = footprint_shape(plan, scene.reconstruction)
         return (shape.half_width, shape.half_height)
-    largest = [max(_block_sizes(visits)) for visits in plan.visits]
+    largest = [max(visits.block_sizes()) for visits in plan.visits]
     d = plan.pixels_per_index
     half_x, half_y = (sum(abs(d[row][axis]) * largest[axis] for axis in range(3)) / 2 for row in range(2))
     return (half_x, half_y)
@@ -106,14 +105,8 @@ def _numbers(dda: Dda) -> tuple[int, int, int, int]:
     return (dda.origin, *dda.half_steps)
 
 
-def _block_sizes(visits: AxisVisits) -> tuple[int, int, int]:
-    """How many voxels the first block, those between, and the last one have on an axis."""
-    first, last = visits.block(0), visits.block(visits.count - 1)
-    return (first[1] - first[0], visits.stride, last[1] - last[0])
-
-
 def _opacity_exponents(plan: FramePlan) -> list[float]:
     """For each class of blocks, first, between or last on each axis (i fastest): the exponent of its opacity."""
-    sizes_i, sizes_j, sizes_k = (_block_sizes(visits) for visits in plan.visits)
+    sizes_i, sizes_j, sizes_k = (visits.block_sizes() for visits in plan.visits)
     blocks: list[Index] = [(i, j, k) for k, j, i in itertools.product(sizes_k, sizes_j, sizes_i)]
     return [plan.opacity_exponent(block) for block in blocks]

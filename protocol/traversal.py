@@ -62,6 +62,11 @@ class AxisVisits:
             self.high if ordinal == self.count - 1 else start + self.stride,
         )
 
+    def block_sizes(self) -> tuple[int, int, int]:
+        """How many voxels the first block, those between, and the last one have."""
+        first, last = self.block(0), self.block(self.count - 1)
+        return (first[1] - first[0], self.stride, last[1] - last[0])
+
 
 def visits_of(low: int, high: int, stride: int) -> AxisVisits:
     """The visits to low..high: indices congruent to stride // 2, or the middle where there is none."""

@@ -5,7 +5,6 @@ import math
 from volsplat.protocol.footprint_shape import footprint_shape
 from volsplat.protocol.frame_plan import Dda, FramePlan, Reach
 from volsplat.protocol.scene import Reconstruction
-from volsplat.protocol.traversal import AxisVisits
 from volsplat.splat_server._kernels import CellMap, FootprintTable
 from volsplat.splat_server.footprint_table import footprint_table
 
@@ -28,7 +27,7 @@ def pixels_reached(reach: PixelReach, plan: FramePlan) -> int:
         return min(reach.width, plan.width) * min(reach.height, plan.height)
     if reach is None:
         return 1
-    cell = [(axis, _largest_block(plan.visits[axis])) for axis in plan.traversal.axes[1:]]
+    cell = [(axis, max(plan.visits[axis].block_sizes())) for axis in plan.traversal.axes[1:]]
     width, height = (sum(abs(steps[axis]) * size for axis, size in cell) for steps in plan.pixels_per_index[:2])
     rows = min(math.ceil(height) + CELL_MARGIN, plan.height)
     return rows * (min(math.ceil(width), plan.width) + CELL_ROW)
@@ -47,9 +46,3 @@ def cell_map(plan: FramePlan) -> CellMap:
         return (visits.low, visits.high, visits.stride, visits.first, visits.count, ascending)
 
     return CellMap(ordered(plan.x), ordered(plan.y), (axis(0), axis(1), axis(2)))
-
-
-def _largest_block(visits: AxisVisits) -> int:
-    """Voxels, or more; only the first and the last block may be larger than the stride."""
-    ends = (visits.block(0), visits.block(visits.count - 1))
-    return max(visits.stride, *(high - low for low, high in ends))
