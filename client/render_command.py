@@ -142,7 +142,8 @@ def opened(volume: str, servers: Servers, spawns: bool, console: Console) -> Ite
         if servers.single:
             from volsplat.client.single import SingleProcess
 
-            yield SingleProcess(volume, on_progress=say)
+            with SingleProcess(volume, on_progress=say) as single:
+                yield single
             return
         token = servers.token or new_token()
         with Session(

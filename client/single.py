@@ -19,7 +19,6 @@ from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.scene import Scene, Step
@@ -115,17 +114,17 @@ class SingleProcess:
 
     def _stages(self, scene: Scene, step: Step) -> tuple[FrameWalk, FrameAssembly]:
         geometry = self._volume.description.geometry
+        self._frame += 1
         try:
-            plan = plan_frame(scene, geometry, step)
+            assembly = FrameAssembly(
+                scene, geometry, step, self._frame, [WORKER], image=self._image, threads=self._threads
+            )
         except ValueError as error:
             raise BadInput(str(error)) from error
+        self._image = assembly.image
         quantisation = self._packed(self._volume.quantisation(scene.quantise))
         self._say(f"step {step}")
-        self._frame += 1
-        walk = FrameWalk([self._sub_cube], geometry, quantisation, scene, plan)
-        assembly = FrameAssembly(scene, geometry, step, self._frame, [WORKER], image=self._image, threads=self._threads)
-        self._image = assembly.image
-        return walk, assembly
+        return FrameWalk([self._sub_cube], geometry, quantisation, scene, assembly.plan), assembly
 
     def _packed(self, quantisation: Quantisation) -> Quantisation:
         """Have the voxels packed by these rules."""
