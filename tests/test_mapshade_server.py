@@ -1,8 +1,5 @@
 """The map/shade server's loop over real sockets, with the test as its client and as its splat servers."""
 
-import os
-import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -20,7 +17,6 @@ from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
-from volsplat.protocol.refusals import OUT_OF_MEMORY, refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Bounds, Scene, Step, View
 from volsplat.protocol.tokens import new_token
@@ -204,34 +200,3 @@ def test_a_lost_client_ends_the_server_and_its_link(bench: Bench) -> None:
         assert isinstance(bench.failure, PeerLost)
         with pytest.raises(PeerLost):
             link.receive()
-
-
-def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost() -> None:
-    token = new_token()
-    with Listener(Role.CLIENT, token) as clients:
-        program = subprocess.Popen(
-            [sys.executable, "-m", "volsplat.mapshade_server", "--connect", str(clients.address)],
-            env=token.added_to(os.environ),
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        control = clients.accept(PATIENCE)
-        assert control is not None
-        control.close()
-        _, said = program.communicate(timeout=PATIENCE)
-    assert program.returncode == 1
-    assert said.startswith("mapshade-server: ") and said.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("error", "cause"),
-    [
-        (MemoryError(), OUT_OF_MEMORY),
-        (ValueError("a line\nand \x1b[2J another"), "a line and ?[2J another"),
-        (KeyError("x"), "a mistake of volsplat's, please report it: KeyError: 'x'"),
-        (ValueError("x" * 5000), "x" * messages.LONGEST_LINE),
-    ],
-    ids=["memory", "control characters", "a mistake", "too long"],
-)
-def test_whatever_went_wrong_is_one_printable_line(error: Exception, cause: str) -> None:
-    assert refusal(messages.AbortFrame(7), error) == messages.Refused("AbortFrame", cause, frame=7)

@@ -1,8 +1,6 @@
 """The splat server's loop over real sockets, with the test as its client and as its map/shade servers."""
 
-import os
 import resource
-import subprocess
 import sys
 import threading
 from collections.abc import Iterator
@@ -368,23 +366,6 @@ def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
     assert isinstance(bench.failure, PeerLost)
     with pytest.raises(PeerLost):
         bench.links[WORKERS[0]].receive()
-
-
-def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost() -> None:
-    token = new_token()
-    with Listener(Role.CLIENT, token) as clients:
-        program = subprocess.Popen(
-            [sys.executable, "-m", "volsplat.splat_server", "--connect", str(clients.address)],
-            env=token.added_to(os.environ),
-            stderr=subprocess.PIPE,
-            text=True,
-        )
-        control = clients.accept(PATIENCE)
-        assert control is not None
-        control.close()
-        _, said = program.communicate(timeout=PATIENCE)
-    assert program.returncode == 1
-    assert said.startswith("splat-server: ") and said.count("\n") == 1
 
 
 def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(bench: Bench) -> None:
