@@ -1,4 +1,4 @@
-"""What is known of a volume once every server has read its sub-cube; scenes and quantisation follow from it."""
+"""The volume as the client knows it; scenes and quantisation follow from it."""
 
 from dataclasses import dataclass
 from functools import cached_property

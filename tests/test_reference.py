@@ -24,6 +24,12 @@ from volsplat.protocol.volume import Geometry
 SIZE = 40
 GEOMETRY = Geometry((SIZE, SIZE, SIZE), ((0.8, 0.0, 0.0), (0.0, 0.9, 0.0), (0.0, 0.0, 1.2)))
 ZOOMS = (1.0, 1.005, 1.73, 2.01)
+MISMATCHES_BY_VIEW = [
+    ((0.1, 0.2, 0.3, 0.9), MISMATCHED_OBLIQUE),
+    (quaternion_to((1.0, 1.0, 1.0)), MISMATCHED_OBLIQUE),
+    ((0.0, 0.0, 0.0, 1.0), MISMATCHED_AXIS_ALIGNED),
+    ((0.5, 0.5, 0.5, 0.5), MISMATCHED_AXIS_ALIGNED),
+]
 
 
 def packets() -> Tensor:
@@ -89,15 +95,7 @@ def test_both_orders_of_the_reference_agree(
 
 
 @pytest.mark.parametrize("zoom", ZOOMS)
-@pytest.mark.parametrize(
-    ("rotation", "allowed"),
-    [
-        ((0.1, 0.2, 0.3, 0.9), MISMATCHED_OBLIQUE),
-        (quaternion_to((1.0, 1.0, 1.0)), MISMATCHED_OBLIQUE),
-        ((0.0, 0.0, 0.0, 1.0), MISMATCHED_AXIS_ALIGNED),
-        ((0.5, 0.5, 0.5, 0.5), MISMATCHED_AXIS_ALIGNED),
-    ],
-)
+@pytest.mark.parametrize(("rotation", "allowed"), MISMATCHES_BY_VIEW)
 def test_what_is_quantised_on_the_wire_hardly_shows(
     rotation: tuple[float, float, float, float], allowed: float, zoom: float
 ) -> None:
@@ -171,15 +169,7 @@ def test_kernels_and_reference_agree_in_thin_fog(opacity: float) -> None:
 
 
 @pytest.mark.parametrize("zoom", ZOOMS)
-@pytest.mark.parametrize(
-    ("rotation", "allowed"),
-    [
-        ((0.1, 0.2, 0.3, 0.9), MISMATCHED_OBLIQUE),
-        (quaternion_to((1.0, 1.0, 1.0)), MISMATCHED_OBLIQUE),
-        ((0.0, 0.0, 0.0, 1.0), MISMATCHED_AXIS_ALIGNED),
-        ((0.5, 0.5, 0.5, 0.5), MISMATCHED_AXIS_ALIGNED),
-    ],
-)
+@pytest.mark.parametrize(("rotation", "allowed"), MISMATCHES_BY_VIEW)
 def test_kernels_hardly_differ_from_the_reference_without_quantisation(
     rotation: tuple[float, float, float, float], allowed: float, zoom: float
 ) -> None:
