@@ -47,6 +47,7 @@ class Bench:
     """A splat server in a thread, and what a client and map/shade servers say to it."""
 
     def __init__(self) -> None:
+        self._threads_before = set(threading.enumerate())  # some may be ending still
         token = new_token()
         self._clients = Listener(Role.CLIENT, token)
         self._data = Listener(Role.SPLAT_SERVER, token)
@@ -75,7 +76,13 @@ class Bench:
     def link_threads(self, worker: int) -> list[threading.Thread]:
         """The server's threads that receive from a worker."""
         name = f"receive from {Role.DATA_LINK} {worker} "
-        return [thread for thread in threading.enumerate() if thread.name.startswith(name)]
+        mine = set(threading.enumerate()) - self._threads_before
+        return [thread for thread in mine if thread.name.startswith(name)]
+
+    def fills_buffers(self, worker: int) -> None:
+        """Wait until the server reads no more from a worker."""
+        with self._server._changed:
+            assert self._server._changed.wait_for(lambda: not self._server._merge.may_read(worker), PATIENCE)
 
     def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
         self.control.send(messages.RenderFrame(frame, 1, scene, step, GEOMETRY, QUANTISATION, workers=list(WORKERS)))
@@ -240,6 +247,7 @@ def test_beyond_the_budget_a_front_server_waits_and_the_report_shows_it(monkeypa
     senders = [threading.Thread(target=deliver, args=pair) for pair in ((WORKERS[2], front), (WORKERS[1], between))]
     for sender in senders:
         sender.start()
+    bench.fills_buffers(WORKERS[2])
     deliver(WORKERS[0], behind)
     for sender in senders:
         sender.join(PATIENCE)
