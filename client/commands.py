@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import click
 
+from volsplat.client.interrupts import interrupts_held
 from volsplat.deploy.server_command import Program, server_command
 
 
@@ -40,7 +41,8 @@ class Commands(click.Group):
             return None
         if entry.server is not None:
             return _becoming(name, entry.server)
-        command: click.Command = getattr(import_module(entry.module), name)
+        with interrupts_held():
+            command: click.Command = getattr(import_module(entry.module), name)
         return command
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:

@@ -14,6 +14,7 @@ import click
 from rich.console import Console
 
 from volsplat.client.frame_report import report_of, write_report
+from volsplat.client.interrupts import interrupts_held
 from volsplat.client.presets import PRESETS
 from volsplat.client.render_options import (
     SceneOptions,
@@ -174,7 +175,8 @@ def tell_how_to_join(session: Session, token: Token, known: bool, console: Conso
 def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: Console) -> None:
     """Draw the last step, or all up to it where each is wanted, and write the files."""
     scene = options.scene_of(renderer.volume)
-    from volsplat.client.image_file import write_image  # takes a second to import; by now every server works
+    with interrupts_held():  # takes a second to import; by now every server works
+        from volsplat.client.image_file import write_image
 
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
