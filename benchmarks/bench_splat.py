@@ -20,7 +20,7 @@ import torch
 from volsplat.protocol.footprint_shape import footprint_shape
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN, opacity_of_code
-from volsplat.protocol.scene import ColourTable, Image, Order, ScalarTable, Scene, Step, Tables, View
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, ColourTable, Image, Order, ScalarTable, Scene, Step, Tables, View
 from volsplat.protocol.volume import Geometry
 from volsplat.splat_server import _kernels
 from volsplat.splat_server.footprint_table import footprint_table
@@ -133,11 +133,11 @@ def measure(side: int, folder: Path) -> None:
     table = footprint_table(footprint_shape(plan, scene.reconstruction))
     assert (table.width, table.height) == (side, side)
     image = ImageBuffer(SIZE, SIZE)
-    found: dict[Order, set[bytes]] = {order: set() for order in Order}
+    found: dict[Order, set[bytes]] = {order: set() for order in TRAVERSAL_ORDERS}
     for path in _kernels.cpu_paths():
         _kernels.set_cpu_path(path)
         rates = []
-        for order in Order:
+        for order in TRAVERSAL_ORDERS:
             image.clear()
             image.splat(spans, table, order)
             found[order].add(image.snapshot())

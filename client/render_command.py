@@ -50,7 +50,9 @@ class Servers:
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
 @click.option("--steps-dir", type=click.Path(path_type=Path), help="Write every step up to --step into this folder.")
-@click.option("--order", type=click.Choice([order.value for order in Order]), help="Back-to-front or front-to-back.")
+@click.option(
+    "--order", type=click.Choice([order.value for order in Order]), help="Back-to-front or front-to-back (fastest)."
+)
 @click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
 @click.option("--zoom", type=float, metavar="PIXELS", help="Pixels a voxel; else the volume fits the image.")
 @click.option("--center", metavar="I,J,K", help="Grid point at the image's centre.")

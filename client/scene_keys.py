@@ -47,7 +47,8 @@ SECTIONS: dict[str, str] = {
 KEYS: dict[str, SceneKey] = {
     "order": SceneKey(
         _one_of([order.value for order in Order]),
-        "Combine samples back to front, so that what is later hidden can be watched, or front to back.",
+        "Combine samples back to front, so that what is later hidden can be watched, or front to back.\n"
+        "Fastest is front to back wherever something can be hidden.",
     ),
     "tables.emit.points": SceneKey(_COLOUR_POINTS, ""),
     "tables.refl.points": SceneKey(_COLOUR_POINTS, ""),

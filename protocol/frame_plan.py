@@ -12,13 +12,15 @@ from enum import StrEnum
 from volsplat.protocol import matrices
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.refinement import STEP_RULES
-from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.scene import Order, Scene, Step
 from volsplat.protocol.traversal import AxisVisits, Traversal, traversal_of, visits_of
 from volsplat.protocol.volume import Box, Geometry, Index
 
 FRACTION_BITS = 32
 FIXED_ONE = 1 << FRACTION_BITS
 LARGEST_POSITION = 1 << 29  # pixels; beyond it 64 bits would not hold the DDA
+
+FROZEN_ALPHA = 1.0 - 1.0 / 1024.0  # front-to-back: from here on a pixel no longer changes
 
 FIT_FRACTION = 0.95  # of the image's shorter side, for the volume's bounding sphere
 
@@ -58,6 +60,7 @@ class FramePlan:
     y: Dda
     depth: Dda  # z in pixels: only its signs, magnitudes and order matter
     screen_index: tuple[Dda, Dda, Dda]  # fields screen x, y (up), z: the byte is value >> 32, clamped to 0..255
+    order: Order  # never FASTEST
     traversal: Traversal
     visits: tuple[AxisVisits, AxisVisits, AxisVisits]  # for i, j, k
     bounds: Box
@@ -98,7 +101,8 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step) -> FramePlan:
     x, y, depth = (_dda(origin[axis], to_pixels[axis]) for axis in range(3))
     rule = STEP_RULES[step]
     visits = tuple(visits_of(bounds.low[axis], bounds.high[axis], rule.stride) for axis in range(3))
-    traversal = traversal_of(_ray_to_viewer(to_pixels, zoom), scene.order)
+    order = resolved_order(scene, geometry)
+    traversal = traversal_of(_ray_to_viewer(to_pixels, zoom), order)
     reach = Reach.FOOTPRINT if rule.footprint else _nearest_reach(to_pixels, traversal, rule.stride)
     return FramePlan(
         step=step,
@@ -111,6 +115,7 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step) -> FramePlan:
         y=y,
         depth=depth,
         screen_index=_screen_index_ddas(upright, geometry),
+        order=order,
         traversal=traversal,
         visits=(visits[0], visits[1], visits[2]),
         bounds=bounds,
@@ -144,6 +149,22 @@ def resolved_zoom(scene: Scene, geometry: Geometry) -> float:
         return scene.view.zoom
     diameter = 2 * bounding_radius(geometry) / geometry.reference_spacing
     return FIT_FRACTION * min(scene.image.width, scene.image.height) / diameter
+
+
+def resolved_order(scene: Scene, geometry: Geometry) -> Order:
+    """Back-to-front or front-to-back; the faster one where the scene leaves it open.
+
+    Front to back what is hidden is skipped, but each sample costs a little more: it is slower where the whole
+    volume at the tables' greatest opacity would still hide nothing.
+    """
+    if scene.order != Order.FASTEST:
+        return scene.order
+    greatest = max(scene.tables.opac.entries())
+    if scene.shading.modulation:
+        greatest *= max(scene.tables.modu.entries())
+    thickest = 2 * bounding_radius(geometry) / geometry.reference_spacing
+    hides = greatest >= 1.0 or -math.log1p(-greatest) * thickest >= -math.log(1.0 - FROZEN_ALPHA)
+    return Order.FRONT_TO_BACK if hides else Order.BACK_TO_FRONT
 
 
 def bounding_radius(geometry: Geometry) -> float:

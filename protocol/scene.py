@@ -72,8 +72,12 @@ class Field(StrEnum):
 
 
 class Order(StrEnum):
+    FASTEST = "fastest"  # whichever of the others draws the scene sooner (frame_plan.resolved_order)
     BACK_TO_FRONT = "btf"
     FRONT_TO_BACK = "ftb"
+
+
+TRAVERSAL_ORDERS = (Order.BACK_TO_FRONT, Order.FRONT_TO_BACK)
 
 
 class Step(StrEnum):
@@ -260,7 +264,7 @@ class Scene(Part, frozen=True):
     view: View = View()
     bounds: Bounds = Bounds()
     reconstruction: Reconstruction = Reconstruction()
-    order: Order = Order.BACK_TO_FRONT
+    order: Order = Order.FASTEST
     refine: Refine = Refine()
     image: Image = Image()
     quantise: Quantise = Quantise()

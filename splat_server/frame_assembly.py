@@ -66,7 +66,6 @@ class FrameAssembly:
         self.packets = 0
         self.seconds_in_merge = 0.0
         self.seconds_in_splat = 0.0
-        self._order = scene.order
         self._reach = pixel_reach(self.plan, scene.reconstruction)
         self.pixels_per_packet = pixels_reached(self._reach, self.plan)
         edges = volume_edges(scene, geometry, self.plan)
@@ -105,7 +104,7 @@ class FrameAssembly:
         for instruction in instructions:
             match instruction:
                 case SplatSpans(spans=spans):
-                    self.image.splat(spans, self._reach, self._order, self.pixels_per_packet)
+                    self.image.splat(spans, self._reach, self.plan.order, self.pixels_per_packet)
                     packets += spans.packets
                 case CompleteFrame():
                     self.complete = True

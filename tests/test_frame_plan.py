@@ -14,7 +14,7 @@ from reference import mapping
 from tolerances import ROUNDING
 from volsplat.protocol.frame_plan import Reach, plan_frame
 from volsplat.protocol.refinement import active_shading
-from volsplat.protocol.scene import Bounds, ColourTable, Order, Refine, Scene, Shading, Step, View
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, ColourTable, Order, Refine, Scene, Shading, Step, View
 from volsplat.protocol.volume import Box, Geometry
 
 NEAREST_STEPS = (Step.A, Step.B, Step.C)
@@ -140,7 +140,26 @@ def test_view_too_far_out_for_the_fixed_point_is_refused() -> None:
         plan_frame(scene, Geometry((8, 8, 8)), Step.A)
 
 
+@given(situations(), st.sampled_from(Step), st.sampled_from(Order))
+def test_a_chosen_order_is_kept_and_an_open_one_is_decided(
+    situation: tuple[Scene, Geometry], step: Step, order: Order
+) -> None:
+    scene, geometry = situation
+    plan = plan_frame(msgspec.structs.replace(scene, order=order), geometry, step)
+    assert plan.order in TRAVERSAL_ORDERS
+    assert order in (plan.order, Order.FASTEST)
+
+
+@pytest.mark.parametrize(
+    ("opacity", "fastest"),
+    [(0.001, Order.BACK_TO_FRONT), (0.5, Order.FRONT_TO_BACK), (1.0, Order.FRONT_TO_BACK)],
+)
+def test_the_fastest_order_is_front_to_back_where_something_can_be_hidden(opacity: float, fastest: Order) -> None:
+    scene = plain_scene(opacity=opacity, order=Order.FASTEST)
+    assert plan_frame(scene, Geometry((64, 64, 64)), Step.F).order == fastest
+
+
 def test_plan_depends_on_order_only_in_its_traversal() -> None:
     one = plan_frame(plain_scene(order=Order.BACK_TO_FRONT), Geometry((8, 8, 8)), Step.C)
     two = plan_frame(plain_scene(order=Order.FRONT_TO_BACK), Geometry((8, 8, 8)), Step.C)
-    assert replace(two, traversal=one.traversal) == one
+    assert replace(two, order=one.order, traversal=one.traversal) == one

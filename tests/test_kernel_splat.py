@@ -17,7 +17,7 @@ from reference.render import sheet_coordinates_by_dda, visit_at
 from tolerances import ONE_LEVEL, SPLAT_FLOAT32
 from volsplat.protocol.frame_plan import FramePlan, Reach, plan_frame
 from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
-from volsplat.protocol.scene import Kernel, Order, Scene, Step, View
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Kernel, Order, Scene, Step, View
 from volsplat.protocol.volume import Geometry
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import Ellipse, FootprintTable
@@ -26,7 +26,6 @@ from volsplat.splat_server.image_buffer import ImageBuffer
 from volsplat.splat_server.pixel_reach import PixelReach, cell_map
 
 PATHS = _kernels.cpu_paths()
-ORDERS = list(Order)
 OPAQUE = OPACITY_CODES - 1
 WHITE = (255, 255, 255)
 
@@ -125,7 +124,7 @@ TABLES = {
 }
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 @pytest.mark.parametrize("table_name", TABLES)
 @pytest.mark.parametrize(("width", "height"), [(37, 23), (1, 9), (16, 2)])
 def test_footprints_combine_as_the_paper_says(
@@ -139,7 +138,7 @@ def test_footprints_combine_as_the_paper_says(
     assert image.any()
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 def test_nearest_pixels_combine_as_the_paper_says(path: str, order: Order) -> None:
     runs = random_runs(3, 19, 11, count=400, margin=3)
     image = splatted(runs, None, order, 19, 11)
@@ -147,7 +146,7 @@ def test_nearest_pixels_combine_as_the_paper_says(path: str, order: Order) -> No
     assert image.any()
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 @pytest.mark.parametrize("table_name", TABLES)
 def test_every_path_gives_the_same_bits(table_name: str, order: Order) -> None:
     runs = random_runs(11, 45, 33, count=200)
@@ -159,7 +158,7 @@ def test_every_path_gives_the_same_bits(table_name: str, order: Order) -> None:
     assert all(torch.equal(image, images[0]) for image in images)
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 @pytest.mark.parametrize("stripes", [[11], [1, 30], [7, 8, 21]])
 def test_stripes_give_the_same_bits(path: str, order: Order, stripes: list[int]) -> None:
     runs = random_runs(5, 40, 33, count=200)
@@ -184,7 +183,7 @@ def test_threads_give_the_same_bits(threads: int) -> None:
     assert images[0] == images[1]
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 def test_a_sample_anywhere_beyond_the_image_leaves_it_alone(path: str, order: Order) -> None:
     ends = (-(2**31), -(2**31) + 5, -64 * 64, 64 * 64, 2**31 - 1 - FARTHEST, 2**31 - 1)
     runs = [Run(0, n, 0, (Dot(x, y, OPAQUE, WHITE),)) for n, (x, y) in enumerate((x, y) for x in ends for y in ends)]
@@ -254,7 +253,7 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     assert torch.equal(image[..., 3].flatten(), expected)
 
 
-@pytest.mark.parametrize("order", ORDERS)
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 def test_an_opaque_sheet_is_exactly_1_inside(path: str, order: Order) -> None:
     scene = plain_scene(view=View(rotation=(0.1, 0.2, 0.3, 1.0), zoom=3.3), size=(40, 40), order=order)
     geometry = Geometry((40, 40, 40))

@@ -96,7 +96,7 @@ def test_colours_may_be_hexadecimal_or_numbers() -> None:
         ("view.rotation = [0, 0, 1]", "view.rotation: [0, 0, 1] cannot be used; allowed: [x, y, z, w], a quaternion"),
         ("view.rotation = [0, 0, 0, 0]", "view.rotation: must not be all zeros"),
         ("light.direction = [0, 'up', 0]", "light.direction[1]: 'up' cannot be used; allowed: [x, y, z]"),
-        ("order = 'front'", 'order: \'front\' cannot be used; allowed: one of "btf", "ftb"'),
+        ("order = 'front'", 'order: \'front\' cannot be used; allowed: one of "fastest", "btf", "ftb"'),
         ("cross_bar.emit = 'depth'", "cross_bar.emit: 'depth' cannot be used; allowed: one of \"density\""),
         ("image.width = 0", "image.width: must be 1 to 16384 pixels, not 0"),
         ("image.width = 1.5", "image.width: 1.5 cannot be used; allowed: 1 to 16384 pixels"),

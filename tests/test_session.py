@@ -18,7 +18,7 @@ from volsplat.client.session import FrameAborted
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
-from volsplat.protocol.scene import Bounds, Image, Order, Quantise, Refine, Scene, Step
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Refine, Scene, Step
 
 SMALL = Image(width=96, height=80)
 NAMES = {"mapshade_server": "map/shade server", "splat_server": "splat server"}
@@ -54,7 +54,7 @@ def test_a_session_and_a_single_process_know_the_same_of_a_volume(session: Sessi
     assert session.volume == single.volume
 
 
-@pytest.mark.parametrize("order", Order)
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 @pytest.mark.parametrize("step", Step)
 def test_every_step_is_the_same_distributed_and_single(
     session: Session, single: SingleProcess, order: Order, step: Step

@@ -27,7 +27,7 @@ from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.refusals import OUT_OF_MEMORY
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import Bounds, Image, Order, Scene, Step, View
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Scene, Step, View
 from volsplat.protocol.tokens import new_token
 from volsplat.protocol.volume import Box, Geometry
 from volsplat.splat_server import merge
@@ -172,7 +172,7 @@ def slabs(axis: int, first: int, second: int) -> list[Box]:
     st.integers(1, 11),
     st.integers(12, 23),
     st.randoms(use_true_random=False),
-    st.sampled_from(Order),
+    st.sampled_from(TRAVERSAL_ORDERS),
 )
 def test_the_image_is_the_same_for_any_arrival_order_over_sockets(
     axis: int, first: int, second: int, random: Random, order: Order
