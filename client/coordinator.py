@@ -61,6 +61,7 @@ class RunningFrame:
     image: PublishImage | None = None
     map_shade: dict[int, messages.MapShadeStats] = field(default_factory=dict)
     splat: messages.SplatStats | None = None
+    drawn_at: float = 0.0
 
 
 class Coordinator:
@@ -135,6 +136,8 @@ class Coordinator:
     # -- the volume: described, read, counted, packed
 
     def _handle_MessageReceived(self, event: MessageReceived) -> list[Instruction]:
+        if isinstance(event.message, messages.FrameFinished):
+            return self._received_FrameFinished(event.server, event.message, event.at)
         handler = getattr(self, f"_received_{type(event.message).__name__}")
         instructions: list[Instruction] = handler(event.server, event.message, event.payload)
         return instructions
@@ -337,9 +340,7 @@ class Coordinator:
         frame.map_shade[server] = message.stats
         return self._finished(frame)
 
-    def _received_FrameFinished(
-        self, server: int, message: messages.FrameFinished, payload: memoryview
-    ) -> list[Instruction]:
+    def _received_FrameFinished(self, server: int, message: messages.FrameFinished, at: float) -> list[Instruction]:
         frame = self._current(message.frame)
         if frame is None or frame.unacknowledged:
             return []
@@ -347,8 +348,8 @@ class Coordinator:
             self.frame = None
             names = ", ".join(self.servers[n].name if n in self.servers else f"server {n}" for n in message.lost)
             return [EndFrame(frame.frame, PeerLost(f"the image is incomplete: packets of {names} were lost"))]
-        frame.splat = message.stats
-        return [Send(server, messages.ReadImage(frame=frame.frame))]
+        frame.splat, frame.drawn_at = message.stats, at
+        return []
 
     def _received_ImageRead(self, server: int, message: messages.ImageRead, payload: memoryview) -> list[Instruction]:
         frame = self._current(message.frame)
@@ -365,7 +366,7 @@ class Coordinator:
         if frame.image is None or frame.splat is None or set(frame.map_shade) != set(self.boxes):
             return []
         self.frame = None
-        return [replace(frame.image, outcome=FrameOutcome(frame.map_shade, frame.splat))]
+        return [replace(frame.image, outcome=FrameOutcome(frame.map_shade, frame.splat), drawn_at=frame.drawn_at)]
 
     def _current(self, frame: int) -> RunningFrame | None:
         """The running frame if it has this id; messages of older frames are of no use any more."""

@@ -47,6 +47,7 @@ class MessageReceived:
     server: int
     message: messages.Message
     payload: memoryview
+    at: float  # seconds, time.perf_counter()
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,10 @@ class PublishVolume:
 
 @dataclass(frozen=True)
 class PublishImage:
-    """An image of `frame` arrived; `complete` where the frame is done, and then statistics come with it."""
+    """An image of `frame` arrived; `complete` where the frame is done, and then statistics come with it.
+
+    `drawn_at` is when the news came that the frame was done, as in MessageReceived.
+    """
 
     frame: int
     step: Step
@@ -117,6 +121,7 @@ class PublishImage:
     pixels: memoryview  # float32 RGBA, associated
     complete: bool
     outcome: FrameOutcome | None = None
+    drawn_at: float = 0.0
 
 
 @dataclass(frozen=True)

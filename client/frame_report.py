@@ -65,9 +65,13 @@ class StepReport(msgspec.Struct, frozen=True):
     map_shade_seconds_slowest: float
     map_shade_waiting_seconds: float  # in sends that back-pressure held up
     map_shade_waiting_seconds_slowest: float
+    planning_seconds: float  # of the splat server, as the three that follow
     merge_seconds: float
     splat_seconds: float
     splat_waiting_seconds: float  # with nothing to splat
+    image_seconds: float  # until the finished image was here
+    accounted_share: float  # of the wall seconds, by the splat server's stages and the image
+    hidden_packets: int  # of those sent, wholly behind frozen pixels
     held_back_seconds: float  # that connections were not read because their buffers were full, over all workers
     peak_memory_bytes: dict[str, int]  # of each process so far
     workers: dict[int, MapShadeStats]
@@ -126,6 +130,9 @@ def step_table(report: FrameReport) -> Table:
         "  merge": lambda s: f"{s.merge_seconds:.3f}",
         "  splat": lambda s: f"{s.splat_seconds:.3f}",
         "  splat waits": lambda s: f"{s.splat_waiting_seconds:.3f}",
+        "  planning": lambda s: f"{s.planning_seconds:.3f}",
+        "  image": lambda s: f"{s.image_seconds:.3f}",
+        "accounted for": lambda s: f"{s.accounted_share:.0%}",
         "voxels visited": lambda s: f"{s.voxels_visited / 1e6:.3f} M",
         "packets sent": lambda s: f"{s.packets_sent / 1e6:.3f} M",
         "bytes sent": lambda s: f"{s.bytes_sent / 1e6:.2f} MB",
@@ -158,14 +165,25 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         map_shade_seconds_slowest=max((worker.map_shade_seconds for worker in stats), default=0.0),
         map_shade_waiting_seconds=sum(worker.waiting_seconds for worker in stats),
         map_shade_waiting_seconds_slowest=max((worker.waiting_seconds for worker in stats), default=0.0),
+        planning_seconds=splat.planning_seconds,
         merge_seconds=splat.merge_seconds,
         splat_seconds=splat.splat_seconds,
         splat_waiting_seconds=splat.waiting_seconds,
+        image_seconds=outcome.image_seconds,
+        accounted_share=_accounted_seconds(outcome) / outcome.wall_seconds,
+        hidden_packets=splat.hidden_packets,
         held_back_seconds=sum(splat.held_back_seconds.values()),
         peak_memory_bytes={"client": peak_memory(), "splat server": splat.peak_memory_bytes, **memory},
         workers=workers,
         splat_server=splat,
     )
+
+
+def _accounted_seconds(outcome: StepOutcome) -> float:
+    """What the stages took that follow each other: those of the splat server, waiting included, and the image."""
+    splat = outcome.servers.splat
+    stages = (splat.planning_seconds, splat.merge_seconds, splat.splat_seconds, splat.waiting_seconds)
+    return sum(stages) + splat.answering_seconds + outcome.image_seconds
 
 
 def _cpu_name() -> str:

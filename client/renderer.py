@@ -18,10 +18,11 @@ PARTIAL_INTERVAL = 0.1  # seconds between partial images
 
 @dataclass(frozen=True)
 class StepOutcome:
-    """How a finished step went: what the servers counted and the seconds from asking to having the image."""
+    """How a finished step went: what the servers counted and the seconds that it took here."""
 
     step: Step
-    wall_seconds: float
+    wall_seconds: float  # from asking to having the image
+    image_seconds: float  # of these, from the finished frame on: its image is published and sent
     servers: FrameOutcome
 
 

@@ -198,8 +198,10 @@ class Session:
             with self._frames_lock:
                 del self._frames[frame]
             self._events.put(AbortAsked(frame))
-        seconds = time.perf_counter() - started
-        yield Refinement(step, _tensor(answer), StepOutcome(step, seconds, answer.outcome))
+        image = _tensor(answer)
+        now = time.perf_counter()
+        outcome = StepOutcome(step, now - started, now - answer.drawn_at, answer.outcome)
+        yield Refinement(step, image, outcome)
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
@@ -273,7 +275,8 @@ class Session:
         cause = "this side closed the connection"
         try:
             while (received := connection.receive()) is not None:
-                self._events.put(MessageReceived(peer.id, received.message, received.payload))
+                at = time.perf_counter()
+                self._events.put(MessageReceived(peer.id, received.message, received.payload, at))
         except VolsplatError as error:
             cause = str(error)
         with self._connections_lock:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -14,7 +16,7 @@ from typing import TYPE_CHECKING
 from volsplat.client.coordinator_events import FrameOutcome
 from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, image_tensor, refined
 from volsplat.client.surveyed_volume import SurveyedVolume
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
@@ -31,15 +33,30 @@ if TYPE_CHECKING:
 WORKER = 1  # the one map/shade "server"
 
 
+@dataclass
+class Tally:
+    """What the walk of a frame has cost so far."""
+
+    voxels_visited: int = 0
+    batches: int = 0
+    bytes: int = 0
+    map_shade_seconds: float = 0.0
+    waiting_seconds: float = 0.0  # of the splatting thread, for the walk
+
+
 class SingleProcess:
     """A volume held and drawn by this process alone: the same images as a Session's, bit for bit."""
 
     def __init__(
         self, volume: str | Path, *, threads: int = 1, on_progress: Callable[[str], None] | None = None
     ) -> None:
-        """Read and survey the volume. `threads` splat, one image stripe each. Raises BadInput."""
+        """Read and survey the volume. Raises BadInput.
+
+        `threads` splat, one image stripe each; where there are several, one more walks ahead of them.
+        """
         self._say = on_progress or (lambda text: None)
         self._threads = threads
+        self._walker = ThreadPoolExecutor(1, "walk") if threads > 1 else None
         self._reader = open_volume(str(volume))
         description = self._reader.describe()
         self._sub_cube = SubCube(description.geometry, description.geometry.box)
@@ -74,43 +91,74 @@ class SingleProcess:
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
-        started = shown = time.perf_counter()
+        began = shown = time.perf_counter()
         walk, assembly = self._stages(scene, step)
-        visited = batches = size = 0
-        map_shade_seconds = 0.0
-        while not assembly.complete:
-            began = time.perf_counter()
-            batch = walk.next_batch()
-            map_shade_seconds += time.perf_counter() - began
-            assert batch is not None, "the merge waits for batches that the walk does not have"
-            visited, batches = visited + batch.voxels_visited, batches + 1
-            size += len(batch.runs) + len(batch.packets)
+        planned = time.perf_counter()
+        tally = Tally()
+        for batch in self._batches(walk, tally):
             assembly.arrived(WORKER, batch.runs, batch.packets, batch.reached, batch.last)
             assembly.advance()
             if time.perf_counter() - shown > partial_interval and not assembly.complete:
                 yield Refinement(step, _tensor(assembly), None)
                 shown = time.perf_counter()
+        while not assembly.complete:
+            assembly.advance()
+        drawn = time.perf_counter()
         image = _tensor(assembly)
         map_shade = messages.MapShadeStats(
-            voxels_visited=visited,
+            voxels_visited=tally.voxels_visited,
             packets=assembly.packets,
-            batches=batches,
-            bytes=size,
-            map_shade_seconds=map_shade_seconds,
+            batches=tally.batches,
+            bytes=tally.bytes,
+            planning_seconds=planned - began,
+            map_shade_seconds=tally.map_shade_seconds,
+            sending_seconds=0.0,
             waiting_seconds=0.0,
             peak_memory_bytes=peak_memory(),
         )
         splat = messages.SplatStats(
             packets=assembly.packets,
-            bytes=size,
+            hidden_packets=assembly.hidden_packets,
+            bytes=tally.bytes,
+            frame_seconds=drawn - began,
+            planning_seconds=planned - began,
             merge_seconds=assembly.seconds_in_merge,
             splat_seconds=assembly.seconds_in_splat,
-            waiting_seconds=0.0,
+            waiting_seconds=tally.waiting_seconds,
+            answering_seconds=0.0,
             held_back_seconds={},
             peak_memory_bytes=peak_memory(),
         )
         outcome = FrameOutcome({WORKER: map_shade}, splat)
-        yield Refinement(step, image, StepOutcome(step, time.perf_counter() - started, outcome))
+        now = time.perf_counter()
+        yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, outcome))
+
+    def _batches(self, walk: FrameWalk, tally: Tally) -> Iterator[ShadedBatch]:
+        """The walk's batches; with several threads the next one is on its way while the last is splatted."""
+
+        def next_batch() -> ShadedBatch | None:
+            began = time.perf_counter()
+            batch = walk.next_batch()
+            tally.map_shade_seconds += time.perf_counter() - began
+            return batch
+
+        ahead = self._walker.submit(next_batch) if self._walker is not None else None
+        try:
+            while True:
+                began = time.perf_counter()
+                batch = next_batch() if ahead is None else ahead.result()
+                tally.waiting_seconds += time.perf_counter() - began
+                if batch is None:
+                    return
+                if self._walker is not None:
+                    ahead = self._walker.submit(next_batch)
+                tally.voxels_visited += batch.voxels_visited
+                tally.batches += 1
+                tally.bytes += len(batch.runs) + len(batch.packets)
+                yield batch
+        finally:
+            if ahead is not None:
+                ahead.result()  # the voxel packets may be made anew after this
 
     def _stages(self, scene: Scene, step: Step) -> tuple[FrameWalk, FrameAssembly]:
         geometry = self._volume.description.geometry
@@ -141,7 +189,9 @@ class SingleProcess:
         self._sub_cube.read(self._reader)
 
     def close(self) -> None:
-        """End the splatting threads."""
+        """End the threads."""
+        if self._walker is not None:
+            self._walker.shutdown()
         if self._image is not None:
             self._image.close()
 

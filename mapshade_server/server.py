@@ -36,7 +36,9 @@ class FrameTally:
     packets: int = 0
     batches: int = 0
     bytes: int = 0
+    planning_seconds: float = 0.0
     map_shade_seconds: float = 0.0
+    sending_seconds: float = 0.0
     waiting_seconds: float = 0.0
 
     def stats(self) -> messages.MapShadeStats:
@@ -185,9 +187,11 @@ class MapShadeServer:
             raise BadInput(f"frame {request.frame} is for assignment {request.assignment}, not {self._assignment}")
         if self._splat_server is None:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
+        tally = FrameTally()
+        started = time.perf_counter()
         plan = plan_frame(request.scene, request.geometry, request.step)
         walk = FrameWalk(self._sub_cubes, request.geometry, request.quantisation, request.scene, plan)
-        tally = FrameTally()
+        tally.planning_seconds = time.perf_counter() - started
         while self._newest_frame <= request.frame:
             started = time.perf_counter()
             batch = walk.next_batch()
@@ -198,7 +202,8 @@ class MapShadeServer:
             self._send_batch(request.frame, tally, batch)
 
     def _send_batch(self, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:
-        assert self._splat_server is not None
+        link = self._splat_server
+        assert link is not None
         message = messages.Batch(
             frame=frame,
             worker=self._client.id,
@@ -210,9 +215,10 @@ class MapShadeServer:
             reached_row=batch.reached[1],
             last=batch.last,
         )
-        started = time.perf_counter()
-        self._splat_server.send(message, batch.runs, batch.packets)
-        tally.waiting_seconds += time.perf_counter() - started
+        started, waited = time.perf_counter(), link.counters.seconds_in_send
+        link.send(message, batch.runs, batch.packets)
+        tally.sending_seconds += time.perf_counter() - started
+        tally.waiting_seconds += link.counters.seconds_in_send - waited
         tally.batches += 1
         tally.voxels_visited += batch.voxels_visited
         tally.packets += batch.packet_count

@@ -51,13 +51,19 @@ class Route(Detail, frozen=True):
 
 
 class MapShadeStats(Detail, frozen=True):
-    """What a frame cost one map/shade server. `waiting_seconds` were spent in sends that back-pressure held up."""
+    """What a frame cost one map/shade server.
+
+    Seconds follow each other: planning, then map/shade and sending by turns. `waiting_seconds` is the part of sending
+    that back-pressure held up.
+    """
 
     voxels_visited: Count
     packets: Count
     batches: Count
     bytes: Count
+    planning_seconds: Seconds
     map_shade_seconds: Seconds
+    sending_seconds: Seconds
     waiting_seconds: Seconds
     peak_memory_bytes: Count
 
@@ -65,15 +71,21 @@ class MapShadeStats(Detail, frozen=True):
 class SplatStats(Detail, frozen=True):
     """What a frame cost the splat server.
 
-    `waiting_seconds` had nothing to splat; `held_back_seconds` tells for each worker how long its connection was
-    not read because its buffers were full.
+    `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, merged,
+    splatted, waited with nothing to splat, and answered requests for partial images. `held_back_seconds` tells for
+    each worker how long its connection was not read because its buffers were full. `hidden_packets` came, but lay
+    wholly behind frozen pixels.
     """
 
     packets: Count
+    hidden_packets: Count
     bytes: Count
+    frame_seconds: Seconds
+    planning_seconds: Seconds
     merge_seconds: Seconds
     splat_seconds: Seconds
     waiting_seconds: Seconds
+    answering_seconds: Seconds
     held_back_seconds: dict[ServerId, Seconds]
     peak_memory_bytes: Count
 
@@ -198,7 +210,10 @@ class FrameMapped(Message, frozen=True):
 
 
 class FrameFinished(Message, frozen=True):
-    """Splat server to client: the image will not change any more. `lost` are workers it had to do without."""
+    """Splat server to client: the image will not change any more. `lost` are workers it had to do without.
+
+    Where there are none, the image follows in an ImageRead of its own accord.
+    """
 
     frame: FrameId
     complete: bool
@@ -207,7 +222,7 @@ class FrameFinished(Message, frozen=True):
 
 
 class ReadImage(Message, frozen=True):
-    """Client to splat server: send the image buffer of this frame as it is now."""
+    """Client to splat server: send the image buffer of this frame as it is now, before it is finished."""
 
     frame: FrameId
 

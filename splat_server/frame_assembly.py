@@ -64,6 +64,7 @@ class FrameAssembly:
         self.complete = False
         self.lost: tuple[int, ...] = ()
         self.packets = 0
+        self.hidden_packets = 0
         self.seconds_in_merge = 0.0
         self.seconds_in_splat = 0.0
         self._reach = pixel_reach(self.plan, scene.reconstruction)

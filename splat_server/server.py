@@ -47,7 +47,10 @@ class SplatServer:
         self._assembly: FrameAssembly | None = None
         self._request: messages.RenderFrame | None = None  # the assembly's
         self._drawing = False  # the assembly's frame is not finished
+        self._frame_began = 0.0
+        self._planning_seconds = 0.0
         self._waiting_seconds = 0.0
+        self._answering_seconds = 0.0
 
         self._data_links = DataLinks(data_links, self._merge, self._changed, self._note_news)
         self._outbox = Outbox(client, image_sent=self._notify, failed=self._end)
@@ -117,14 +120,20 @@ class SplatServer:
                 frame=assembly.frame, complete=not progress.lost, lost=list(progress.lost), stats=self._stats(assembly)
             )
         )
+        if not progress.lost:
+            self._images_wanted.append(messages.ReadImage(frame=assembly.frame))
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
         return messages.SplatStats(
             packets=assembly.packets,
+            hidden_packets=assembly.hidden_packets,
             bytes=self._data_links.received(assembly.frame),
+            frame_seconds=time.perf_counter() - self._frame_began,
+            planning_seconds=self._planning_seconds,
             merge_seconds=assembly.seconds_in_merge,
             splat_seconds=assembly.seconds_in_splat,
             waiting_seconds=self._waiting_seconds,
+            answering_seconds=self._answering_seconds,
             held_back_seconds=self._data_links.held_back(),
             peak_memory_bytes=peak_memory(),
         )
@@ -150,9 +159,10 @@ class SplatServer:
                     self._outbox.post(refusal(request, error))
 
     def _begin(self, request: messages.RenderFrame) -> None:
+        self._frame_began = time.perf_counter()
         self._data_links.begin_frame(request.frame)
         self._note_news()
-        self._waiting_seconds = 0.0
+        self._waiting_seconds = self._answering_seconds = 0.0
         self._drawing = False
         before, self._assembly = self._assembly, None
         self._assembly = FrameAssembly(
@@ -167,6 +177,7 @@ class SplatServer:
             threads=self._threads,
         )
         self._request, self._drawing = request, True
+        self._planning_seconds = time.perf_counter() - self._frame_began
         for refused in self._assembly.refused:
             self._data_links.cut_off(refused)
 
@@ -185,6 +196,7 @@ class SplatServer:
         assembly = self._assembly
         if assembly is None or assembly.frame != frame:
             return  # the client has gone on to another frame
+        began = time.perf_counter()
         image = messages.ImageRead(
             frame=frame,
             step=assembly.plan.step,
@@ -193,6 +205,7 @@ class SplatServer:
             height=assembly.plan.height,
         )
         self._outbox.post_image(image, assembly.published())
+        self._answering_seconds += time.perf_counter() - began
 
     # -- what other threads bring
 

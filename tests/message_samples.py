@@ -33,7 +33,7 @@ SCENE = Scene(
         opac=ScalarTable(points=((0.25, 0.0), (0.5, 1.0))),
     )
 )
-SPLAT_STATS = messages.SplatStats(100, 900, 0.5, 1.5, 0.25, {1: 0.125, 2: 0.0}, 1 << 30)
+SPLAT_STATS = messages.SplatStats(100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 1 << 30)
 
 SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
     type(message): (message, payload)
@@ -63,7 +63,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, [1, 2]), b""),
         (messages.AbortFrame(7), b""),
         (messages.FrameAborted(7), b""),
-        (messages.FrameMapped(7, messages.MapShadeStats(120, 100, 2, 900, 0.5, 0.25, 1 << 29)), b""),
+        (messages.FrameMapped(7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29)), b""),
         (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
         (messages.ReadImage(7), b""),
         (messages.ImageRead(7, Step.C, True, 2, 1), struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0)),

@@ -42,12 +42,12 @@ JOINS: list[Event] = [
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
 SCENE = preset_scene("ct-skin")
 DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint16")
-SPLAT_STATS = messages.SplatStats(1, 8, 0.0, 0.0, 0.0, {}, 1)
-MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 0.0, 0.0, 1)
+SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 1)
+MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 0.0, 0.0, 0.0, 0.0, 1)
 
 
 def said(server: int, message: messages.Message, payload: bytes = b"") -> MessageReceived:
-    return MessageReceived(server, message, memoryview(payload))
+    return MessageReceived(server, message, memoryview(payload), at=0.0)
 
 
 def sent(instructions: list[Instruction]) -> list[tuple[int, type]]:

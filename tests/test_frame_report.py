@@ -35,7 +35,9 @@ def worker_stats(times: int) -> MapShadeStats:
         packets=100 * times,
         batches=10 * times,
         bytes=800 * times,
+        planning_seconds=0.125 * times,
         map_shade_seconds=0.5 * times,
+        sending_seconds=0.375 * times,
         waiting_seconds=0.25 * times,
         peak_memory_bytes=10_000_000 * times,
     )
@@ -44,14 +46,18 @@ def worker_stats(times: int) -> MapShadeStats:
 def outcome(step: Step) -> StepOutcome:
     splat = SplatStats(
         packets=300,
+        hidden_packets=40,
         bytes=2400,
+        frame_seconds=1.25,
+        planning_seconds=0.0625,
         merge_seconds=0.125,
         splat_seconds=0.75,
         waiting_seconds=0.0625,
+        answering_seconds=0.03125,
         held_back_seconds={2: 0.5, 3: 0.25},
         peak_memory_bytes=40_000_000,
     )
-    return StepOutcome(step, 1.5, FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, splat))
+    return StepOutcome(step, 1.5, 0.25, FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, splat))
 
 
 def report(*steps: Step) -> FrameReport:
@@ -65,6 +71,12 @@ def test_the_workers_figures_are_added_up_and_the_slowest_named() -> None:
     assert (step.map_shade_waiting_seconds, step.map_shade_waiting_seconds_slowest) == (0.75, 0.5)
     assert (step.merge_seconds, step.splat_seconds, step.splat_waiting_seconds) == (0.125, 0.75, 0.0625)
     assert step.held_back_seconds == 0.75
+    assert step.hidden_packets == 40
+
+
+def test_the_stages_that_follow_each_other_account_for_the_wall_time() -> None:
+    step = report(Step.F).steps[0]
+    assert step.accounted_share == (0.0625 + 0.125 + 0.75 + 0.0625 + 0.03125 + 0.25) / 1.5
 
 
 def test_every_process_tells_its_peak_memory() -> None:
