@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
-PARTS = ("protocol", "mapshade_server", "splat_server", "deploy", "client")
+PARTS = ("protocol", "mapshade_server", "splat_server", "deploy", "client", "bench")
 
 MAY_IMPORT = {
     "protocol": {"protocol"},
@@ -17,6 +17,7 @@ MAY_IMPORT = {
     "splat_server": {"splat_server", "protocol"},
     "deploy": {"deploy", "protocol"},
     "client": {"client", "protocol", "deploy"},
+    "bench": {"bench", "client", "protocol", "deploy", "mapshade_server", "splat_server"},  # and nobody imports it
 }
 BOTH_SERVERS = Path("client/single.py")  # the single process runs their very stages
 
