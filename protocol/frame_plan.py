@@ -159,9 +159,9 @@ def resolved_order(scene: Scene, geometry: Geometry) -> Order:
     """
     if scene.order != Order.FASTEST:
         return scene.order
-    greatest = max(scene.tables.opac.entries())
+    greatest = scene.tables.opac.greatest
     if scene.shading.modulation:
-        greatest *= max(scene.tables.modu.entries())
+        greatest *= scene.tables.modu.greatest
     thickest = 2 * bounding_radius(geometry) / geometry.reference_spacing
     hides = greatest >= 1.0 or -math.log1p(-greatest) * thickest >= -math.log(1.0 - FROZEN_ALPHA)
     return Order.FRONT_TO_BACK if hides else Order.BACK_TO_FRONT

@@ -125,6 +125,11 @@ class ScalarTable(Part, frozen=True):
         for _, value in self.points:
             _check_unit("a table value", value)
 
+    @property
+    def greatest(self) -> float:
+        """No entry is greater."""
+        return max(value for _, value in self.points)
+
     def entries(self) -> list[float]:
         return _interpolated(list(self.points))
 
