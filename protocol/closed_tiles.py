@@ -11,6 +11,11 @@ WORD_TILES = 64
 WORD_BYTES = 8
 
 
+def tile_map_bytes(width: int, height: int) -> int:
+    rows, words = tile_map_shape(width, height)
+    return rows * words * WORD_BYTES
+
+
 def tile_map_shape(width: int, height: int) -> tuple[int, int]:
     """Rows of tiles, and words of each, of an image of so many pixels."""
     rows, columns = -(-height // TILE_SIDE), -(-width // TILE_SIDE)

@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, Union
 import msgspec
 
 from volsplat.protocol import greetings, messages
+from volsplat.protocol.closed_tiles import tile_map_bytes
 from volsplat.protocol.errors import LocalProtocolError, RemoteProtocolError
-from volsplat.protocol.messages import LARGEST_EXTENT, Batch, HistogramsCounted, ImageRead, Message
+from volsplat.protocol.messages import LARGEST_EXTENT, Batch, HistogramsCounted, ImageRead, Message, TilesClosed
 from volsplat.protocol.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.printable import printable
 from volsplat.protocol.roles import (
@@ -23,6 +24,7 @@ from volsplat.protocol.roles import (
     DIALLED,
     MAPSHADE_TO_CLIENT,
     SPLAT_TO_CLIENT,
+    SPLAT_TO_DATA_LINK,
     Way,
 )
 
@@ -32,6 +34,7 @@ LARGEST_HISTOGRAMS = MIB
 RGBA_BYTES = 16  # four float32
 HISTOGRAM_BYTES = 16  # two int64 for each bin
 LARGEST_IMAGE = LARGEST_EXTENT * LARGEST_EXTENT * RGBA_BYTES
+LARGEST_TILE_MAP = tile_map_bytes(LARGEST_EXTENT, LARGEST_EXTENT)
 
 
 class Phase(Enum):
@@ -74,6 +77,10 @@ def _image_bytes(image: ImageRead) -> int:
     return image.width * image.height * RGBA_BYTES
 
 
+def _tiles_bytes(closed: TilesClosed) -> int:
+    return tile_map_bytes(closed.width, closed.height)
+
+
 _DIAL = DIALLED
 _ACCEPT = tuple(way.back for way in DIALLED)
 _TO_SERVERS = (CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT)
@@ -103,6 +110,7 @@ RULES: dict[type[Message], Rule] = {
     messages.ReadImage: Rule(Phase.OPEN, (CLIENT_TO_SPLAT,)),
     messages.ImageRead: Rule(Phase.OPEN, (SPLAT_TO_CLIENT,), Payload(_image_bytes, LARGEST_IMAGE)),
     messages.Batch: Rule(Phase.OPEN, (DATA_LINK_TO_SPLAT,), Payload(_batch_bytes, LARGEST_BATCH)),
+    messages.TilesClosed: Rule(Phase.OPEN, (SPLAT_TO_DATA_LINK,), Payload(_tiles_bytes, LARGEST_TILE_MAP)),
     messages.Refused: Rule(Phase.OPEN, _FROM_SERVERS),
     messages.EndSession: Rule(Phase.OPEN, _TO_SERVERS, ends=True),
 }

@@ -263,6 +263,18 @@ class Batch(Message, frozen=True):
             )
 
 
+class TilesClosed(Message, frozen=True):
+    """Splat server to map/shade data link: no sample of this frame can change these parts of the image any more.
+
+    The payload is the map of closed tiles (see closed_tiles) of an image of `width` x `height` pixels. Samples that
+    reach closed tiles only may be left out from now on.
+    """
+
+    frame: FrameId
+    width: Extent
+    height: Extent
+
+
 # The session.
 
 

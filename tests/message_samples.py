@@ -71,6 +71,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
             messages.Batch(7, 2, 0, "raw", 1, 2, 4, 3, True),
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
         ),
+        (messages.TilesClosed(7, 260, 5), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
         (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
         (messages.EndSession(), b""),
     )
@@ -127,14 +128,11 @@ _voxel = st.tuples(*[st.integers(0, 100)] * 3)
 boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 100)] * 3)).map(
     lambda pair: Box(pair[0], (pair[0][0] + pair[1][0], pair[0][1] + pair[1][1], pair[0][2] + pair[1][2]))
 )
-_map_shade_stats = st.builds(messages.MapShadeStats, counts, counts, counts, counts, seconds, seconds, counts)
+_map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts)
 _splat_stats = st.builds(
     messages.SplatStats,
-    counts,
-    counts,
-    seconds,
-    seconds,
-    seconds,
+    *[counts] * 3,
+    *[seconds] * 6,
     st.dictionaries(ids, seconds, max_size=3),
     counts,
 )
@@ -203,6 +201,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), st.integers(1, 8), st.integers(1, 8)
     ),
     messages.Batch: st.tuples(st.integers(0, 9), st.integers(0, 9)).flatmap(_batches),
+    messages.TilesClosed: st.builds(messages.TilesClosed, ids, st.integers(1, 600), st.integers(1, 40)),
     messages.Refused: st.builds(messages.Refused, lines, lines, ids_or_none, ids_or_none),
     messages.EndSession: st.builds(messages.EndSession),
 }
