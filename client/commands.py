@@ -24,6 +24,7 @@ ENTRIES = {
     "info": Entry("Tell what a volume is, with its histogram.", "volsplat.client.info_command"),
     "scene": Entry("Print a complete scene file to start from.", "volsplat.client.scene_command"),
     "phantom": Entry("Write a volume that volsplat makes itself.", "volsplat.client.phantom_command"),
+    "bench": Entry("Measure volsplat: its paper, its floors, its peers.", "volsplat.bench.command"),
     "mapshade-server": Entry("Run a map/shade server that joins a client.", server=Program.MAPSHADE_SERVER),
     "splat-server": Entry("Run a splat server that joins a client.", server=Program.SPLAT_SERVER),
 }

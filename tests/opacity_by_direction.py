@@ -1,24 +1,19 @@
 """How far a slab of voxels is equally opaque from every side: thick opacities, and unequal spacings.
 
-Prints the tables of docs/properties.md. Run it from the root: `python benchmarks/opacity_by_direction.py`.
+Prints the tables of docs/properties.md. Run it from the root: `python tests/opacity_by_direction.py`.
 """
 
 import itertools
 import math
-import sys
-from pathlib import Path
 
 import torch
+from arbitrary import directions, plain_scene, quaternion_to
+from rays import constant, crossing
+from rendering import rendered
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-
-from arbitrary import directions, plain_scene, quaternion_to  # noqa: E402
-from rays import constant, crossing  # noqa: E402
-from rendering import rendered  # noqa: E402
-
-from volsplat.protocol.matrices import Matrix  # noqa: E402
-from volsplat.protocol.scene import Step, View  # noqa: E402
-from volsplat.protocol.volume import Geometry  # noqa: E402
+from volsplat.protocol.matrices import Matrix
+from volsplat.protocol.scene import Step, View
+from volsplat.protocol.volume import Geometry
 
 OPACITIES = (0.001, 0.01, 0.05, 0.1, 0.2, 0.5)
 RATIOS = (1, 2, 5, 8, 12)

@@ -1,0 +1,63 @@
+"""`volsplat bench compare`: what moved between two records, and whether by more than their spread."""
+
+from pathlib import Path
+
+import click
+
+from volsplat.bench.outputs import machine_words
+from volsplat.bench.record import Figure, Record, read_record
+from volsplat.bench.text_table import TextTable, significant, told
+from volsplat.protocol.errors import BadInput
+
+MOVED, STAYED = "moved", ""
+
+
+@click.command()
+@click.argument("old", type=click.Path(path_type=Path))
+@click.argument("new", type=click.Path(path_type=Path))
+def compare(old: Path, new: Path) -> None:
+    """Compare the figures that OLD and NEW, both written by --json, have in common.
+
+    The ratio is NEW over OLD, with what the bounds of both middle halves allow. A figure moved where its two medians
+    lie outside each other's middle half.
+    """
+    from rich.console import Console
+
+    before, after = read_record(old), read_record(new)
+    table = comparison(before, after)
+    console = Console()
+    console.print(table.rich())
+    if before.machine != after.machine:
+        both = f"{machine_words(before.machine)} and {machine_words(after.machine)}"
+        console.print(f"Two machines: {both}.", highlight=False, soft_wrap=True)
+
+
+def comparison(old: Record, new: Record) -> TextTable:
+    """A row for each figure in both. Raises BadInput where there is none."""
+    before = {figure.name: figure for figure in old.figures}
+    shared = [(before[figure.name], figure) for figure in new.figures if _same_kind(before.get(figure.name), figure)]
+    if not shared:
+        raise BadInput(f"the records of `{old.command}` and `{new.command}` have no figure in common")
+    title = f"{old.command}: volsplat {old.volsplat} to {new.volsplat}"
+    table = TextTable(title, ("figure", "unit", "old", "new", "new / old", ""))
+    for a, b in shared:
+        table.add(b.name, b.unit, told(a), told(b), _ratio(a, b), MOVED if moved(a, b) else STAYED)
+    left_out = len(old.figures) + len(new.figures) - 2 * len(shared)
+    table.caption = f"{left_out} figures stand in one record only." if left_out else ""
+    return table
+
+
+def moved(old: Figure, new: Figure) -> bool:
+    """Whether two figures differ by more than either's spread."""
+    return not (old.low <= new.median <= old.high or new.low <= old.median <= new.high)
+
+
+def _same_kind(old: Figure | None, new: Figure) -> bool:
+    return old is not None and old.unit == new.unit
+
+
+def _ratio(old: Figure, new: Figure) -> str:
+    if min(old.low, old.median) <= 0:
+        return "–"
+    low, high = new.low / old.high, new.high / old.low
+    return f"{significant(new.median / old.median)} ({significant(low)}–{significant(high)})"

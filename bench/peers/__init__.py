@@ -1,0 +1,1 @@
+"""Other renderers that volsplat is measured against, made to draw the same scenes."""

@@ -1,0 +1,63 @@
+"""A table of texts, for the terminal and for Markdown."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from rich import box
+from rich.table import Table
+
+from volsplat.bench.record import Figure
+
+
+@dataclass
+class TextTable:
+    """Rows of cells; the first column names the row. An empty list of cells is a line between rows."""
+
+    title: str
+    columns: Sequence[str]
+    caption: str = ""
+    rows: list[list[str]] = field(default_factory=list)
+
+    def add(self, *cells: str) -> None:
+        self.rows.append(list(cells))
+
+    def rich(self) -> Table:
+        table = Table(title=self.title, box=box.SIMPLE_HEAD, caption=self.caption or None, caption_justify="left")
+        for n, column in enumerate(self.columns):
+            table.add_column(column, justify="right" if n else "left", overflow="fold")
+        for row in self.rows:
+            if row:
+                table.add_row(*row)
+            else:
+                table.add_section()
+        return table
+
+    def markdown(self) -> str:
+        lines = [f"**{self.title}**", "", _line(self.columns), "|---" + "|---:" * (len(self.columns) - 1) + "|"]
+        lines += [_line(row) for row in self.rows if row]
+        return "\n".join([*lines, *(["", self.caption] if self.caption else [])]) + "\n"
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def told(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
+    """A figure with its spread, to so many significant digits."""
+    median = significant(measured.median * scale, digits)
+    if len(measured.samples) == 1:
+        return median
+    return f"{median} ({significant(measured.low * scale, digits)}–{significant(measured.high * scale, digits)})"
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """A number without an exponent: 0.0123, 1.23, 123, 1234."""
+    if value == 0:
+        return "0"
+    whole = len(str(int(abs(value)))) if abs(value) >= 1 else 0
+    if whole >= digits:
+        return f"{value:.0f}"
+    places = digits - whole
+    if whole == 0:
+        places += len(f"{abs(value):e}".partition("e-")[2]) and int(f"{abs(value):e}".partition("e-")[2]) - 1
+    return f"{value:.{places}f}"

@@ -1,0 +1,36 @@
+"""The views of the benchmarks: once around a volume, at a size that does not depend on the image."""
+
+import msgspec
+
+from volsplat.client.presets import start_rotation
+from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.view_rotation import Quaternion, named_view, rotation_from_angles
+from volsplat.protocol.scene import Image, Scene, View
+from volsplat.protocol.volume import Geometry
+
+ELEVATION = 12.0  # degrees, so that no view lies along an axis
+FIRST_AZIMUTH = 5.0
+SEEN_OF_LONGEST = 0.55  # half the image's height in longest sides of the volume
+
+
+def around(views: int, volume: SurveyedVolume) -> list[Quaternion]:
+    """Rotations once around the vertical axis, seen from a little above."""
+    start = start_rotation(volume.density_histogram(), volume.description.anatomical)
+    elevation, roll = (-ELEVATION, 180.0) if start == named_view("stack") else (ELEVATION, 0.0)
+    return [rotation_from_angles(FIRST_AZIMUTH + 360.0 * n / views, elevation, roll) for n in range(views)]
+
+
+def benchmark_zoom(geometry: Geometry, height: int) -> float:
+    """Pixels a reference spacing at which half of `height` is 0.55 of the volume's longest side."""
+    longest = max(count * step for count, step in zip(geometry.dims, geometry.spacing, strict=True))
+    return height / 2 / (SEEN_OF_LONGEST * longest) * geometry.reference_spacing
+
+
+def seen(scene: Scene, geometry: Geometry, rotation: Quaternion, size: tuple[int, int]) -> Scene:
+    """The scene in a view of the benchmarks, in an image of so many pixels (width, height)."""
+    width, height = size
+    return msgspec.structs.replace(
+        scene,
+        view=View(rotation=rotation, zoom=benchmark_zoom(geometry, height)),
+        image=Image(width=width, height=height, background=scene.image.background),
+    )
