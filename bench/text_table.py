@@ -1,5 +1,6 @@
 """A table of texts, for the terminal and for Markdown."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -24,7 +25,7 @@ class TextTable:
     def rich(self) -> Table:
         table = Table(title=self.title, box=box.SIMPLE_HEAD, caption=self.caption or None, caption_justify="left")
         for n, column in enumerate(self.columns):
-            table.add_column(column, justify="right" if n else "left", overflow="fold")
+            table.add_column(column, justify="right" if n else "left", no_wrap=not n)
         for row in self.rows:
             if row:
                 table.add_row(*row)
@@ -45,19 +46,17 @@ def _line(cells: Sequence[str]) -> str:
 def told(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
     """A figure with its spread, to so many significant digits."""
     median = significant(measured.median * scale, digits)
-    if len(measured.samples) == 1:
-        return median
-    return f"{median} ({significant(measured.low * scale, digits)}–{significant(measured.high * scale, digits)})"
+    return median if len(measured.samples) == 1 else f"{median} ({spread(measured, scale, digits)})"
+
+
+def spread(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
+    """The bounds of a figure's middle half."""
+    return f"{significant(measured.low * scale, digits)}–{significant(measured.high * scale, digits)}"
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """A number without an exponent: 0.0123, 1.23, 123, 1234."""
+    """A number in so many significant digits and without an exponent: 0.0123, 1.23, 123, 1234."""
     if value == 0:
         return "0"
-    whole = len(str(int(abs(value)))) if abs(value) >= 1 else 0
-    if whole >= digits:
-        return f"{value:.0f}"
-    places = digits - whole
-    if whole == 0:
-        places += len(f"{abs(value):e}".partition("e-")[2]) and int(f"{abs(value):e}".partition("e-")[2]) - 1
-    return f"{value:.{places}f}"
+    places = digits - 1 - math.floor(math.log10(abs(value)))
+    return f"{value:.{max(places, 0)}f}"

@@ -1,0 +1,47 @@
+"""The renderers that are measured against each other: the single process, and servers in several numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+from volsplat.client.renderer import Renderer
+from volsplat.client.session import Session
+from volsplat.client.single import SingleProcess
+
+SINGLE = "single process"
+
+
+@dataclass(frozen=True)
+class Row:
+    """A renderer by the number of its map/shade servers; 0 is the single process with one thread."""
+
+    workers: int
+    renderer: Renderer
+
+    @property
+    def name(self) -> str:
+        return SINGLE if self.workers == 0 else servers_words(self.workers)
+
+    @property
+    def processes(self) -> int:
+        """That draw: the map/shade servers and the splat server."""
+        return self.workers + 1
+
+
+def servers_words(workers: int) -> str:
+    """Map/shade servers; the splat server beside them goes without saying."""
+    return f"{workers} server{'s' if workers > 1 else ''}"
+
+
+@contextmanager
+def opened_rows(path: str, workers: Sequence[int], say: Callable[[str], None]) -> Iterator[list[Row]]:
+    """The single process and a session for each number of servers, all with the volume in memory."""
+    with ExitStack() as stack:
+        rows = [Row(0, stack.enter_context(SingleProcess(path, on_progress=say)))]
+        for count in workers:
+            session = stack.enter_context(Session(path, workers=count, on_progress=say))
+            assert session.volume, "wait until its servers have read the volume"
+            rows.append(Row(count, session))
+        yield rows
