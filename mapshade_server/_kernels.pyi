@@ -69,15 +69,33 @@ def light_table(
 ) -> Array:
     """What multiplies the reflected colour, by direction code: float32 (32768,)."""
 
+def colour_table(colours: Sequence[_Vector]) -> Array:
+    """Red, green, blue and 0 of 256 entries: float32 (256, 4)."""
+
 def opacity_table(opac: _Vector, modu: _Vector, exponent: float) -> Array:
     """12-bit codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8: uint16 (65536,)."""
 
+class ClassifiedRows:
+    """Which voxels of a box's rows can be seen, for each axis that rows were walked along; see classified_rows.h."""
+
+    def __init__(self, size: Index) -> None: ...
+    @property
+    def bytes(self) -> int:
+        """What the lists take."""
+
+    @property
+    def axes(self) -> list[int]:
+        """The axes of which there are lists."""
+
 class FrameWalk:
-    """The walk of some boxes of voxel packets through a frame; see frame_walk.py, which gives it its numbers."""
+    """The walk of some boxes of voxel packets through a frame; see frame_walk.py, which gives it its numbers.
+
+    The packets are those that `pack` made.
+    """
 
     def __init__(
         self,
-        boxes: Sequence[tuple[Array, Index]],
+        boxes: Sequence[tuple[Array, Index, ClassifiedRows]],
         axes: Index,
         ascending: tuple[bool, bool, bool],
         visits: Sequence[tuple[int, int, int, int, int]],
@@ -87,13 +105,15 @@ class FrameWalk:
         image: tuple[int, int],
         reach: tuple[float, float],
         cross_bar: Sequence[int],
-        emit: Sequence[_Vector],
-        refl: Sequence[_Vector],
+        emit: Array,
+        refl: Array,
         light: Array,
         opacity: Sequence[Array],
         opacity_of_class: Sequence[int],
+        visibility: Array,
         gradient_bytes: Array,
-        grid_bytes: Sequence[Sequence[int]],
+        grid_bytes: Sequence[Array],
+        closed_tiles: Array | None,
     ) -> None: ...
     def next_batch(
         self, max_packets: int, max_voxels: int

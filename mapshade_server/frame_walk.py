@@ -8,13 +8,13 @@ from volsplat.mapshade_server import _kernels, shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.footprint_shape import footprint_shape
 from volsplat.protocol.frame_plan import Dda, FramePlan, Reach
-from volsplat.protocol.index_rules import Quantisation, grid_index_bytes
+from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.refinement import active_shading
-from volsplat.protocol.scene import Field, Scene
+from volsplat.protocol.scene import Field, Order, Scene
 from volsplat.protocol.volume import Geometry, Index
 
 DEFAULT_PACKETS = 32768  # 256 KiB: what loopback TCP carries best in one go
-DEFAULT_VOXELS = 1 << 20  # some 5 ms at 200 million voxels/s, so that an abort is heard soon
+DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
 
 FIELDS = list(Field)  # the kernel knows fields by their place here
 
@@ -29,11 +29,11 @@ class ShadedBatch:
     packet_count: int
     reached: tuple[int, int]  # (sheet, row): all that comes before it in traversal order has been delivered
     last: bool
-    voxels_visited: int  # samples of the step within the bounds, those left out at the image's rim included
+    voxels_visited: int  # samples of the step within the bounds, those left out as hidden or outside the image included
 
 
 class FrameWalk:
-    """Walks a server's packed sub-cubes in visibility order. They must not be packed anew meanwhile."""
+    """Walks a server's packed sub-cubes in visibility order, the only walk over them at its time."""
 
     def __init__(
         self,
@@ -42,14 +42,21 @@ class FrameWalk:
         quantisation: Quantisation,
         scene: Scene,
         plan: FramePlan,
+        closed_tiles: "_kernels.Array | None" = None,
     ) -> None:
+        """Start at the first sample.
+
+        `closed_tiles` is the image's map of closed tiles, uint64 shaped `protocol.closed_tiles.tile_map_shape`; it may
+        be written meanwhile. What is hidden by it is left out where the plan allows that.
+        """
         octahedral = quantisation.directions == "octahedral"
         active, cross_bar, tables = active_shading(scene, plan.step), scene.cross_bar, scene.tables
-        modu = cross_bar.modu if scene.shading.modulation else cross_bar.opac
+        rule = shading_tables.opacity_rule(scene)
+        hides = plan.order == Order.FRONT_TO_BACK and plan.reach == Reach.FOOTPRINT
         exponents = _opacity_exponents(plan)
         distinct = sorted(set(exponents))
         self._walk = _kernels.FrameWalk(
-            boxes=[(sub_cube.packets, sub_cube.box.low) for sub_cube in sub_cubes],
+            boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
             axes=plan.traversal.axes,
             ascending=plan.traversal.ascending,
             visits=[(v.low, v.high, v.stride, v.first, v.count) for v in plan.visits],
@@ -58,14 +65,16 @@ class FrameWalk:
             screen_index=[_numbers(dda) for dda in plan.screen_index],
             image=(plan.width, plan.height),
             reach=sample_reach(scene, plan),
-            cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, cross_bar.opac, modu)],
-            emit=shading_tables.colour_entries(tables.emit) if active.emitted else shading_tables.BLACK,
-            refl=shading_tables.colour_entries(tables.refl),
+            cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
+            emit=shading_tables.colours(tables.emit if active.emitted else shading_tables.BLACK),
+            refl=shading_tables.colours(tables.refl),
             light=shading_tables.light_of_directions(scene, plan.step, plan, octahedral),
-            opacity=[shading_tables.opacity_codes(scene, exponent) for exponent in distinct],
+            opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
             opacity_of_class=[distinct.index(exponent) for exponent in exponents],
+            visibility=shading_tables.visibility(rule),
             gradient_bytes=shading_tables.gradient_bytes(octahedral, geometry.index_to_physical),
-            grid_bytes=[grid_index_bytes(size) for size in geometry.dims],
+            grid_bytes=[shading_tables.grid_bytes(size) for size in geometry.dims],
+            closed_tiles=closed_tiles if hides else None,
         )
         self._ended = False
 

@@ -1,42 +1,98 @@
 """The tables that a scene is shaded through, kept from frame to frame while what they are made of stays the same."""
 
+import math
 from functools import lru_cache
+from typing import NamedTuple
 
 from volsplat.mapshade_server import _kernels
 from volsplat.protocol import matrices
 from volsplat.protocol.frame_plan import FramePlan
+from volsplat.protocol.index_rules import grid_index_bytes
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.refinement import active_shading
-from volsplat.protocol.scene import TABLE_ENTRIES, Colour, ColourTable, ScalarTable, Scene, Step
+from volsplat.protocol.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable, Scene, Step
 
 # The blocks of A and B come in up to 27 sizes, and a scene is turned through A to F again and again.
 KEPT_OPACITY_TABLES = 96  # of 128 KiB
 KEPT_LIGHT_TABLES = 8
 KEPT_TABLES = 16
 
-BLACK = ((0.0, 0.0, 0.0),) * TABLE_ENTRIES
-ONES = (1.0,) * TABLE_ENTRIES
+BLACK = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
+ONE = ScalarTable(points=((0.0, 1.0),))
+
+PACKET_SCALARS = (Field.DENSITY, Field.STRENGTH)
 
 
 @lru_cache(KEPT_TABLES)
-def colour_entries(table: ColourTable) -> tuple[Colour, ...]:
-    return tuple(table.entries())
+def colours(table: ColourTable) -> "_kernels.Array":
+    """Red, green, blue and 0 of each entry: float32 (256, 4)."""
+    return _kernels.colour_table(table.entries())
 
 
-@lru_cache(KEPT_TABLES)
-def scalar_entries(table: ScalarTable) -> tuple[float, ...]:
-    return tuple(table.entries())
+class OpacityRule(NamedTuple):
+    """What makes a voxel's opacity: opac and modu, and the fields that index them."""
+
+    opac: ScalarTable
+    modu: ScalarTable
+    opac_field: Field
+    modu_field: Field
+
+    @property
+    def by_packet(self) -> bool:
+        """Whether density and strength alone decide."""
+        return self.opac_field in PACKET_SCALARS and self.modu_field in PACKET_SCALARS
 
 
-def opacity_codes(scene: Scene, exponent: float) -> "_kernels.Array":
-    """12-bit codes at opac index | modu index << 8, uint16 (65536,), of samples of this opacity exponent."""
-    modu = scalar_entries(scene.tables.modu) if scene.shading.modulation else ONES
-    return _opacity_codes(scalar_entries(scene.tables.opac), modu, exponent)
+def opacity_rule(scene: Scene) -> OpacityRule:
+    """The scene's rule; without modulation modu is 1 everywhere."""
+    cross_bar, tables = scene.cross_bar, scene.tables
+    if scene.shading.modulation:
+        return OpacityRule(tables.opac, tables.modu, cross_bar.opac, cross_bar.modu)
+    return OpacityRule(tables.opac, ONE, cross_bar.opac, Field.STRENGTH)
+
+
+def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:
+    """What indexes the two axes of `opacity_codes`: density and strength where they alone decide."""
+    return PACKET_SCALARS if rule.by_packet else (rule.opac_field, rule.modu_field)
 
 
 @lru_cache(KEPT_OPACITY_TABLES)
-def _opacity_codes(opac: tuple[float, ...], modu: tuple[float, ...], exponent: float) -> "_kernels.Array":
-    return _kernels.opacity_table(opac, modu, exponent)
+def opacity_codes(rule: OpacityRule, exponent: float) -> "_kernels.Array":
+    """12-bit codes of samples of this opacity exponent, uint16 (65536,).
+
+    The place in the table is the byte of the first of `opacity_fields` plus 256 times that of the second.
+    """
+    if rule.by_packet:
+        return _kernels.opacity_table(_factors(rule, Field.DENSITY), _factors(rule, Field.STRENGTH), exponent)
+    return _kernels.opacity_table(rule.opac.entries(), rule.modu.entries(), exponent)
+
+
+@lru_cache(KEPT_TABLES)
+def visibility(rule: OpacityRule) -> bytes:
+    """A bit for each density, then one for each strength, lowest first: 64 bytes.
+
+    A voxel whose two bits are not both set is transparent whatever its other fields and its opacity exponent are.
+    """
+    others = [table for table, field in _tables_of(rule) if field not in PACKET_SCALARS]
+    visible = all(max(table.entries()) > 0.0 for table in others)
+    bits = [sum(1 << n for n, a in enumerate(_factors(rule, field)) if visible and a > 0.0) for field in PACKET_SCALARS]
+    return b"".join(number.to_bytes(TABLE_ENTRIES // 8, "little") for number in bits)
+
+
+def _tables_of(rule: OpacityRule) -> tuple[tuple[ScalarTable, Field], ...]:
+    return (rule.opac, rule.opac_field), (rule.modu, rule.modu_field)
+
+
+def _factors(rule: OpacityRule, field: Field) -> list[float]:
+    """What each byte of a field contributes to the opacity."""
+    entries = [table.entries() for table, indexed_by in _tables_of(rule) if indexed_by == field]
+    return [math.prod(factors) for factors in zip(*entries, strict=True)] if entries else [1.0] * TABLE_ENTRIES
+
+
+@lru_cache(KEPT_TABLES)
+def grid_bytes(size: int) -> bytes:
+    """The byte of each grid index of an axis of `size` voxels."""
+    return bytes(grid_index_bytes(size))
 
 
 def light_of_directions(scene: Scene, step: Step, plan: FramePlan, octahedral: bool) -> "_kernels.Array":

@@ -30,6 +30,7 @@ class SubCube:
         self._source: Any = None
         self._low: Index = (0, 0, 0)
         self._packets: _kernels.Array | None = None
+        self._classified_rows = _kernels.ClassifiedRows(box.size)
 
     @classmethod
     def of_volume(cls, geometry: Geometry, values: Any, box: Box | None = None) -> "SubCube":
@@ -84,6 +85,12 @@ class SubCube:
             octahedral=quantisation.directions == "octahedral",
         )
         self._source = None
+        self._classified_rows = _kernels.ClassifiedRows(self.box.size)
+
+    @property
+    def classified_rows(self) -> _kernels.ClassifiedRows:
+        """What a walk keeps for the next one: which voxels of each row can be seen."""
+        return self._classified_rows
 
     @property
     def packets(self) -> "_kernels.Array":

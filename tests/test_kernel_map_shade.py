@@ -136,8 +136,8 @@ def test_light_tables_are_those_of_the_reference(
 
 
 def test_tables_are_kept_while_the_scene_stays_the_same() -> None:
-    scene = plain_scene(opacity=0.3)
-    assert shading_tables.opacity_codes(scene, 2.0) is shading_tables.opacity_codes(plain_scene(opacity=0.3), 2.0)
+    rules = [shading_tables.opacity_rule(plain_scene(opacity=0.3)) for _ in range(2)]
+    assert shading_tables.opacity_codes(rules[0], 2.0) is shading_tables.opacity_codes(rules[1], 2.0)
 
 
 def test_a_cpu_path_that_does_not_exist_is_refused_with_those_that_do() -> None:

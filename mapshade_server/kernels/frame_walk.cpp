@@ -32,21 +32,26 @@ void narrow(std::int64_t start, std::int64_t step, std::int64_t low, std::int64_
     if (start < low || start > high) end = begin;
     return;
   }
+  // Most rows lie within
+  const std::int64_t last = start + (end - 1) * step;
+  if (std::min(start, last) >= low && std::max(start, last) <= high) return;
   if (step < 0) std::swap(low, high);
   begin = std::max(begin, -floor_divided(start - low, step));
   end = std::min(end, floor_divided(high - start, step) + 1);
 }
 
-std::size_t longest_row(const std::vector<PacketRows>& boxes) {
+std::size_t longest_row(const std::vector<VisibleRows>& boxes) {
   std::int64_t longest = 0;
-  for (const PacketRows& box : boxes) longest = std::max(longest, box.ordinals(2).count());
-  return static_cast<std::size_t>(longest);
+  for (const VisibleRows& box : boxes) longest = std::max(longest, box.ordinals(2).count());
+  return static_cast<std::size_t>(std::min(longest, kLongestRow));
 }
 
-std::vector<PacketRows> rows_of(const std::vector<PacketBox>& boxes, const WalkPlan& plan) {
-  std::vector<PacketRows> rows;
+std::vector<VisibleRows> rows_of(const std::vector<PacketBox>& boxes, const WalkPlan& plan,
+                                 const Visibility& visibility) {
+  std::vector<VisibleRows> rows;
+  rows.reserve(boxes.size());
   for (const PacketBox& box : boxes) {
-    rows.emplace_back(box, plan);
+    rows.emplace_back(box, plan, visibility);
     if (rows.back().empty()) rows.pop_back();
   }
   return rows;
@@ -58,15 +63,18 @@ std::int64_t reach(double pixels) {
 
 }  // namespace
 
-FrameWalk::FrameWalk(const WalkPlan& plan, const ShadingTables& tables, const std::vector<PacketBox>& boxes)
-    : plan_(plan),
+FrameWalk::FrameWalk(const WalkPlan& plan, const ShadingTables& tables, const std::vector<PacketBox>& boxes,
+                     const std::uint64_t* closed_tiles)
+    : kernels_(path_kernels()),
+      plan_(plan),
       tables_(tables),
-      boxes_(rows_of(boxes, plan_)),
+      boxes_(rows_of(boxes, plan_, tables.visibility)),
       shading_(plan_, tables_, longest_row(boxes_)),
       left_(-reach(plan.reach_x)),
       right_((plan.width - 1) * kPixel + reach(plan.reach_x)),
       top_(-reach(plan.reach_y)),
       bottom_((plan.height - 1) * kPixel + reach(plan.reach_y)) {
+  if (closed_tiles) closed_tiles_.emplace(closed_tiles, plan_);
   finished_ = !find_next_row();
 }
 
@@ -76,23 +84,11 @@ void FrameWalk::next_batch(std::size_t max_packets, std::int64_t max_voxels, Bat
   batch.packet_count = 0;
   batch.voxels_visited = 0;
   while (!finished_ && batch.packet_count < max_packets && batch.voxels_visited < max_voxels) {
-    // Take the rest of the segment that comes next, cut to the budget
-    PacketRows& box = *on_sheet_[box_on_sheet_];
-    const Ordinals& samples = box.ordinals(2);
-    const bool ascending = plan_.ascending[2];
-    const std::int64_t next = ascending ? samples.begin + done_ : samples.end - 1 - done_;
-    Segment segment = segment_at(next, samples);
-    const std::int64_t budget = max_voxels - batch.voxels_visited;
-    if (ascending) {
-      segment = {next, std::min(segment.end, next + budget)};
-    } else {
-      segment = {std::max(segment.begin, next + 1 - budget), next + 1};
-    }
-
-    const std::int64_t visited = walk_segment(box, segment, max_packets, batch);
-    done_ += visited;
-    batch.voxels_visited += visited;
-    if (done_ == samples.count()) {
+    if (segment_.visited == segment_.ordinals.count()) open_segment();
+    batch.voxels_visited += deliver(max_packets, max_voxels - batch.voxels_visited, batch);
+    if (segment_.visited < segment_.ordinals.count()) continue;
+    done_ += segment_.visited;
+    if (done_ == on_sheet_[box_on_sheet_].rows->ordinals(2).count()) {
       done_ = 0;
       ++box_on_sheet_;
       finished_ = !find_next_row();
@@ -107,79 +103,107 @@ void FrameWalk::next_batch(std::size_t max_packets, std::int64_t max_voxels, Bat
 bool FrameWalk::find_next_row() {
   while (true) {
     for (; box_on_sheet_ < on_sheet_.size(); ++box_on_sheet_) {
-      if (on_sheet_[box_on_sheet_]->ordinals(1).holds(ordinal(1, row_))) return true;
+      if (on_sheet_[box_on_sheet_].traversal.holds(row_)) return true;
     }
     box_on_sheet_ = 0;
     std::int64_t next_row = std::numeric_limits<std::int64_t>::max();
-    for (const PacketRows* box : on_sheet_) {
-      const Ordinals rows = traversal_range(1, box->ordinals(1));
-      if (rows.end > row_ + 1) next_row = std::min(next_row, std::max(rows.begin, row_ + 1));
+    for (const BoxOnSheet& box : on_sheet_) {
+      if (box.traversal.end > row_ + 1) next_row = std::min(next_row, std::max(box.traversal.begin, row_ + 1));
     }
     if (next_row != std::numeric_limits<std::int64_t>::max()) {
       row_ = next_row;
-      continue;
+    } else if (!find_next_sheet()) {
+      return false;
     }
-
-    // No row is left: find the next sheet that cuts a box
-    std::int64_t next_sheet = std::numeric_limits<std::int64_t>::max();
-    for (const PacketRows& box : boxes_) {
-      const Ordinals sheets = traversal_range(0, box.ordinals(0));
-      if (sheets.end > sheet_ + 1) next_sheet = std::min(next_sheet, std::max(sheets.begin, sheet_ + 1));
-    }
-    if (next_sheet == std::numeric_limits<std::int64_t>::max()) return false;
-    sheet_ = next_sheet;
-    row_ = -1;
-    on_sheet_.clear();
-    for (PacketRows& box : boxes_) {
-      if (box.ordinals(0).holds(ordinal(0, sheet_))) on_sheet_.push_back(&box);
-    }
-    std::sort(on_sheet_.begin(), on_sheet_.end(), [this](const PacketRows* a, const PacketRows* b) {
-      return traversal_range(2, a->ordinals(2)).begin < traversal_range(2, b->ordinals(2)).begin;
-    });
-    box_on_sheet_ = on_sheet_.size();
   }
 }
 
+// Moves before the first row of the next sheet that cuts a box.
+bool FrameWalk::find_next_sheet() {
+  std::int64_t next_sheet = std::numeric_limits<std::int64_t>::max();
+  for (const VisibleRows& box : boxes_) {
+    const Ordinals sheets = traversal_range(0, box.ordinals(0));
+    if (sheets.end > sheet_ + 1) next_sheet = std::min(next_sheet, std::max(sheets.begin, sheet_ + 1));
+  }
+  if (next_sheet == std::numeric_limits<std::int64_t>::max()) return false;
+  sheet_ = next_sheet;
+  row_ = -1;
+  on_sheet_.clear();
+  for (VisibleRows& box : boxes_) {
+    if (box.ordinals(0).holds(ordinal(0, sheet_))) on_sheet_.push_back({&box, traversal_range(1, box.ordinals(1))});
+  }
+  std::sort(on_sheet_.begin(), on_sheet_.end(), [this](const BoxOnSheet& a, const BoxOnSheet& b) {
+    return traversal_range(2, a.rows->ordinals(2)).begin < traversal_range(2, b.rows->ordinals(2)).begin;
+  });
+  return true;
+}
+
+// Takes the next samples of the box's row whose blocks are all of one size.
+void FrameWalk::open_segment() {
+  VisibleRows& rows = *on_sheet_[box_on_sheet_].rows;
+  const Ordinals& samples = rows.ordinals(2);
+  segment_.ordinals = segment_at(plan_.ascending[2] ? samples.begin + done_ : samples.end - 1 - done_, rows);
+  segment_.visited = 0;
+  segment_.survivors.voxels.count = 0;
+  segment_.sent = 0;
+  if (!rows.known_empty(ordinal(0, sheet_), ordinal(1, row_))) shade_segment(rows);
+}
+
+// Finds the segment's survivors.
+void FrameWalk::shade_segment(VisibleRows& rows) {
+  // Leave out what cannot touch the image or is hidden
+  const std::int64_t begin = segment_.ordinals.begin;
+  const RowLine line = line_of(sample_row(begin, begin));
+  const Ordinals near = within_reach(line, segment_.ordinals);
+  if (near.begin >= near.end) return;
+  if (closed_tiles_ && closed_tiles_->hide(line, near.begin - begin, near.end - 1 - begin)) return;
+
+  const VisibleRow visible = rows.row(ordinal(0, sheet_), ordinal(1, row_), near);
+  if (visible.voxels.count == 0) return;
+  const SampleRow row = sample_row(begin, visible.origin);
+  segment_.line = line_of(row);
+  segment_.origin = visible.origin;
+  const VisibleVoxels open =
+      closed_tiles_ ? closed_tiles_->without_hidden(segment_.line, visible.voxels) : visible.voxels;
+  segment_.survivors = shading_.survivors(row, open);
+}
+
+// Delivers what the batch has room for; returns how many samples were visited.
+std::int64_t FrameWalk::deliver(std::size_t max_packets, std::int64_t max_voxels, Batch& batch) {
+  const std::int64_t before = segment_.visited;
+  segment_.visited = std::min(segment_.ordinals.count(), before + max_voxels);
+  const std::size_t due = survivors_within(segment_.visited) - segment_.sent;
+  const std::size_t room = max_packets - batch.packet_count;
+  emit_runs(std::min(due, room), batch);
+  // Where the batch is full, go on from the first survivor that was not sent
+  if (due > room) segment_.visited = visits_before(segment_.sent);
+  return segment_.visited - before;
+}
+
 // A clipped block at either end of the grid's row stands alone, so that the samples of a run have equal blocks.
-FrameWalk::Segment FrameWalk::segment_at(std::int64_t ordinal, const Ordinals& samples) const {
+Ordinals FrameWalk::segment_at(std::int64_t ordinal, const VisibleRows& rows) const {
   const AxisVisits& visits = plan_.visits_of(2);
   const std::int64_t last = visits.count - 1;
   if (visits.clipped(ordinal)) return {ordinal, ordinal + 1};
-  return {std::max(samples.begin, visits.clipped(0) ? std::int64_t{1} : 0),
-          std::min(samples.end, visits.clipped(last) ? last : visits.count)};
+  const Ordinals piece = rows.piece_of(ordinal);
+  return {std::max(piece.begin, visits.clipped(0) ? std::int64_t{1} : 0),
+          std::min(piece.end, visits.clipped(last) ? last : visits.count)};
 }
 
-// Delivers a segment's visible samples; returns how many samples it got through before the batch was full.
-std::int64_t FrameWalk::walk_segment(PacketRows& box, const Segment& segment, std::size_t max_packets, Batch& batch) {
-  // Leave out what cannot touch the image
-  const Segment near = within_reach(line_of(sample_row(segment)), segment);
-  const std::int64_t all = segment.end - segment.begin;
-  if (near.begin >= near.end) return all;
-
-  const SampleRow row = sample_row(near);
-  const RowLine line = line_of(row);
-  const std::uint32_t* packets = box.row(ordinal(0, sheet_), ordinal(1, row_)) + (near.begin - box.ordinals(2).begin);
-  const std::size_t found = shading_.select(row, packets, static_cast<std::size_t>(near.end - near.begin));
-  const std::size_t sent = emit_runs(line, near.begin, found, max_packets, batch);
-  if (sent == found) return all;
-
-  // The batch is full: go on from the first sample that was not sent
-  const std::size_t next = plan_.ascending[2] ? sent : found - 1 - sent;
-  const std::int64_t next_ordinal = near.begin + shading_.survivors().positions[next];
-  return plan_.ascending[2] ? next_ordinal - segment.begin : segment.end - 1 - next_ordinal;
-}
-
-SampleRow FrameWalk::sample_row(const Segment& segment) const {
+// Samples on the line through that of an ordinal, counted from another one.
+SampleRow FrameWalk::sample_row(std::int64_t ordinal_on_line, std::int64_t origin) const {
   SampleRow row;
   row.ordinals[plan_.axes[0]] = ordinal(0, sheet_);
   row.ordinals[plan_.axes[1]] = ordinal(1, row_);
-  row.ordinals[plan_.axes[2]] = segment.begin;
+  row.ordinals[plan_.axes[2]] = ordinal_on_line;
   int block_class = 0;
   for (int axis = 2; axis >= 0; --axis) {
     row.doubled[axis] = plan_.visits[axis].doubled_centre(row.ordinals[axis]);
     block_class = 3 * block_class + plan_.visits[axis].block_class(row.ordinals[axis]);
   }
   row.opacity = tables_.opacity_of_class[block_class];
+  row.ordinals[plan_.axes[2]] = origin;
+  row.doubled[plan_.axes[2]] += 2 * plan_.visits_of(2).stride * (origin - ordinal_on_line);
   return row;
 }
 
@@ -190,49 +214,75 @@ RowLine FrameWalk::line_of(const SampleRow& row) const {
           half_steps * plan_.y.half_steps[axis]};
 }
 
-FrameWalk::Segment FrameWalk::within_reach(const RowLine& line, const Segment& segment) const {
-  std::int64_t begin = 0, end = segment.end - segment.begin;
+// `line` counts from the first of the samples.
+Ordinals FrameWalk::within_reach(const RowLine& line, const Ordinals& samples) const {
+  std::int64_t begin = 0, end = samples.count();
   narrow(line.start_x, line.step_x, left_, right_, begin, end);
   narrow(line.start_y, line.step_y, top_, bottom_, begin, end);
-  return {segment.begin + begin, segment.begin + end};
+  return {samples.begin + begin, samples.begin + end};
 }
 
-// Cuts the survivors into runs that a run's offsets can span, in traversal order; returns how many were sent.
-std::size_t FrameWalk::emit_runs(const RowLine& line, std::int64_t first_ordinal, std::size_t found,
-                                 std::size_t max_packets, Batch& batch) const {
-  const SurvivingSamples survivors = shading_.survivors();
+// The place among the survivors of the n-th in traversal order.
+std::size_t FrameWalk::survivor(std::size_t n) const {
+  return plan_.ascending[2] ? n : segment_.survivors.voxels.count - 1 - n;
+}
+
+// How many samples of the segment come before the n-th survivor in traversal order.
+std::int64_t FrameWalk::visits_before(std::size_t n) const {
+  const std::int64_t at = segment_.origin + segment_.survivors.voxels.positions[survivor(n)];
+  return plan_.ascending[2] ? at - segment_.ordinals.begin : segment_.ordinals.end - 1 - at;
+}
+
+// How many survivors the first samples of the segment hold, in traversal order.
+std::size_t FrameWalk::survivors_within(std::int64_t visited) const {
+  std::size_t low = segment_.sent, high = segment_.survivors.voxels.count;
+  if (visited == segment_.ordinals.count()) return high;
+  while (low < high) {
+    const std::size_t middle = (low + high) / 2;
+    if (visits_before(middle) < visited) {
+      low = middle + 1;
+    } else {
+      high = middle;
+    }
+  }
+  return low;
+}
+
+// Cuts the next survivors into runs that a run's offsets can span, in traversal order.
+void FrameWalk::emit_runs(std::size_t count, Batch& batch) {
+  if (count == 0) return;
+  const std::uint16_t* positions = segment_.survivors.voxels.positions;
+  const RowLine& line = segment_.line;
   const bool descending = !plan_.ascending[2];
   const std::int64_t step = std::max(std::abs(line.step_x), std::abs(line.step_y));
-  const std::int64_t farthest = step == 0 ? std::numeric_limits<std::int32_t>::max() : kLongestRun / step;
-  const std::size_t sending = std::min(found, max_packets - batch.packet_count);
-  std::size_t sent = 0;
-  while (sent < sending) {
+  const std::int64_t farthest = step <= kLongestRun / kLongestRow ? kLongestRow : kLongestRun / step;
+  const std::size_t sending = segment_.sent + count;
+  while (segment_.sent < sending) {
     // Find the survivors that are near enough to the run's first
-    const auto at = [&](std::size_t n) { return descending ? found - 1 - n : n; };
-    const std::int64_t head = survivors.positions[at(sent)];
+    const std::int64_t head = positions[survivor(segment_.sent)];
     std::size_t end = sending;
-    if (std::abs(survivors.positions[at(sending - 1)] - head) > farthest) {
-      end = sent + 1;
-      while (std::abs(survivors.positions[at(end)] - head) <= farthest) ++end;
+    if (std::abs(positions[survivor(sending - 1)] - head) > farthest) {
+      end = segment_.sent + 1;
+      while (std::abs(positions[survivor(end)] - head) <= farthest) ++end;
     }
 
     // Place the origin at the smaller position on each axis: one end of the run
-    const std::int64_t tail = survivors.positions[at(end - 1)];
+    const std::int64_t tail = positions[survivor(end - 1)];
     const std::int32_t origin_x =
         std::min(lattice(line.start_x + head * line.step_x), lattice(line.start_x + tail * line.step_x));
     const std::int32_t origin_y =
         std::min(lattice(line.start_y + head * line.step_y), lattice(line.start_y + tail * line.step_y));
-    const std::int64_t head_ordinal = first_ordinal + head;
+    const std::int64_t head_ordinal = segment_.origin + head;
     const std::int64_t first = descending ? plan_.visits_of(2).count - 1 - head_ordinal : head_ordinal;
+    const std::size_t run = end - segment_.sent;
     batch.runs.push_back({static_cast<std::uint32_t>(sheet_), static_cast<std::uint32_t>(row_),
-                          static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(end - sent), origin_x,
-                          origin_y});
-    path_kernels().shade(survivors, tables_.colours, line, origin_x, origin_y, at(sent), end - sent, descending,
-                         batch.packets.data() + batch.packet_count);
-    batch.packet_count += end - sent;
-    sent = end;
+                          static_cast<std::uint32_t>(first), static_cast<std::uint32_t>(run), origin_x, origin_y});
+    const std::size_t lowest = descending ? survivor(end - 1) : segment_.sent;
+    kernels_.shade(segment_.survivors, tables_.colours, line, {lowest, run, origin_x, origin_y, descending},
+                   batch.packets.data() + batch.packet_count);
+    batch.packet_count += run;
+    segment_.sent = end;
   }
-  return sent;
 }
 
 std::int64_t FrameWalk::ordinal(int level, std::int64_t traversal) const {

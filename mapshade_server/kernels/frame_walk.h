@@ -3,10 +3,12 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <vector>
 
-#include "packet_rows.h"
+#include "closed_tiles.h"
 #include "row_shading.h"
+#include "visible_rows.h"
 #include "walk_plan.h"
 
 namespace volsplat {
@@ -29,7 +31,9 @@ struct Batch {
 
 class FrameWalk {
  public:
-  FrameWalk(const WalkPlan& plan, const ShadingTables& tables, const std::vector<PacketBox>& boxes);
+  // `closed_tiles` is null where nothing may be left out.
+  FrameWalk(const WalkPlan& plan, const ShadingTables& tables, const std::vector<PacketBox>& boxes,
+            const std::uint64_t* closed_tiles);
   FrameWalk(const FrameWalk&) = delete;
   FrameWalk& operator=(const FrameWalk&) = delete;
 
@@ -38,35 +42,54 @@ class FrameWalk {
   void next_batch(std::size_t max_packets, std::int64_t max_voxels, Batch& batch);
 
  private:
-  // A part of a box's row, in ordinals, whose blocks are all of one size.
+  // A box that the sheet cuts, and its rows in traversal order.
+  struct BoxOnSheet {
+    VisibleRows* rows;
+    Ordinals traversal;
+  };
+
+  // The part of a box's row that is being delivered: its blocks are all of one size.
   struct Segment {
-    std::int64_t begin, end;
+    Ordinals ordinals{0, 0};
+    std::int64_t visited = 0;  // samples, in traversal order
+    RowLine line{};
+    std::int64_t origin = 0;  // the ordinal at position 0
+    SurvivingSamples survivors{};
+    std::size_t sent = 0;  // survivors, in traversal order
   };
 
   bool find_next_row();
-  Segment segment_at(std::int64_t ordinal, const Ordinals& samples) const;
-  std::int64_t walk_segment(PacketRows& box, const Segment& segment, std::size_t max_packets, Batch& batch);
-  SampleRow sample_row(const Segment& segment) const;
+  bool find_next_sheet();
+  void open_segment();
+  void shade_segment(VisibleRows& rows);
+  std::int64_t deliver(std::size_t max_packets, std::int64_t max_voxels, Batch& batch);
+  Ordinals segment_at(std::int64_t ordinal, const VisibleRows& rows) const;
+  SampleRow sample_row(std::int64_t ordinal, std::int64_t origin) const;
   RowLine line_of(const SampleRow& row) const;
-  Segment within_reach(const RowLine& line, const Segment& segment) const;
-  std::size_t emit_runs(const RowLine& line, std::int64_t first_ordinal, std::size_t found, std::size_t max_packets,
-                        Batch& batch) const;
+  Ordinals within_reach(const RowLine& line, const Ordinals& samples) const;
+  std::size_t survivor(std::size_t n) const;
+  std::int64_t visits_before(std::size_t n) const;
+  std::size_t survivors_within(std::int64_t visited) const;
+  void emit_runs(std::size_t count, Batch& batch);
 
   // Traversal order and ordinals run the same way or opposite ways.
   std::int64_t ordinal(int level, std::int64_t traversal) const;
   Ordinals traversal_range(int level, const Ordinals& ordinals) const;
 
+  const PathKernels& kernels_;
   WalkPlan plan_;
   ShadingTables tables_;
-  std::vector<PacketRows> boxes_;
+  std::vector<VisibleRows> boxes_;
   RowShading shading_;
+  std::optional<ClosedTiles> closed_tiles_;
   std::int64_t left_, right_, top_, bottom_;  // a sample beyond these touches no pixel
 
-  // Where the walk is: sheet and row in traversal order, the box within the row, and samples done of it
+  // Where the walk is: sheet and row in traversal order, the box within the row, and samples done before the segment
   std::int64_t sheet_ = -1, row_ = 0;
-  std::vector<PacketRows*> on_sheet_;  // boxes that the sheet cuts, in order of samples
+  std::vector<BoxOnSheet> on_sheet_;  // in order of samples
   std::size_t box_on_sheet_ = 0;
   std::int64_t done_ = 0;
+  Segment segment_;
   bool finished_ = false;
 };
 

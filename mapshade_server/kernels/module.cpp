@@ -1,8 +1,10 @@
 // Lists the functions of volsplat.mapshade_server._kernels; the work lies in the files beside it.
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
-#include <nanobind/stl/pair.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
+#include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include "bare_loop.h"
@@ -43,17 +45,24 @@ NB_MODULE(_kernels, m) {
   m.def("gradient_bytes", &python_gradient_bytes, "octahedral"_a, "axes"_a);
   m.def("light_table", &python_light_table, "octahedral"_a, "light"_a, "half"_a, "diffuse"_a, "specular"_a,
         "two_sided"_a, "specular_power"_a);
+  m.def("colour_table", &python_colour_table, "colours"_a);
   m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
 
+  nb::class_<ClassifiedRows>(m, "ClassifiedRows")
+      .def(nb::init<const Index3&>(), "size"_a)
+      .def_prop_ro("bytes", &ClassifiedRows::bytes)
+      .def_prop_ro("axes", &ClassifiedRows::axes);
+
   nb::class_<PythonFrameWalk>(m, "FrameWalk")
-      .def(nb::init<std::vector<std::pair<PacketArray, Index3>>, const std::array<int, 3>&, const std::array<bool, 3>&,
+      .def(nb::init<std::vector<PythonBox>, const std::array<int, 3>&, const std::array<bool, 3>&,
                     const std::array<std::array<std::int64_t, 5>, 3>&, const std::array<std::int64_t, 4>&,
                     const std::array<std::int64_t, 4>&, const std::array<std::array<std::int64_t, 4>, 3>&,
                     const std::array<std::int64_t, 2>&, const std::array<double, 2>&, const std::array<int, 4>&,
-                    const Colours&, const Colours&, LightArray, std::vector<OpacityArray>, const std::array<int, 27>&,
-                    GradientByteArray, std::array<std::vector<std::uint8_t>, 3>>(),
+                    ColourArray, ColourArray, LightArray, std::vector<OpacityArray>, const std::array<int, 27>&,
+                    const VisibilityArray&, GradientByteArray, std::array<GridByteArray, 3>,
+                    std::optional<TileArray>>(),
            "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "screen_index"_a, "image"_a, "reach"_a,
-           "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a, "gradient_bytes"_a,
-           "grid_bytes"_a)
+           "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a, "visibility"_a,
+           "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none())
       .def("next_batch", &PythonFrameWalk::next_batch, "max_packets"_a, "max_voxels"_a);
 }

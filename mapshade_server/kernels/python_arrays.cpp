@@ -1,19 +1,12 @@
 // Scalar types and memory that arrays share with Python.
 #include "python_arrays.h"
 
-#include <cstdlib>
-#include <new>
-
-#if defined(__linux__)
-#include <sys/mman.h>
-#endif
+#include "memory.h"
+#include "paths/path_kernels.h"
 
 namespace volsplat {
 
 namespace {
-
-constexpr std::size_t kLargePage = std::size_t{2} << 20;
-constexpr std::size_t kCacheLine = 64;
 
 Scalar scalar_of(nb::dlpack::dtype type) {
   if (type == nb::dtype<std::uint8_t>()) return Scalar::u8;
@@ -41,16 +34,9 @@ SourceVolume source_of(const SourceArray& array) {
 }
 
 PacketMemory packet_memory(const Index3& size) {
-  const std::size_t bytes = static_cast<std::size_t>(size[0] * size[1] * size[2]) * sizeof(std::uint32_t);
-  const std::size_t page = bytes >= kLargePage ? kLargePage : kCacheLine;
-  const std::size_t rounded = (bytes / page + 1) * page;
-  void* memory = std::aligned_alloc(page, rounded);
-  if (!memory) throw std::bad_alloc();
-#if defined(__linux__)
-  // Only a hint: views along k or j would otherwise miss the TLB at every sample
-  if (page == kLargePage) static_cast<void>(madvise(memory, rounded, MADV_HUGEPAGE));
-#endif
-  return {static_cast<std::uint32_t*>(memory), nb::capsule(memory, [](void* p) noexcept { std::free(p); })};
+  const std::size_t packets = static_cast<std::size_t>(size[0] * size[1] * size[2]) + kSpare;
+  void* memory = large_memory(packets * sizeof(std::uint32_t)).release();
+  return {static_cast<std::uint32_t*>(memory), nb::capsule(memory, [](void* p) noexcept { FreeMemory()(p); })};
 }
 
 }  // namespace volsplat

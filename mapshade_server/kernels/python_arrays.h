@@ -28,7 +28,7 @@ nb::object owned_array(std::vector<T>&& values, Sizes... sizes) {
   return nb::cast(nb::ndarray<nb::array_api, T>(held->data(), {static_cast<std::size_t>(sizes)...}, owner));
 }
 
-// Room for the voxel packets of a box, uninitialised, on large pages where the system has them.
+// Room for the voxel packets of a box and kSpare more, uninitialised.
 struct PacketMemory {
   std::uint32_t* packets;
   nb::capsule owner;

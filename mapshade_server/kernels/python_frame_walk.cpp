@@ -1,23 +1,13 @@
 // Checks and converts what Python gives, so that the walk itself need not.
 #include "python_frame_walk.h"
 
-#include <algorithm>
+#include <cstring>
 
 #include "shading_tables.h"
 
 namespace volsplat {
 
 namespace {
-
-std::vector<float> padded_colours(const Colours& colours) {
-  if (colours.size() != kTableEntries) throw nb::value_error("a colour table needs 256 entries");
-  std::vector<float> padded;
-  for (const auto& colour : colours) {
-    for (double channel : colour) padded.push_back(static_cast<float>(channel));
-    padded.push_back(0.0f);
-  }
-  return padded;
-}
 
 Dda dda_of(const std::array<std::int64_t, 4>& numbers) {
   return {numbers[0], {numbers[1], numbers[2], numbers[3]}};
@@ -35,34 +25,20 @@ nb::object view_of(const std::shared_ptr<Batch>& batch, void* data, std::size_t 
   return nb::steal(PyMemoryView_FromObject(array.ptr()));
 }
 
-}  // namespace
+// Batches are used again, by later walks too, once no memoryview of them is left. The GIL guards them.
+std::shared_ptr<Batch> free_batch() {
+  static std::vector<std::shared_ptr<Batch>> batches;
+  constexpr std::size_t kKept = 8;
+  for (const auto& batch : batches) {
+    if (batch.use_count() == 1) return batch;
+  }
+  const auto batch = std::make_shared<Batch>();
+  if (batches.size() < kKept) batches.push_back(batch);
+  return batch;
+}
 
-PythonFrameWalk::PythonFrameWalk(
-    std::vector<std::pair<PacketArray, Index3>> boxes, const std::array<int, 3>& axes,
-    const std::array<bool, 3>& ascending, const std::array<std::array<std::int64_t, 5>, 3>& visits,
-    const std::array<std::int64_t, 4>& x, const std::array<std::int64_t, 4>& y,
-    const std::array<std::array<std::int64_t, 4>, 3>& screen_index, const std::array<std::int64_t, 2>& image,
-    const std::array<double, 2>& reach, const std::array<int, 4>& cross_bar, const Colours& emit, const Colours& refl,
-    LightArray light, std::vector<OpacityArray> opacity, const std::array<int, 27>& opacity_of_class,
-    GradientByteArray gradient_bytes, std::array<std::vector<std::uint8_t>, 3> grid_bytes)
-    : boxes_(std::move(boxes)),
-      emit_(padded_colours(emit)),
-      refl_(padded_colours(refl)),
-      light_(std::move(light)),
-      opacity_(std::move(opacity)),
-      gradient_bytes_(std::move(gradient_bytes)),
-      grid_bytes_(std::move(grid_bytes)) {
-  WalkPlan plan{axes,
-                ascending,
-                {visits_of(visits[0]), visits_of(visits[1]), visits_of(visits[2])},
-                dda_of(x),
-                dda_of(y),
-                {dda_of(screen_index[0]), dda_of(screen_index[1]), dda_of(screen_index[2])},
-                image[0],
-                image[1],
-                reach[0],
-                reach[1]};
-
+ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<OpacityArray>& opacity,
+                        const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility) {
   ShadingTables tables{};
   Field* fields[4] = {&tables.emit, &tables.refl, &tables.opac, &tables.modu};
   for (int table = 0; table < 4; ++table) {
@@ -71,14 +47,62 @@ PythonFrameWalk::PythonFrameWalk(
     }
     *fields[table] = static_cast<Field>(cross_bar[table]);
   }
-  tables.colours = {emit_.data(), refl_.data(), light_.data()};
-  for (const OpacityArray& codes : opacity_) tables.opacity.push_back(codes.data());
+  for (const OpacityArray& codes : opacity) tables.opacity.push_back(codes.data());
   for (int number : opacity_of_class) {
-    if (number < 0 || number >= static_cast<int>(opacity_.size())) {
+    if (number < 0 || number >= static_cast<int>(opacity.size())) {
       throw nb::value_error("a block class names an opacity table that does not exist");
     }
   }
   tables.opacity_of_class = opacity_of_class;
+  static_assert(sizeof(Visibility) == 64);
+  std::memcpy(&tables.visibility, visibility.data(), sizeof(Visibility));
+  return tables;
+}
+
+Index3 size_of(const PacketArray& packets) {
+  return {static_cast<std::int64_t>(packets.shape(2)), static_cast<std::int64_t>(packets.shape(1)),
+          static_cast<std::int64_t>(packets.shape(0))};
+}
+
+void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
+  if (static_cast<std::int64_t>(tiles.shape(0)) != ClosedTiles::rows(plan.height) ||
+      static_cast<std::int64_t>(tiles.shape(1)) != ClosedTiles::words(plan.width)) {
+    throw nb::value_error("the map of closed tiles is not that of the image's size");
+  }
+}
+
+}  // namespace
+
+PythonFrameWalk::PythonFrameWalk(
+    std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
+    const std::array<std::array<std::int64_t, 5>, 3>& visits, const std::array<std::int64_t, 4>& x,
+    const std::array<std::int64_t, 4>& y, const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
+    const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach, const std::array<int, 4>& cross_bar,
+    ColourArray emit, ColourArray refl, LightArray light, std::vector<OpacityArray> opacity,
+    const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility, GradientByteArray gradient_bytes,
+    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles)
+    : boxes_(std::move(boxes)),
+      emit_(std::move(emit)),
+      refl_(std::move(refl)),
+      light_(std::move(light)),
+      opacity_(std::move(opacity)),
+      gradient_bytes_(std::move(gradient_bytes)),
+      grid_bytes_(std::move(grid_bytes)),
+      closed_tiles_(std::move(closed_tiles)) {
+  const WalkPlan plan{axes,
+                      ascending,
+                      {visits_of(visits[0]), visits_of(visits[1]), visits_of(visits[2])},
+                      dda_of(x),
+                      dda_of(y),
+                      {dda_of(screen_index[0]), dda_of(screen_index[1]), dda_of(screen_index[2])},
+                      image[0],
+                      image[1],
+                      reach[0],
+                      reach[1]};
+  if (closed_tiles_) check_tiles(*closed_tiles_, plan);
+
+  ShadingTables tables = tables_of(cross_bar, opacity_, opacity_of_class, visibility);
+  tables.colours = {emit_.data(), refl_.data(), light_.data()};
   tables.gradient_bytes = gradient_bytes_.data();
   for (int axis = 0; axis < 3; ++axis) {
     if (static_cast<std::int64_t>(grid_bytes_[axis].size()) < plan.visits[axis].high) {
@@ -88,13 +112,13 @@ PythonFrameWalk::PythonFrameWalk(
   }
 
   std::vector<PacketBox> packet_boxes;
-  for (const auto& [packets, low] : boxes_) {
-    packet_boxes.push_back({packets.data(),
-                            low,
-                            {static_cast<std::int64_t>(packets.shape(2)), static_cast<std::int64_t>(packets.shape(1)),
-                             static_cast<std::int64_t>(packets.shape(0))}});
+  for (const auto& [packets, low, classified] : boxes_) {
+    if (!classified || classified->size() != size_of(packets)) {
+      throw nb::value_error("a box's classified rows are not those of its voxel packets");
+    }
+    packet_boxes.push_back({packets.data(), low, size_of(packets), classified});
   }
-  walk_ = std::make_unique<FrameWalk>(plan, tables, packet_boxes);
+  walk_ = std::make_unique<FrameWalk>(plan, tables, packet_boxes, closed_tiles_ ? closed_tiles_->data() : nullptr);
 }
 
 nb::tuple PythonFrameWalk::next_batch(std::int64_t max_packets, std::int64_t max_voxels) {
@@ -108,14 +132,6 @@ nb::tuple PythonFrameWalk::next_batch(std::int64_t max_packets, std::int64_t max
                         view_of(batch, batch->packets.data(), batch->packet_count * sizeof(std::uint64_t)),
                         batch->runs.size(), batch->packet_count,
                         nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last, batch->voxels_visited);
-}
-
-std::shared_ptr<Batch> PythonFrameWalk::free_batch() {
-  for (const auto& batch : batches_) {
-    if (batch.use_count() == 1) return batch;
-  }
-  batches_.push_back(std::make_shared<Batch>());
-  return batches_.back();
 }
 
 }  // namespace volsplat

@@ -71,11 +71,23 @@ nb::object python_light_table(bool octahedral, const Vector3& light, const Vecto
                      kDirectionCodes);
 }
 
+nb::object python_colour_table(const std::vector<Vector3>& colours) {
+  if (colours.size() != kTableEntries) throw nb::value_error("a colour table needs 256 entries");
+  std::vector<float> table;
+  for (const Vector3& colour : colours) {
+    for (double channel : colour) table.push_back(static_cast<float>(channel));
+    table.push_back(0.0f);
+  }
+  return owned_array(std::move(table), kTableEntries, 4);
+}
+
 nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent) {
   if (opac.size() != kTableEntries || modu.size() != kTableEntries) {
     throw nb::value_error("a scalar table needs 256 entries");
   }
-  return owned_array(opacity_table(opac.data(), modu.data(), exponent), kTableEntries * kTableEntries);
+  std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent);
+  codes.resize(codes.size() + kSpare);
+  return owned_array(std::move(codes), kTableEntries * kTableEntries);
 }
 
 }  // namespace volsplat

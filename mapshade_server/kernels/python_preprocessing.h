@@ -20,6 +20,7 @@ nb::object python_direction_vectors(bool octahedral);
 nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes);
 nb::object python_light_table(bool octahedral, const Vector3& light, const Vector3& half, bool diffuse, bool specular,
                               bool two_sided, double specular_power);
+nb::object python_colour_table(const std::vector<Vector3>& colours);
 nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent);
 
 }  // namespace volsplat

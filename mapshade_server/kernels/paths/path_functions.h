@@ -5,12 +5,20 @@
 
 namespace volsplat::VOLSPLAT_PATH {
 
-std::size_t compact(const std::uint32_t* row, std::size_t n, const std::uint32_t* visible, std::uint32_t* positions,
-                    std::uint32_t* packets);
-void transpose(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint32_t* lanes,
-               std::size_t pitch);
-void shade(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, std::int32_t origin_x,
-           std::int32_t origin_y, std::size_t first, std::size_t count, bool descending, std::uint64_t* out);
+std::size_t classify_row(const std::uint32_t* row, std::size_t n, std::size_t first, const Visibility& visibility,
+                         std::uint16_t* positions, std::uint32_t* packets);
+void classify_columns(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint32_t wanted,
+                      const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts);
+bool opacity_by_packet(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table, std::uint16_t* codes);
+bool opacity_by_indices(const TableIndices& opac, const TableIndices& modu, std::size_t n, const std::uint16_t* table,
+                        std::uint16_t* codes);
+void direction_bytes(const std::uint32_t* packets, std::size_t n, const std::uint8_t* table, std::uint8_t* bytes);
+void screen_bytes(const std::uint16_t* positions, std::size_t n, std::int64_t start, std::int64_t step,
+                  std::uint8_t* bytes);
+void grid_bytes(const std::uint16_t* positions, std::size_t n, const std::uint8_t* table, std::int64_t step,
+                std::uint8_t* bytes);
+void shade(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
+           std::uint64_t* out);
 void gradient(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out);
 void survey(const double* values, const double* length, std::size_t n, RowExtremes* extremes);
 void pack(const double* values, const GradientRow& gradient, std::size_t n, const QuantisationNumbers& numbers,

@@ -11,10 +11,13 @@
 namespace volsplat {
 
 // Vector loops read and write whole vectors: arrays given to them have this many spare elements at their end.
-constexpr std::size_t kSpare = 32;
+constexpr std::size_t kSpare = 64;
 
-// Voxels that share a cache line: lines of packets are transposed this many grid columns (i) at a time.
-constexpr int kStripLanes = 16;
+// Grid columns (i) whose rows along j or k are classified together: lines of packets are read two cache lines wide.
+constexpr int kStripLanes = 32;
+
+// The longest row that positions of 16 bits can count.
+constexpr std::int64_t kLongestRow = 65536;
 
 // The rows of source values around one row: NaN stands for a neighbour that is missing.
 struct SourceRows {
@@ -48,13 +51,38 @@ struct RowExtremes {
   std::int64_t no_data;
 };
 
-// Survivors of a row, in rising order of position, and what colours and places them.
-struct SurvivingSamples {
-  const std::uint32_t* positions;  // sample numbers within the row
+// A voxel can be seen where the bits of its density and of its strength are both set and it has data.
+struct Visibility {
+  std::uint32_t density[8];
+  std::uint32_t strength[8];
+};
+
+// Voxels of a row that can be seen, in rising order of position: the number of their sample within the row.
+struct VisibleVoxels {
+  const std::uint16_t* positions;
   const std::uint32_t* packets;
+  std::size_t count;
+};
+
+// Where the visible voxels of several rows are written: `pitch` apart.
+struct VoxelLanes {
+  std::uint16_t* positions;
+  std::uint32_t* packets;
+  std::size_t pitch;
+};
+
+// The bytes that index a table, one for each survivor: `spacing` bytes apart.
+struct TableIndices {
+  const std::uint8_t* bytes;
+  std::size_t spacing;
+};
+
+// Visible voxels with what colours them.
+struct SurvivingSamples {
+  VisibleVoxels voxels;
   const std::uint16_t* opacity;  // 12-bit codes
-  const std::uint8_t* emit_index;
-  const std::uint8_t* refl_index;
+  TableIndices emit;
+  TableIndices refl;
 };
 
 struct ColourTables {
@@ -69,20 +97,45 @@ struct RowLine {
   std::int64_t step_x, step_y;
 };
 
+// Survivors first..first+count-1 that go into one row run, whose origin is in 1/64 pixel.
+struct RunSamples {
+  std::size_t first, count;
+  std::int32_t origin_x, origin_y;
+  bool descending;  // written last to first
+};
+
 struct PathKernels {
-  // Copies the packets whose bit in `visible` (indexed by density | strength << 8) is set and that hold data, with
-  // their positions; returns how many. Both outputs need n + kSpare elements.
-  std::size_t (*compact)(const std::uint32_t* row, std::size_t n, const std::uint32_t* visible,
-                         std::uint32_t* positions, std::uint32_t* packets);
+  // Writes the visible ones of n packets, the first of which has the position `first`; returns how many. Both
+  // outputs need n + kSpare elements.
+  std::size_t (*classify_row)(const std::uint32_t* row, std::size_t n, std::size_t first,
+                              const Visibility& visibility, std::uint16_t* positions, std::uint32_t* packets);
 
-  // lanes[l][n] = source[n * stride + l] for l < kStripLanes; lanes are `pitch` apart.
-  void (*transpose)(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint32_t* lanes,
-                    std::size_t pitch);
+  // The rows l < kStripLanes made of source[n * stride + l], as far as their bit in `wanted` is set.
+  void (*classify_columns)(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint32_t wanted,
+                           const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts);
 
-  // Writes shaded packets of `count` survivors: the first..first+count-1 in order, or first downwards.
+  // Opacity codes at density | strength << 8; tells whether none of them is 0. The table has spare elements.
+  bool (*opacity_by_packet)(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table,
+                            std::uint16_t* codes);
+
+  // Opacity codes at opac | modu << 8; tells whether none of them is 0.
+  bool (*opacity_by_indices)(const TableIndices& opac, const TableIndices& modu, std::size_t n,
+                             const std::uint16_t* table, std::uint16_t* codes);
+
+  // Bytes of direction codes.
+  void (*direction_bytes)(const std::uint32_t* packets, std::size_t n, const std::uint8_t* table, std::uint8_t* bytes);
+
+  // (start + position * step) >> 32, clamped to 0..255; no value is beyond 2^52.
+  void (*screen_bytes)(const std::uint16_t* positions, std::size_t n, std::int64_t start, std::int64_t step,
+                       std::uint8_t* bytes);
+
+  // table[position * step].
+  void (*grid_bytes)(const std::uint16_t* positions, std::size_t n, const std::uint8_t* table, std::int64_t step,
+                     std::uint8_t* bytes);
+
+  // Writes a run's shaded packets.
   void (*shade)(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line,
-                std::int32_t origin_x, std::int32_t origin_y, std::size_t first, std::size_t count, bool descending,
-                std::uint64_t* out);
+                const RunSamples& run, std::uint64_t* out);
 
   // Differences by two steps, one-sided next to missing neighbours, turned physical by the row-major 3x3 `matrix`.
   void (*gradient)(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out);

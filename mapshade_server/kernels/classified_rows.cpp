@@ -1,0 +1,83 @@
+// Keeps the lists within their share of memory.
+#include "classified_rows.h"
+
+#include <cstring>
+
+namespace volsplat {
+
+namespace {
+
+constexpr double kShare = 0.4;  // of the voxel packets' bytes
+constexpr std::size_t kVoxelBytes = sizeof(std::uint32_t) + sizeof(std::uint16_t);
+
+bool same(const Visibility& a, const Visibility& b) { return std::memcmp(&a, &b, sizeof(Visibility)) == 0; }
+
+}  // namespace
+
+RowLists::RowLists(std::size_t rows, std::size_t voxels)
+    : rows_(rows, Row{0, kUnknown}),
+      packets_(large_memory((voxels + kSpare) * sizeof(std::uint32_t))),
+      positions_(large_memory((voxels + kSpare) * sizeof(std::uint16_t))) {}
+
+void RowLists::add(std::size_t row, const VisibleVoxels& voxels) {
+  std::memcpy(packets() + filled_, voxels.packets, voxels.count * sizeof(std::uint32_t));
+  std::memcpy(positions() + filled_, voxels.positions, voxels.count * sizeof(std::uint16_t));
+  rows_[row] = {filled_, voxels.count};
+  filled_ += voxels.count;
+}
+
+std::size_t RowLists::bytes() const { return rows_.size() * sizeof(Row) + filled_ * kVoxelBytes; }
+
+ClassifiedRows::ClassifiedRows(const Index3& size)
+    : size_(size),
+      most_bytes_(static_cast<std::size_t>(kShare * sizeof(std::uint32_t) *
+                                           static_cast<double>(size[0] * size[1] * size[2]))) {}
+
+std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility& visibility) {
+  if (!same(visibility, visibility_)) forget_all();
+  visibility_ = visibility;
+  Axis& wanted = axes_[axis];
+  wanted.last_walk = ++walks_;
+  if (wanted.lists || wanted.too_large || size_[axis] > kLongestRow) return wanted.lists;
+  const std::size_t rows = static_cast<std::size_t>(size_[(axis + 1) % 3] * size_[(axis + 2) % 3]);
+  wanted.lists = std::make_shared<RowLists>(rows, most_bytes_ / kVoxelBytes);
+  make_room(axis, 0);
+  return wanted.lists;
+}
+
+bool ClassifiedRows::make_room(int axis, std::size_t voxels) {
+  while (bytes() + voxels * kVoxelBytes > most_bytes_) {
+    Axis* oldest = nullptr;
+    for (Axis& other : axes_) {
+      if (&other == &axes_[axis] || !other.lists) continue;
+      if (!oldest || other.last_walk < oldest->last_walk) oldest = &other;
+    }
+    if (!oldest) {
+      axes_[axis].lists.reset();
+      axes_[axis].too_large = true;
+      return false;
+    }
+    oldest->lists.reset();
+  }
+  return true;
+}
+
+std::size_t ClassifiedRows::bytes() const {
+  std::size_t all = 0;
+  for (const Axis& axis : axes_) all += axis.lists ? axis.lists->bytes() : 0;
+  return all;
+}
+
+std::vector<int> ClassifiedRows::axes() const {
+  std::vector<int> kept;
+  for (int axis = 0; axis < 3; ++axis) {
+    if (axes_[axis].lists) kept.push_back(axis);
+  }
+  return kept;
+}
+
+void ClassifiedRows::forget_all() {
+  for (Axis& axis : axes_) axis = Axis{};
+}
+
+}  // namespace volsplat

@@ -1,0 +1,82 @@
+// What the rows of a sub-cube show, kept from frame to frame: a frame then reads the visible voxels only.
+//
+// There are lists for each axis that samples can follow. A row's list is made when a frame walks it first, and holds
+// as long as the same densities and strengths can be seen. Lists take a share of the voxel packets' memory at most;
+// beyond it the axis that was not walked for the longest time is forgotten, and an axis that needs more than all of
+// the share by itself is not kept. One walk at a time uses them.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "memory.h"
+#include "paths/path_kernels.h"
+#include "source_volume.h"
+
+namespace volsplat {
+
+// The lists along one axis.
+class RowLists {
+ public:
+  // For so many rows, with room for so many voxels.
+  RowLists(std::size_t rows, std::size_t voxels);
+
+  bool holds(std::size_t row) const { return rows_[row].count != kUnknown; }
+  VisibleVoxels at(std::size_t row) const {
+    return {positions() + rows_[row].begin, packets() + rows_[row].begin, rows_[row].count};
+  }
+  // There must be room for them.
+  void add(std::size_t row, const VisibleVoxels& voxels);
+  std::size_t bytes() const;
+
+ private:
+  static constexpr std::uint64_t kUnknown = (1 << 24) - 1;
+
+  struct Row {
+    std::uint64_t begin : 40;
+    std::uint64_t count : 24;
+  };
+
+  std::uint32_t* packets() const { return static_cast<std::uint32_t*>(packets_.get()); }
+  std::uint16_t* positions() const { return static_cast<std::uint16_t*>(positions_.get()); }
+
+  std::vector<Row> rows_;
+  LargeMemory packets_, positions_;
+  std::size_t filled_ = 0;
+};
+
+class ClassifiedRows {
+ public:
+  explicit ClassifiedRows(const Index3& size);
+
+  const Index3& size() const { return size_; }
+
+  // The lists of the rows along an axis; null where they are not kept. Lists of another visibility are forgotten.
+  std::shared_ptr<RowLists> rows_along(int axis, const Visibility& visibility);
+
+  // Whether the lists along this axis may grow by so many voxels; if not, they are kept no longer.
+  bool make_room(int axis, std::size_t voxels);
+
+  // What all lists take together, and the axes that have some.
+  std::size_t bytes() const;
+  std::vector<int> axes() const;
+
+ private:
+  struct Axis {
+    std::shared_ptr<RowLists> lists;
+    std::uint64_t last_walk = 0;
+    bool too_large = false;
+  };
+
+  void forget_all();
+
+  Index3 size_;
+  std::size_t most_bytes_;
+  Visibility visibility_{};
+  std::array<Axis, 3> axes_;
+  std::uint64_t walks_ = 0;
+};
+
+}  // namespace volsplat
