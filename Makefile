@@ -28,10 +28,12 @@ test: $(READY) ## lint, type-check and test
 	$(BIN)/mypy
 	$(BIN)/pytest -n auto
 
-bench: $(READY) ## print the kernels' speeds beside their floors
-	$(BIN)/python benchmarks/bench_map_shade.py
-	$(BIN)/python benchmarks/bench_splat.py
-	$(BIN)/python benchmarks/bench_abort.py
+bench: $(READY) ## print the kernels' speeds beside their floors, the paper's table and the peers' times
+	$(BIN)/volsplat bench kernels
+	$(BIN)/volsplat bench paper --phantom head:96x128x113
+	$(BIN)/volsplat bench scaling --phantom shells:256
+	$(BIN)/volsplat bench peers --phantom shells:256
+	$(BIN)/volsplat bench aborts
 
 clean: ## remove the virtual environment, builds and demo images
 	rm -rf $(VENV) build demo

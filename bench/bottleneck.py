@@ -25,13 +25,13 @@ def bottleneck(report: StepReport, cores: int) -> Bottleneck:
     wall = report.wall_seconds
     splat = report.planning_seconds + report.merge_seconds + report.splat_seconds
     parts = {
-        "the slowest map/shade": report.map_shade_seconds_slowest,
-        "the splat server": splat,
-        "the links": min(report.splat_waiting_seconds, report.map_shade_waiting_seconds_slowest),
-        "the client": max(0.0, wall - splat - report.splat_waiting_seconds),
+        "slowest map/shade": report.map_shade_seconds_slowest,
+        "splat server": splat,
+        "links": min(report.splat_waiting_seconds, report.map_shade_waiting_seconds_slowest),
+        "client": max(0.0, wall - splat - report.splat_waiting_seconds),
     }
     name = max(parts, key=lambda part: parts[part])
     working = report.map_shade_seconds + splat
     if len(report.workers) + 1 > cores and working >= ALL_CORES * cores * wall:
-        return Bottleneck(f"this machine's {cores} cores, all busy, most with {name}", parts[name] / wall)
+        return Bottleneck(f"all {cores} cores, most by {name}", parts[name] / wall)
     return Bottleneck(name, parts[name] / wall)

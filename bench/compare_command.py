@@ -6,7 +6,7 @@ import click
 
 from volsplat.bench.outputs import machine_words
 from volsplat.bench.record import Figure, Record, read_record
-from volsplat.bench.text_table import TextTable, significant, told
+from volsplat.bench.text_table import TextTable, significant, with_unit
 from volsplat.protocol.errors import BadInput
 
 MOVED, STAYED = "moved", ""
@@ -39,9 +39,10 @@ def comparison(old: Record, new: Record) -> TextTable:
     if not shared:
         raise BadInput(f"the records of `{old.command}` and `{new.command}` have no figure in common")
     title = f"{old.command}: volsplat {old.volsplat} to {new.volsplat}"
-    table = TextTable(title, ("figure", "unit", "old", "new", "new / old", ""))
+    table = TextTable(title, ("figure", "old", "new", "new / old", ""))
     for a, b in shared:
-        table.add(b.name, b.unit, told(a), told(b), _ratio(a, b), MOVED if moved(a, b) else STAYED)
+        medians = (with_unit(one.median, one.unit) for one in (a, b))
+        table.add(b.name, *medians, _ratio(a, b), MOVED if moved(a, b) else STAYED)
     left_out = len(old.figures) + len(new.figures) - 2 * len(shared)
     table.caption = f"{left_out} figures stand in one record only." if left_out else ""
     return table

@@ -51,7 +51,7 @@ class Outputs:
             ]
             write_text(self.markdown, "\n".join([*(table.markdown() for table in tables), *facts]) + "\n")
         if self.plot is not None:
-            write_plot(self.plot, f"volsplat bench {found.command}, {machine_words(found.machine)}", panels)
+            write_plot(self.plot, f"volsplat bench {found.command}\n{machine_words(found.machine)}", panels)
 
 
 def output_options(plot: bool = False) -> Callable[[Command], Command]:

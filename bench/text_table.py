@@ -10,6 +10,10 @@ from rich.table import Table
 from volsplat.bench.record import Figure
 
 
+LONGEST_NAME = 30  # characters of a row's name that is never broken
+PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
+
+
 @dataclass
 class TextTable:
     """Rows of cells; the first column names the row. An empty list of cells is a line between rows."""
@@ -24,8 +28,9 @@ class TextTable:
 
     def rich(self) -> Table:
         table = Table(title=self.title, box=box.SIMPLE_HEAD, caption=self.caption or None, caption_justify="left")
+        names_fit = all(len(row[0]) <= LONGEST_NAME for row in self.rows if row)
         for n, column in enumerate(self.columns):
-            table.add_column(column, justify="right" if n else "left", no_wrap=not n)
+            table.add_column(column, justify="right" if n else "left", no_wrap=n == 0 and names_fit)
         for row in self.rows:
             if row:
                 table.add_row(*row)
@@ -60,3 +65,12 @@ def significant(value: float, digits: int = 3) -> str:
         return "0"
     places = digits - 1 - math.floor(math.log10(abs(value)))
     return f"{value:.{max(places, 0)}f}"
+
+
+def with_unit(value: float, unit: str) -> str:
+    """A number with its unit, and a prefix where there is a unit: 12.3 ms, 15.0 GB/s."""
+    if not unit or value == 0:
+        return significant(value)
+    factor, prefix = next((pair for pair in PREFIXES if abs(value) >= pair[0]), PREFIXES[-1])
+    text = f"{significant(value / factor)} {prefix}{unit}"
+    return text.replace("1/s", "/s")
