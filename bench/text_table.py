@@ -9,7 +9,6 @@ from rich.table import Table
 
 from volsplat.bench.record import Figure
 
-
 LONGEST_NAME = 30  # characters of a row's name that is never broken
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 

@@ -23,7 +23,9 @@ try:
 except ImportError:
     pytest.skip("VTK is not installed: install the extra [bench]", allow_module_level=True)
 
-from vtk_ray_caster import FAR, PlacesCamera, RayCaster
+from vtk_ray_caster import FAR, OpaqueCast
+
+from volsplat.bench.peers.vtk_ray_caster import PlacesCamera
 
 PAPER_SIZE = "ct_head/ct_head_96x128x113.nrrd"
 DIMS = (96, 98, 113)  # without the thin sheets of the head rest, which lie behind the head
@@ -98,8 +100,8 @@ def head(shared_data: Path) -> Iterator[SingleProcess]:
 
 
 @pytest.fixture(scope="module")
-def caster(shared_data: Path) -> RayCaster:
-    return RayCaster(shared_data / PAPER_SIZE, THRESHOLD, DIMS)
+def caster(shared_data: Path) -> OpaqueCast:
+    return OpaqueCast(shared_data / PAPER_SIZE, THRESHOLD, DIMS)
 
 
 def opaque_scene(rotate: str, reach: float) -> Scene:
@@ -150,7 +152,7 @@ def drawn(head: SingleProcess, view: str, reach: float = 1.0) -> Tensor:
     return silhouette(head.render(opaque_scene(view, reach))[..., 3])
 
 
-def cast(caster: RayCaster, place: PlacesCamera) -> Tensor:
+def cast(caster: OpaqueCast, place: PlacesCamera) -> Tensor:
     return silhouette(caster.alpha(place, SIZE, CENTER, pixel=1 / ZOOM))
 
 
@@ -160,7 +162,7 @@ def test_every_named_view_is_compared() -> None:
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_head_s_silhouette_is_within_a_voxel_of_vtk_s_in_the_same_orientation(
-    head: SingleProcess, caster: RayCaster, view: str
+    head: SingleProcess, caster: OpaqueCast, view: str
 ) -> None:
     """With a kernel that reaches one voxel: opaque samples in a row paint as far as their kernel reaches."""
     expected = cast(caster, VIEWS[view])
@@ -170,19 +172,19 @@ def test_the_head_s_silhouette_is_within_a_voxel_of_vtk_s_in_the_same_orientatio
 
 @pytest.mark.parametrize("view", VIEWS)
 def test_the_default_kernel_widens_no_silhouette_by_more_than_its_radius(
-    head: SingleProcess, caster: RayCaster, view: str
+    head: SingleProcess, caster: OpaqueCast, view: str
 ) -> None:
     radius = DEFAULT_RADIUS[Kernel.GAUSSIAN]
     assert apart(drawn(head, view, radius), cast(caster, VIEWS[view]), SAME_SILHOUETTE + radius - 1) == 0
 
 
 @pytest.mark.parametrize("view", OBLIQUE)
-def test_a_mirrored_picture_s_silhouette_is_far_from_vtk_s(head: SingleProcess, caster: RayCaster, view: str) -> None:
+def test_a_mirrored_picture_s_silhouette_is_far_from_vtk_s(head: SingleProcess, caster: OpaqueCast, view: str) -> None:
     assert apart(drawn(head, view).flip(1), cast(caster, VIEWS[view]), MIRRORED_SILHOUETTE) > 0
 
 
 @pytest.mark.parametrize("axis", range(3))
 def test_a_mirrored_volume_s_silhouette_is_far_from_vtk_s(shared_data: Path, head: SingleProcess, axis: int) -> None:
-    mirrored = RayCaster(shared_data / PAPER_SIZE, THRESHOLD, DIMS, flipped=axis)
+    mirrored = OpaqueCast(shared_data / PAPER_SIZE, THRESHOLD, DIMS, flipped=axis)
     for view, place in OBLIQUE.items():
         assert apart(drawn(head, view), cast(mirrored, place), MIRRORED_SILHOUETTE) > 0

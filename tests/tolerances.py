@@ -121,3 +121,12 @@ MIRRORED_SILHOUETTE = 4 * SAME_SILHOUETTE
 
 SURFACE_VOXELS = 4
 """Voxels: depth is told in bytes of 0.8 voxel, the skin's tables rise over about two, and footprints reach two."""
+
+SUM_OF_WEIGHTED_ADDS = 1e-5
+"""Thirty float32 adds of values up to 1, fused or not, to a pixel."""
+
+ALIKE_SMOOTH = 0.97
+"""SSIM of a smooth ball by a splatter and by a ray caster: the footprint blurs by 0.7 voxel what rays do not."""
+
+UNLIKE_MIRRORED = 0.9
+"""SSIM of an asymmetric body and its mirror image stays below."""
