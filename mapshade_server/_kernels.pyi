@@ -50,7 +50,7 @@ def bare_loop(packets: Array) -> int:
     """The exclusive or of voxel packets: the floor that benchmarks compare the walk with."""
 
 def power(base: float, exponent: float) -> float:
-    """base^exponent for 0 <= base, the same bits on every machine."""
+    """base^exponent for 0 <= base <= 1, the same bits on every machine."""
 
 def direction_vectors(octahedral: bool) -> Array:
     """Unit vectors of the direction codes, float64 (32768, 3); zeros for codes without direction."""

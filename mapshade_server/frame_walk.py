@@ -118,4 +118,5 @@ def _opacity_exponents(plan: FramePlan) -> list[float]:
     """For each class of blocks, first, between or last on each axis (i fastest): the exponent of its opacity."""
     sizes_i, sizes_j, sizes_k = (visits.block_sizes() for visits in plan.visits)
     blocks: list[Index] = [(i, j, k) for k, j, i in itertools.product(sizes_k, sizes_j, sizes_i)]
-    return [plan.opacity_exponent(block) for block in blocks]
+    exponents = {block: plan.opacity_exponent(block) for block in set(blocks)}
+    return [exponents[block] for block in blocks]

@@ -24,6 +24,11 @@ PACKET_SCALARS = (Field.DENSITY, Field.STRENGTH)
 
 
 @lru_cache(KEPT_TABLES)
+def scalar_entries(table: ScalarTable) -> tuple[float, ...]:
+    return tuple(table.entries())
+
+
+@lru_cache(KEPT_TABLES)
 def colours(table: ColourTable) -> "_kernels.Array":
     """Red, green, blue and 0 of each entry: float32 (256, 4)."""
     return _kernels.colour_table(table.entries())
@@ -64,7 +69,7 @@ def opacity_codes(rule: OpacityRule, exponent: float) -> "_kernels.Array":
     """
     if rule.by_packet:
         return _kernels.opacity_table(_factors(rule, Field.DENSITY), _factors(rule, Field.STRENGTH), exponent)
-    return _kernels.opacity_table(rule.opac.entries(), rule.modu.entries(), exponent)
+    return _kernels.opacity_table(scalar_entries(rule.opac), scalar_entries(rule.modu), exponent)
 
 
 @lru_cache(KEPT_TABLES)
@@ -74,7 +79,7 @@ def visibility(rule: OpacityRule) -> bytes:
     A voxel whose two bits are not both set is transparent whatever its other fields and its opacity exponent are.
     """
     others = [table for table, field in _tables_of(rule) if field not in PACKET_SCALARS]
-    visible = all(max(table.entries()) > 0.0 for table in others)
+    visible = all(max(scalar_entries(table)) > 0.0 for table in others)
     bits = [sum(1 << n for n, a in enumerate(_factors(rule, field)) if visible and a > 0.0) for field in PACKET_SCALARS]
     return b"".join(number.to_bytes(TABLE_ENTRIES // 8, "little") for number in bits)
 
@@ -83,10 +88,11 @@ def _tables_of(rule: OpacityRule) -> tuple[tuple[ScalarTable, Field], ...]:
     return (rule.opac, rule.opac_field), (rule.modu, rule.modu_field)
 
 
-def _factors(rule: OpacityRule, field: Field) -> list[float]:
+@lru_cache(KEPT_TABLES)
+def _factors(rule: OpacityRule, field: Field) -> tuple[float, ...]:
     """What each byte of a field contributes to the opacity."""
-    entries = [table.entries() for table, indexed_by in _tables_of(rule) if indexed_by == field]
-    return [math.prod(factors) for factors in zip(*entries, strict=True)] if entries else [1.0] * TABLE_ENTRIES
+    entries = [scalar_entries(table) for table, indexed_by in _tables_of(rule) if indexed_by == field]
+    return tuple(map(math.prod, zip(*entries, strict=True))) if entries else scalar_entries(ONE)
 
 
 @lru_cache(KEPT_TABLES)

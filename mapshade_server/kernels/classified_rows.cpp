@@ -1,6 +1,7 @@
 // Keeps the lists within their share of memory.
 #include "classified_rows.h"
 
+#include <algorithm>
 #include <cstring>
 
 namespace volsplat {
@@ -10,6 +11,16 @@ namespace {
 constexpr double kShare = 0.4;  // of the voxel packets' bytes
 constexpr std::size_t kVoxelBytes = sizeof(std::uint32_t) + sizeof(std::uint16_t);
 
+template <typename T>
+void prefetch_array(const T* numbers, std::size_t count) {
+  constexpr std::size_t kCacheLine = 64;
+  constexpr std::size_t kMostBytes = 512;  // the CPU finds out by itself how longer ones go on
+  const char* bytes = reinterpret_cast<const char*>(numbers);
+  const std::size_t size = std::min(count * sizeof(T), kMostBytes);
+  for (std::size_t at = 0; at < size; at += kCacheLine) __builtin_prefetch(bytes + at);
+  if (size > 0) __builtin_prefetch(bytes + size - 1);
+}
+
 bool same(const Visibility& a, const Visibility& b) { return std::memcmp(&a, &b, sizeof(Visibility)) == 0; }
 
 }  // namespace
@@ -18,6 +29,14 @@ RowLists::RowLists(std::size_t rows, std::size_t voxels)
     : rows_(rows, Row{0, kUnknown}),
       packets_(large_memory((voxels + kSpare) * sizeof(std::uint32_t))),
       positions_(large_memory((voxels + kSpare) * sizeof(std::uint16_t))) {}
+
+void RowLists::prefetch(std::size_t soon, std::size_t later) const {
+  if (later < rows_.size()) __builtin_prefetch(&rows_[later]);
+  if (soon >= rows_.size() || !holds(soon)) return;
+  const VisibleVoxels voxels = at(soon);
+  prefetch_array(voxels.packets, voxels.count);
+  prefetch_array(voxels.positions, voxels.count);
+}
 
 void RowLists::add(std::size_t row, const VisibleVoxels& voxels) {
   std::memcpy(packets() + filled_, voxels.packets, voxels.count * sizeof(std::uint32_t));

@@ -27,6 +27,9 @@ class RowLists {
   VisibleVoxels at(std::size_t row) const {
     return {positions() + rows_[row].begin, packets() + rows_[row].begin, rows_[row].count};
   }
+  // Has a row that is walked soon, and where one that is walked later lies, brought from memory.
+  void prefetch(std::size_t soon, std::size_t later) const;
+
   // There must be room for them.
   void add(std::size_t row, const VisibleVoxels& voxels);
   std::size_t bytes() const;

@@ -146,6 +146,7 @@ void FrameWalk::open_segment() {
   segment_.visited = 0;
   segment_.survivors.voxels.count = 0;
   segment_.sent = 0;
+  rows.prefetch_after(ordinal(0, sheet_), ordinal(1, row_));
   if (!rows.known_empty(ordinal(0, sheet_), ordinal(1, row_))) shade_segment(rows);
 }
 

@@ -9,7 +9,6 @@
 
 #include "bare_loop.h"
 #include "cpu_path.h"
-#include "powers.h"
 #include "python_frame_walk.h"
 #include "python_preprocessing.h"
 
@@ -40,7 +39,8 @@ NB_MODULE(_kernels, m) {
         "strength_scale"_a, "octahedral"_a);
 
   m.def("bare_loop", [](const PacketArray& packets) { return bare_loop(packets.data(), packets.size()); }, "packets"_a);
-  m.def("power", &power, "base"_a, "exponent"_a);
+  m.def("power", [](double base, double exponent) { return path_kernels().power(base, exponent); }, "base"_a,
+        "exponent"_a);
   m.def("direction_vectors", &python_direction_vectors, "octahedral"_a);
   m.def("gradient_bytes", &python_gradient_bytes, "octahedral"_a, "axes"_a);
   m.def("light_table", &python_light_table, "octahedral"_a, "light"_a, "half"_a, "diffuse"_a, "specular"_a,

@@ -58,7 +58,12 @@ nb::object python_pack(const SourceArray& source, const Index3& low, const Index
 }
 
 nb::object python_direction_vectors(bool octahedral) {
-  return owned_array(direction_vectors(octahedral), kDirectionCodes, 3);
+  const DirectionTable& directions = direction_table(octahedral);
+  std::vector<double> vectors;
+  for (int code = 0; code < kDirectionCodes; ++code) {
+    vectors.insert(vectors.end(), {directions.x[code], directions.y[code], directions.z[code]});
+  }
+  return owned_array(std::move(vectors), kDirectionCodes, 3);
 }
 
 nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes) {
@@ -67,8 +72,9 @@ nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& 
 
 nb::object python_light_table(bool octahedral, const Vector3& light, const Vector3& half, bool diffuse, bool specular,
                               bool two_sided, double specular_power) {
-  return owned_array(light_table(octahedral, {light, half, diffuse, specular, two_sided, specular_power}),
-                     kDirectionCodes);
+  const Lighting lighting{{light[0], light[1], light[2]}, {half[0], half[1], half[2]}, diffuse, specular, two_sided,
+                          specular_power};
+  return owned_array(light_table(octahedral, lighting), kDirectionCodes);
 }
 
 nb::object python_colour_table(const std::vector<Vector3>& colours) {

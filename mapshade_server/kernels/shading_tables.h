@@ -5,6 +5,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "paths/path_kernels.h"
+
 namespace volsplat {
 
 constexpr int kDirectionCodes = 32768;
@@ -12,26 +14,22 @@ constexpr int kTableEntries = 256;
 
 using Vector3 = std::array<double, 3>;
 
-// Unit vectors of all direction codes, 3 numbers each; zeros for codes without direction.
-std::vector<double> direction_vectors(bool octahedral);
+// Unit vectors of all direction codes; zeros for codes without direction.
+struct DirectionTable {
+  explicit DirectionTable(bool octahedral);
+
+  std::vector<double> x = std::vector<double>(kDirectionCodes), y = x, z = x;
+};
+
+const DirectionTable& direction_table(bool octahedral);
 
 // For each of three unit vectors along the grid's axes, the byte of every direction code: 3 x 32768.
 std::vector<std::uint8_t> gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes);
-
-struct Lighting {
-  Vector3 light;  // unit vector towards the light, physical axes
-  Vector3 half;   // between light and eye, or zero where they are opposite
-  bool diffuse, specular, two_sided;
-  double specular_power;
-};
 
 // What multiplies the reflected colour, for every direction code.
 std::vector<float> light_table(bool octahedral, const Lighting& lighting);
 
 // 12-bit opacity codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8.
 std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent);
-
-// The nearest 12-bit code, halves up; see protocol/packet_layout.py.
-std::uint16_t code_of_opacity(double opacity);
 
 }  // namespace volsplat

@@ -9,6 +9,10 @@ namespace volsplat {
 
 namespace {
 
+// How many rows ahead lists are brought from memory: rows that follow each other may lie far apart there.
+constexpr std::ptrdiff_t kRowsSoon = 8;
+constexpr std::ptrdiff_t kRowsLater = 16;
+
 VisibleVoxels clipped(const VisibleVoxels& voxels, std::int64_t begin, std::int64_t end) {
   const std::uint16_t* first = voxels.positions;
   const std::uint16_t* last = first + voxels.count;
@@ -41,6 +45,13 @@ bool VisibleRows::empty() const {
 Ordinals VisibleRows::piece_of(std::int64_t ordinal) const {
   const std::int64_t begin = ordinal - (ordinal - ordinals_[2].begin) % kLongestRow;
   return {begin, std::min(begin + kLongestRow, ordinals_[2].end)};
+}
+
+void VisibleRows::prefetch_after(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const {
+  if (!lists_) return;
+  const std::size_t number = list_number(local(0, sheet_ordinal), local(1, row_ordinal));
+  const std::ptrdiff_t next = plan_.ascending[1] ? list_strides_[1] : -list_strides_[1];
+  lists_->prefetch(number + kRowsSoon * next, number + kRowsLater * next);
 }
 
 bool VisibleRows::known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const {

@@ -42,6 +42,9 @@ class VisibleRows {
   // Rows are walked in pieces that positions can count: the piece that holds a sample.
   Ordinals piece_of(std::int64_t ordinal) const;
 
+  // Has the rows that come next on the sheet brought from memory.
+  void prefetch_after(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const;
+
   // Whether the row is known to show nothing at all.
   bool known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const;
 

@@ -19,6 +19,9 @@ void grid_bytes(const std::uint16_t* positions, std::size_t n, const std::uint8_
                 std::uint8_t* bytes);
 void shade(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
            std::uint64_t* out);
+double power(double base, double exponent);
+void light(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table);
+void opacity_codes(const double* thin, std::size_t n, double exponent, std::uint16_t* codes);
 void gradient(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out);
 void survey(const double* values, const double* length, std::size_t n, RowExtremes* extremes);
 void pack(const double* values, const GradientRow& gradient, std::size_t n, const QuantisationNumbers& numbers,

@@ -104,6 +104,20 @@ struct RunSamples {
   bool descending;  // written last to first
 };
 
+// Unit vectors of direction codes, zeros for codes without direction.
+struct DirectionVectors {
+  const double* x;
+  const double* y;
+  const double* z;
+};
+
+struct Lighting {
+  double light[3];  // unit vector towards the light, physical axes
+  double half[3];   // between light and eye, or zero where they are opposite
+  bool diffuse, specular, two_sided;
+  double specular_power;
+};
+
 struct PathKernels {
   // Writes the visible ones of n packets, the first of which has the position `first`; returns how many. Both
   // outputs need n + kSpare elements.
@@ -136,6 +150,15 @@ struct PathKernels {
   // Writes a run's shaded packets.
   void (*shade)(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line,
                 const RunSamples& run, std::uint64_t* out);
+
+  // base^exponent for a base of 0 to 1, the same bits on every machine.
+  double (*power)(double base, double exponent);
+
+  // What multiplies the reflected colour, for each direction.
+  void (*light)(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table);
+
+  // 12-bit codes of 1 - (1 - thin)^exponent.
+  void (*opacity_codes)(const double* thin, std::size_t n, double exponent, std::uint16_t* codes);
 
   // Differences by two steps, one-sided next to missing neighbours, turned physical by the row-major 3x3 `matrix`.
   void (*gradient)(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out);

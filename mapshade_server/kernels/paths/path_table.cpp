@@ -3,8 +3,8 @@
 
 namespace volsplat::VOLSPLAT_PATH {
 
-extern const PathKernels kKernels = {classify_row,    classify_columns, opacity_by_packet, opacity_by_indices,
-                                     direction_bytes, screen_bytes,     grid_bytes,        shade,
-                                     gradient,        survey,           pack};
+extern const PathKernels kKernels = {
+    classify_row, classify_columns, opacity_by_packet, opacity_by_indices, direction_bytes, screen_bytes, grid_bytes,
+    shade,        power,            light,             opacity_codes,      gradient,        survey,       pack};
 
 }  // namespace volsplat::VOLSPLAT_PATH

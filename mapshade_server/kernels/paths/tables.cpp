@@ -1,0 +1,56 @@
+// Fills the tables that change with the view: light of all directions, and opacity codes (paper: "Shading").
+#include "path_functions.h"
+#include "powers.h"
+
+namespace volsplat::VOLSPLAT_PATH {
+
+namespace {
+
+constexpr double kOpacityUnit = 511.0 * 16384.0;
+constexpr std::int32_t kLastCode = 4095;
+
+inline double magnitude(double x) { return x < 0.0 ? -x : x; }
+inline double dot(double x, double y, double z, const double* v) { return x * v[0] + y * v[1] + z * v[2]; }
+
+// The nearest 12-bit code of 0..1, halves up; see protocol/packet_layout.py.
+inline std::uint16_t code_of_opacity(double opacity) {
+  const double above = opacity > 0.0 ? opacity : 0.0;
+  const double units = (above < 1.0 ? above : 1.0) * (kOpacityUnit * 256.0);
+  const std::int32_t fine = static_cast<std::int32_t>(units + 0.5);  // in 1/256 of the smallest step
+  // The width of a number in bits is told by its exponent as a float64
+  const std::int32_t width =
+      static_cast<std::int32_t>(bits_of(static_cast<double>(fine)) >> 52) - 1022;
+  const std::int32_t exponent = width > 17 ? width - 16 : 1;
+  const std::int32_t code = (exponent << 8) + ((fine + (1 << (exponent + 6))) >> (exponent + 7)) - 256;
+  return static_cast<std::uint16_t>(code < kLastCode ? code : kLastCode);
+}
+
+}  // namespace
+
+double power(double base, double exponent) { return power_of(base, exponent); }
+
+void light(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table) {
+  const double *gx = directions.x, *gy = directions.y, *gz = directions.z;
+  const double diffuse = lighting.diffuse ? 1.0 : 0.0;
+  const Lighting by = lighting;
+  for (std::size_t code = 0; code < n; ++code) {
+    // The outward normal G is the opposite of the gradient; no direction, no light
+    const double along_light = -dot(gx[code], gy[code], gz[code], by.light);
+    const double along_half = -dot(gx[code], gy[code], gz[code], by.half);
+    const double towards_light = by.two_sided ? magnitude(along_light) : along_light;
+    const double towards_half = by.two_sided ? magnitude(along_half) : along_half;
+    const double specular = by.specular ? power_of(towards_half, by.specular_power) : 0.0;
+    const double sum = towards_light * diffuse + specular;
+    table[code] = static_cast<float>(towards_light > 0.0 ? sum : 0.0);
+  }
+}
+
+void opacity_codes(const double* thin, std::size_t n, double exponent, std::uint16_t* codes) {
+  if (exponent == 1.0) {
+    for (std::size_t at = 0; at < n; ++at) codes[at] = code_of_opacity(thin[at]);
+  } else {
+    for (std::size_t at = 0; at < n; ++at) codes[at] = code_of_opacity(1.0 - power_of(1.0 - thin[at], exponent));
+  }
+}
+
+}  // namespace volsplat::VOLSPLAT_PATH
