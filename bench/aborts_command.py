@@ -16,6 +16,7 @@ from rich.console import Console
 from volsplat.bench.outputs import Outputs, output_options
 from volsplat.bench.progress import shown_progress
 from volsplat.bench.record import figure, record
+from volsplat.bench.renderers import local_session
 from volsplat.bench.subject import subject_of, volume_file, volume_words
 from volsplat.bench.text_table import TextTable, significant
 from volsplat.client.session import FrameAborted, Session
@@ -49,7 +50,7 @@ def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None
     chance = random.Random(1)
     console = Console(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
-        with Session(path, workers=workers, on_progress=status.update) as session:
+        with local_session(path, workers, status.update) as session:
             known = session.volume
             status.stop()
             for title, view in VIEWS.items():

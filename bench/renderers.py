@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -9,6 +10,7 @@ from dataclasses import dataclass
 from volsplat.client.renderer import Renderer
 from volsplat.client.session import Session
 from volsplat.client.single import SingleProcess
+from volsplat.protocol.tokens import find_token
 
 SINGLE = "single process"
 
@@ -41,7 +43,14 @@ def opened_rows(path: str, workers: Sequence[int], say: Callable[[str], None]) -
     with ExitStack() as stack:
         rows = [Row(0, stack.enter_context(SingleProcess(path, on_progress=say)))]
         for count in workers:
-            session = stack.enter_context(Session(path, workers=count, on_progress=say))
-            assert session.volume, "wait until its servers have read the volume"
+            session = stack.enter_context(local_session(path, count, say))
             rows.append(Row(count, session))
         yield rows
+
+
+@contextmanager
+def local_session(path: str, workers: int, say: Callable[[str], None]) -> Iterator[Session]:
+    """Servers of this machine that have read the volume, with the environment's token if it has one."""
+    with Session(path, workers=workers, token=find_token(os.environ, None), on_progress=say) as session:
+        assert session.volume, "wait until its servers have read the volume"
+        yield session

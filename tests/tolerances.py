@@ -128,5 +128,5 @@ SUM_OF_WEIGHTED_ADDS = 1e-5
 ALIKE_SMOOTH = 0.97
 """SSIM of a smooth ball by a splatter and by a ray caster: the footprint blurs by 0.7 voxel what rays do not."""
 
-UNLIKE_MIRRORED = 0.9
+UNLIKE_MIRRORED = 0.93
 """SSIM of an asymmetric body and its mirror image stays below."""

@@ -10,8 +10,8 @@ import torch
 from torch import Tensor
 
 from volsplat.bench.peers.vtk_scene import VtkScene, placed
+from volsplat.bench.renderers import local_session
 from volsplat.client.renderer import Renderer
-from volsplat.client.session import Session
 from volsplat.client.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.scene import Scene
@@ -68,7 +68,7 @@ def opened_contenders(
             drawing = Drawing(single)
             ours.append(Contender(SINGLE, count, drawing.draw, drawing.picture))
             if count > 1:
-                drawing = Drawing(stack.enter_context(Session(path, workers=count, on_progress=say)))
+                drawing = Drawing(stack.enter_context(local_session(path, count, say)))
                 ours.append(Contender(SERVERS, count, drawing.draw, drawing.picture))
         assert first is not None
         scene = scene_of(first)
