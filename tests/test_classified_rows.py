@@ -1,0 +1,269 @@
+"""What a walk keeps of rows from frame to frame, and what it leaves out as hidden, changes its cost only."""
+
+from array import array
+from dataclasses import dataclass
+
+import msgspec
+import pytest
+import torch
+from arbitrary import bounds_within, flips_and_orders, geometries, plain_scene, quaternion_to, quaternions, views
+from cpu_paths import kernels_on
+from hypothesis import given
+from hypothesis import strategies as st
+from shaded_packets import all_batches, packets_of
+from shadings import WINDOW, partitions, shaded_scenes, volumes
+from torch import Tensor
+
+from reference import mapping
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch, sample_reach
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
+from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Image, Order, ScalarTable, Scene, Step, View
+from volsplat.protocol.volume import Box, Geometry
+
+LATTICE = 64
+SHARE = 0.4  # of the voxel packets' bytes that lists may take
+PACKET_BYTES = 4
+PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
+STEPS_OF_ALL_VOXELS = (Step.C, Step.D, Step.E, Step.F)
+SIDE = 24
+CUBE = Geometry((SIDE, SIDE, SIDE))
+TOWARDS = {"i": (0.1, 0.5, 1.0), "j": (0.5, 0.1, 1.0), "k": (0.5, 1.0, 0.1)}  # how depth changes, by sample axis
+
+
+def held_as(geometry: Geometry, values: Tensor, boxes: list[Box]) -> list[SubCube]:
+    sub_cubes = [SubCube.of_volume(geometry, values, box) for box in boxes]
+    for sub_cube in sub_cubes:
+        sub_cube.pack(PLAIN)
+    return sub_cubes
+
+
+@dataclass(frozen=True)
+class Frame:
+    batches: list[ShadedBatch]
+
+    @property
+    def rows(self) -> list[list[int]]:
+        return packets_of(self.batches).rows()
+
+    @property
+    def visited(self) -> int:
+        return sum(batch.voxels_visited for batch in self.batches)
+
+
+def frame(
+    held: list[SubCube],
+    scene: Scene,
+    step: Step = Step.F,
+    closed_tiles: "_kernels.Array | None" = None,
+    most: int = 999,
+) -> Frame:
+    geometry = held[0].geometry
+    walk = FrameWalk(held, geometry, PLAIN, scene, plan_frame(scene, geometry, step), closed_tiles)
+    return Frame(all_batches(walk, most, most))
+
+
+def sparse(scene: Scene, least: float) -> Scene:
+    """The scene with nothing to be seen below a density of `least`."""
+    opac = ScalarTable(points=((0.0, 0.0), (least, 0.0), (least, 0.2), (1.0, 1.0)))
+    return msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=opac))
+
+
+def seen_from(axis: str, least: float = 0.85) -> Scene:
+    """A view whose samples follow an axis, of densities from `least` up."""
+    return sparse(plain_scene(view=View(rotation=quaternion_to(TOWARDS[axis])), size=(2048, 2048)), least)
+
+
+@given(data=st.data(), geometry=geometries(largest=40), path=st.sampled_from(_kernels.cpu_paths()))
+def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geometry: Geometry, path: str) -> None:
+    values, boxes = data.draw(volumes(geometry)), data.draw(partitions(geometry))
+    scenes = [data.draw(shaded_scenes(geometry)), sparse(data.draw(shaded_scenes(geometry)), 0.8)]
+    steps = st.sampled_from(Step)
+    with kernels_on(path):
+        held = held_as(geometry, values, boxes)
+        for _ in range(data.draw(st.integers(2, 6))):
+            scene = msgspec.structs.replace(
+                data.draw(st.sampled_from(scenes)),
+                view=data.draw(views(geometry.dims)),
+                bounds=data.draw(bounds_within(geometry.dims)),
+            )
+            step = data.draw(steps)
+            after, fresh = frame(held, scene, step), frame(held_as(geometry, values, boxes), scene, step)
+            assert after.rows == fresh.rows
+            assert after.visited == fresh.visited
+            for sub_cube in held:
+                assert sub_cube.classified_rows.bytes <= SHARE * PACKET_BYTES * sub_cube.box.voxels
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+def test_all_48_traversals_are_served_by_lists_in_any_sequence(order: Order) -> None:
+    geometry = Geometry((35, 20, 17))
+    values = torch.randn(17, 20, 35, generator=torch.Generator().manual_seed(1))
+    held = held_as(geometry, values, [geometry.box])
+    kept = set()
+    for magnitudes, falling in flips_and_orders():
+        depth = [(-1.0 if down else 1.0) * (2.1, 3.3, 4.7)[m] for m, down in zip(magnitudes, falling, strict=True)]
+        view = View(rotation=quaternion_to((depth[0], depth[1], depth[2])), zoom=3.0)
+        scene = sparse(plain_scene(view=view, order=order, size=(512, 512)), 0.9)
+        assert frame(held, scene).rows == frame(held_as(geometry, values, [geometry.box]), scene).rows
+        kept |= set(held[0].classified_rows.axes)
+    assert kept == {0, 1, 2}
+
+
+def test_steps_of_all_voxels_share_lists_and_others_make_none() -> None:
+    held = held_as(CUBE, torch.randn(SIDE, SIDE, SIDE), [CUBE.box])
+    rows = held[0].classified_rows
+    for step in (Step.A, Step.B):
+        frame(held, seen_from("j"), step)
+        assert rows.axes == [] and rows.bytes == 0
+    sizes = set()
+    for step in STEPS_OF_ALL_VOXELS:
+        frame(held, seen_from("j"), step)
+        sizes.add(rows.bytes)
+    assert rows.axes == [1] and len(sizes) == 1
+
+
+@pytest.mark.parametrize("axis", TOWARDS)
+def test_only_what_was_walked_is_classified(axis: str) -> None:
+    held = held_as(CUBE, torch.randn(SIDE, SIDE, SIDE), [CUBE.box])
+    rows, scene = held[0].classified_rows, seen_from(axis)
+    far_away = msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=256.0, center=(1e4, 0, 0)))
+    frame(held, far_away)
+    none = rows.bytes
+    frame(held, scene)
+    assert rows.bytes > none
+
+
+def test_other_tables_forget_the_lists() -> None:
+    held = held_as(CUBE, torch.randn(SIDE, SIDE, SIDE), [CUBE.box])
+    rows = held[0].classified_rows
+    for axis in "ij":
+        frame(held, seen_from(axis, least=0.9))
+    many = rows.bytes
+    assert rows.axes == [0, 1]
+    frame(held, seen_from("j", least=0.95))
+    assert rows.axes == [1] and rows.bytes < many
+
+
+def test_packing_anew_forgets_the_lists() -> None:
+    values = torch.randn(SIDE, SIDE, SIDE)
+    sub_cube = held_as(CUBE, values, [CUBE.box])[0]
+    frame([sub_cube], seen_from("i"))
+    sub_cube.hold(-values)
+    sub_cube.pack(PLAIN)
+    assert sub_cube.classified_rows.axes == []
+    assert frame([sub_cube], seen_from("i")).rows == frame(held_as(CUBE, -values, [CUBE.box]), seen_from("i")).rows
+
+
+def test_the_axis_that_was_walked_the_longest_ago_gives_way() -> None:
+    held = held_as(CUBE, torch.linspace(-2, 2, SIDE**3).reshape(SIDE, SIDE, SIDE), [CUBE.box])
+    rows, least = held[0].classified_rows, 0.95  # a twentieth to be seen: two axes have room, three have not
+    for axis, kept in (("i", [0]), ("j", [0, 1]), ("k", [1, 2]), ("j", [1, 2]), ("i", [0, 1]), ("i", [0, 1])):
+        frame(held, seen_from(axis, least))
+        assert rows.axes == kept
+
+
+@pytest.mark.parametrize("axis", TOWARDS)
+def test_where_nearly_all_can_be_seen_no_lists_are_kept(axis: str) -> None:
+    held = held_as(CUBE, torch.randn(SIDE, SIDE, SIDE), [CUBE.box])
+    first = frame(held, seen_from(axis, least=0.2))
+    assert held[0].classified_rows.axes == []
+    assert frame(held, seen_from(axis, least=0.2)).rows == first.rows
+
+
+@pytest.mark.parametrize("sample_axis", [0, 1, 2])
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+def test_rows_longer_than_positions_count_are_walked_in_pieces(sample_axis: int, order: Order) -> None:
+    size, towards = [2, 2, 2], [1.0, 2.0, 3.0]
+    size[sample_axis], towards[sample_axis] = 66000, 0.0001
+    geometry = Geometry((size[0], size[1], size[2]))
+    view = View(rotation=quaternion_to((towards[0], towards[1], towards[2])), zoom=0.1)
+    scene = plain_scene(view=view, size=(8192, 8192), order=order)
+    plan = plan_frame(scene, geometry, Step.F)
+    assert plan.traversal.axes[2] == sample_axis
+    got = packets_of(frame(held_as(geometry, torch.ones(geometry.dims[::-1]), [geometry.box]), scene).batches)
+    assert torch.equal(got.position, mapping.samples_of(scene, geometry, plan).lattice)
+
+
+# -- closed tiles
+
+
+def tile_map(closed: Tensor, width: int, height: int) -> memoryview:
+    """The map of tiles (rows, columns), bool."""
+    rows, words = tile_map_shape(width, height)
+    numbers = array("Q", bytes(8 * rows * words))
+    for row, column in closed.nonzero().tolist():
+        numbers[row * words + column // WORD_TILES] |= 1 << column % WORD_TILES
+    return memoryview(numbers).cast("B").cast("Q", (rows, words))
+
+
+def tiles(width: int, height: int, closed: bool = False) -> Tensor:
+    return torch.full((-(-height // TILE_SIDE), -(-width // TILE_SIDE)), closed)
+
+
+@st.composite
+def closed_tiles(draw: st.DrawFn, width: int, height: int) -> Tensor:
+    """A few rectangles of tiles, closed or open in turn."""
+    closed = tiles(width, height)
+    rows, columns = closed.shape
+    for number in range(draw(st.integers(1, 5))):
+        top, left = draw(st.integers(0, rows - 1)), draw(st.integers(0, columns - 1))
+        closed[top : top + draw(st.integers(1, rows)), left : left + draw(st.integers(1, columns))] = number % 2 == 0
+    return closed
+
+
+@given(data=st.data(), geometry=geometries(largest=24), step=st.sampled_from((Step.D, Step.F)))
+def test_only_samples_that_reach_closed_tiles_alone_are_left_out(
+    data: st.DataObject, geometry: Geometry, step: Step
+) -> None:
+    width, height = data.draw(st.integers(1, 300)), data.draw(st.integers(1, 300))
+    drawn = data.draw(shaded_scenes(geometry, Image(width=width, height=height)))
+    scene = msgspec.structs.replace(drawn, order=Order.FRONT_TO_BACK)
+    held = held_as(geometry, data.draw(volumes(geometry)), data.draw(partitions(geometry)))
+    closed = data.draw(closed_tiles(width, height))
+    all_sent, some_sent = frame(held, scene, step), frame(held, scene, step, tile_map(closed, width, height))
+    assert some_sent.visited == all_sent.visited
+
+    reach = sample_reach(scene, plan_frame(scene, geometry, step))
+    left = iter(some_sent.rows)
+    expected = next(left, None)
+    for row in all_sent.rows:
+        if row == expected:
+            expected = next(left, None)
+            continue
+        columns, rows = (
+            slice(max(int(row[2 + axis] / LATTICE - reach[axis]), 0) // TILE_SIDE,
+                  int(row[2 + axis] / LATTICE + reach[axis]) // TILE_SIDE + 1)
+            for axis in range(2)
+        )  # fmt: skip
+        assert closed[rows, columns].all()
+    assert expected is None
+
+
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from((Step.D, Step.F)))
+def test_nothing_is_sent_to_an_image_that_is_closed(data: st.DataObject, geometry: Geometry, step: Step) -> None:
+    drawn = data.draw(shaded_scenes(geometry, Image(width=90, height=70)))
+    scene = msgspec.structs.replace(drawn, order=Order.FRONT_TO_BACK)
+    held = held_as(geometry, data.draw(volumes(geometry)), [geometry.box])
+    assert frame(held, scene, step, tile_map(tiles(90, 70, closed=True), 90, 70)).rows == []
+
+
+@given(rotation=quaternions, order=st.sampled_from(TRAVERSAL_ORDERS), step=st.sampled_from(Step))
+def test_closed_tiles_count_for_footprints_from_front_to_back_only(
+    rotation: tuple[float, float, float, float], order: Order, step: Step
+) -> None:
+    scene = plain_scene(view=View(rotation=rotation, zoom=2.0), order=order, size=(90, 70))
+    held = held_as(CUBE, torch.ones(SIDE, SIDE, SIDE), [CUBE.box])
+    closed = tile_map(tiles(90, 70, closed=True), 90, 70)
+    hides = order == Order.FRONT_TO_BACK and step >= Step.D
+    assert (frame(held, scene, step, closed).rows == []) == hides
+
+
+def test_a_map_of_another_image_is_refused() -> None:
+    scene = plain_scene(order=Order.FRONT_TO_BACK, size=(90, 70))
+    held = held_as(CUBE, torch.ones(SIDE, SIDE, SIDE), [CUBE.box])
+    with pytest.raises(ValueError, match="map of closed tiles"):
+        frame(held, scene, closed_tiles=tile_map(tiles(90, 75), 90, 75))
