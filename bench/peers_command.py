@@ -153,8 +153,9 @@ def report(
     for run in runs:
         table = TextTable(
             f"{volume}, {run.size} x {run.size} pixels: milliseconds a frame",
-            ("", "threads", "milliseconds", f"{per_voxel.partition(', ')[0]} at {max(distances):g} / this"),
-            f"{run.shares}. Median of {views} views (their middle half). With n threads, n map/shade servers.",
+            ("", "threads", "milliseconds", "faster"),
+            f"{run.shares}. Median of {views} views (their middle half). faster: than {per_voxel} between two "
+            "samples of a ray, with as many threads. With n threads, n map/shade servers.",
         )
         for (name, threads), seconds in run.seconds.items():
             label = f"{run.size}x{run.size}, {name}, {threads} threads"

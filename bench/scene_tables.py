@@ -8,11 +8,11 @@ from volsplat.client.phantoms import shells_tables
 from volsplat.client.presets import KEY_LIGHT
 from volsplat.protocol.scene import Colour, ColourTable, ScalarTable, Scene, Shading, Tables
 
-SKIN: Colour = (0.78, 0.62, 0.52)
-EMITTED, REFLECTED = 0.35, 0.65  # shares of a tissue's colour
+SKIN: Colour = (0.95, 0.77, 0.64)
+EMITTED, REFLECTED = 0.3, 0.35  # shares of a tissue's colour: with diffuse and specular light no channel exceeds 1
 SPECULAR_POWER = 20.0
 
-AIR_HU, SKIN_HU, TISSUE_HU = -830.0, -350.0, -20.0  # where the thin shell begins, is most opaque, ends
+SHELL_HU = (-830.0, -500.0, -80.0, -20.0)  # where the thin shell begins, is most opaque, and ends
 NO_AIR_HU = -750.0  # where the opaque tissue begins
 SKIN_OPACITY = 0.6
 
@@ -37,9 +37,8 @@ def benchmark_scene(name: TableName, histogram: DensityHistogram) -> Scene:
 
 def _skin(histogram: DensityHistogram) -> Tables:
     at = ct_scale(histogram).position
-    low, middle, high = at(AIR_HU), at(SKIN_HU), at(TISSUE_HU)
-    rise, fall = (low + middle) / 2, (middle + high) / 2
-    opac = ((low, 0.0), (rise, SKIN_OPACITY / 2), (middle, SKIN_OPACITY), (fall, SKIN_OPACITY / 2), (high, 0.0))
+    begins, rises, falls, ends = map(at, SHELL_HU)
+    opac = ((begins, 0.0), (rises, SKIN_OPACITY), (falls, SKIN_OPACITY), (ends, 0.0))
     return _tinted(SKIN, ScalarTable(points=opac))
 
 

@@ -102,7 +102,7 @@ def test_peers_draw_the_same_pictures_and_leave_them_side_by_side(person: Person
     found, markdown, printed = measured(person, "peers", *PHANTOM, *options)
     by_name = {one.name: one for one in found.figures}
     assert len([name for name in by_name if name.endswith("threads")]) == 1 + 2 + 2 * 2
-    assert by_name["64x64, SSIM of volsplat and VTK, a sample every 0.5 voxel"].median > 0
+    assert by_name["64x64, SSIM of volsplat and VTK at 0.5 voxel"].median > 0
     assert 0.05 < by_name["64x64, share of voxels visible"].median < 0.3
     assert "hidden" in printed and "volsplat, servers" in markdown
     pictures = sorted((person.folder / "pictures").iterdir())

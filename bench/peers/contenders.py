@@ -16,7 +16,7 @@ from volsplat.client.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.scene import Scene
 
-SINGLE, SERVERS, VTK = "volsplat, one process", "volsplat, servers", "VTK"
+SINGLE, SERVERS, VTK = "volsplat, 1 process", "volsplat, servers", "VTK"
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,8 @@ class Drawing:
 
 
 def vtk_name(distance: float) -> str:
-    return f"{VTK}, a sample every {distance:g} voxel"
+    """With so many voxels between two samples of a ray."""
+    return f"{VTK} at {distance:g} voxel"
 
 
 @contextmanager
