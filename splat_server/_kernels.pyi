@@ -91,13 +91,28 @@ class CellMap:
         self, x: tuple[int, int, int, int], y: tuple[int, int, int, int], axes: tuple[_Axis, _Axis, _Axis]
     ) -> None: ...
 
+class StripePool:
+    """Threads that share out an image's stripes, the calling one among them."""
+
+    def __init__(self, threads: int) -> None: ...
+    def close(self) -> None:
+        """End the threads."""
+
 class ImageMemory:
-    """float32 RGBA, associated."""
+    """float32, associated."""
 
     def __init__(self, width: int, height: int) -> None: ...
     def clear(self) -> None: ...
-    def snapshot(self) -> bytes:
-        """height x width x 4 float32, little endian."""
+    def snapshot(self) -> memoryview:
+        """height x width x 4 float32 RGBA, little endian, as bytes; its memory is used again once nobody holds it."""
+
+    @property
+    def closed_tiles(self) -> memoryview:
+        """The live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable."""
+
+    @property
+    def hidden_packets(self) -> int:
+        """Packets left out as hidden since `clear`, each counted in the stripe that holds its first row."""
 
 class EdgeLayer:
     """Coverage of anti-aliased white lines, positions in pixels from the centre of the top-left one, y down."""
@@ -105,13 +120,13 @@ class EdgeLayer:
     def __init__(self, width: int, height: int) -> None: ...
     def draw(self, x0: float, y0: float, x1: float, y1: float, line_width: float) -> None: ...
 
-def published(image: ImageMemory, front: EdgeLayer, back: EdgeLayer) -> bytes:
+def published(image: ImageMemory, front: EdgeLayer, back: EdgeLayer) -> memoryview:
     """front over (image over back), as `ImageMemory.snapshot`."""
 
 def splat_footprints(
-    image: ImageMemory, spans: SpanList, table: FootprintTable, front_to_back: bool, row_begin: int, row_end: int
+    image: ImageMemory, spans: SpanList, table: FootprintTable, front_to_back: bool, pool: StripePool | None = None
 ) -> None: ...
 def splat_cells(
-    image: ImageMemory, spans: SpanList, cells: CellMap, front_to_back: bool, row_begin: int, row_end: int
+    image: ImageMemory, spans: SpanList, cells: CellMap, front_to_back: bool, pool: StripePool | None = None
 ) -> None: ...
-def splat_pixels(image: ImageMemory, spans: SpanList, front_to_back: bool, row_begin: int, row_end: int) -> None: ...
+def splat_pixels(image: ImageMemory, spans: SpanList, front_to_back: bool, pool: StripePool | None = None) -> None: ...

@@ -23,14 +23,14 @@ class Outbox:
         self._client = client
         self._image_sent = image_sent
         self._failed = failed
-        self._posted: queue.SimpleQueue[tuple[messages.Message, bytes] | None] = queue.SimpleQueue()
+        self._posted: queue.SimpleQueue[tuple[messages.Message, bytes | memoryview] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._send_posted, name="send to client", daemon=True)
         self._thread.start()
 
     def post(self, message: messages.Message) -> None:
         self._posted.put((message, b""))
 
-    def post_image(self, message: messages.ImageRead, pixels: bytes) -> None:
+    def post_image(self, message: messages.ImageRead, pixels: memoryview) -> None:
         self.holds_image = True
         self._posted.put((message, pixels))
 

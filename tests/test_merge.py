@@ -102,7 +102,7 @@ def _cut(runs: list[Run], chance: random.Random) -> list[Batch]:
     return batches or [batch_of([], last=True, reached=(0, 0))]
 
 
-def one_sequence(runs: list[Run]) -> bytes:
+def one_sequence(runs: list[Run]) -> memoryview:
     """The image of all runs sorted by their keys."""
     image = ImageBuffer(SIZE, SIZE)
     pinned = spans_of(sorted(runs, key=lambda run: run.key))

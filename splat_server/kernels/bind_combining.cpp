@@ -15,13 +15,22 @@
 #include "edge_layer.h"
 #include "footprint_table.h"
 #include "image_memory.h"
-#include "splat.h"
+#include "image_publishing.h"
+#include "striped_splat.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
 
 namespace volsplat {
 namespace {
+
+// The image with the blocks that it is published in.
+struct PythonImage {
+    PythonImage(int width, int height)
+        : memory(width, height), blocks(static_cast<std::size_t>(width) * height * 4) {}
+    ImageMemory memory;
+    ImageBlocks blocks;
+};
 
 using Axis = std::tuple<std::int64_t, std::int64_t, std::int64_t, std::int64_t, std::int64_t, bool>;
 using Map = std::array<std::int64_t, 4>;  // origin, half steps along sheet, row, sample
@@ -50,61 +59,68 @@ const float* opacities() {
     return table.data();
 }
 
-void splat_rows(ImageMemory& image, const SpanList& spans, bool front_to_back, int row_begin, int row_end,
-                SplatJob job) {
-    job.pixels = image.pixels();
-    job.pitch = image.pitch();
-    job.width = image.width();
-    job.row_begin = std::max(row_begin, 0);
-    job.row_end = std::min(row_end, image.height());
+void splat_all(PythonImage& image, const SpanList& spans, bool front_to_back, StripePool* pool, SplatJob job) {
     job.opacities = opacities();
     job.spans = spans.views.data();
     job.span_count = spans.views.size();
     job.front_to_back = front_to_back;
     nb::gil_scoped_release unlocked;
-    splat(job);
+    splat_into(image.memory, job, pool);
 }
 
-void splat_footprints(ImageMemory& image, const SpanList& spans, const FootprintTable& table, bool front_to_back,
-                      int row_begin, int row_end) {
+void splat_footprints(PythonImage& image, const SpanList& spans, const FootprintTable& table, bool front_to_back,
+                      StripePool* pool) {
     SplatJob job{};
     job.reach = Reach::footprint;
     job.footprint = table.view();
-    splat_rows(image, spans, front_to_back, row_begin, row_end, job);
+    splat_all(image, spans, front_to_back, pool, job);
 }
 
-void splat_cells(ImageMemory& image, const SpanList& spans, const CellView& cells, bool front_to_back, int row_begin,
-                 int row_end) {
+void splat_cells(PythonImage& image, const SpanList& spans, const CellView& cells, bool front_to_back,
+                 StripePool* pool) {
     SplatJob job{};
     job.reach = Reach::cell;
     job.cell = cells;
-    splat_rows(image, spans, front_to_back, row_begin, row_end, job);
+    splat_all(image, spans, front_to_back, pool, job);
 }
 
-void splat_pixels(ImageMemory& image, const SpanList& spans, bool front_to_back, int row_begin, int row_end) {
+void splat_pixels(PythonImage& image, const SpanList& spans, bool front_to_back, StripePool* pool) {
     SplatJob job{};
     job.reach = Reach::pixel;
-    splat_rows(image, spans, front_to_back, row_begin, row_end, job);
+    splat_all(image, spans, front_to_back, pool, job);
 }
 
-// A bytes object filled by `fill`, which runs without the GIL.
+// A view of memory that `owner` keeps.
+nb::object writable_view(nb::object array) { return nb::steal(PyMemoryView_FromObject(array.ptr())); }
+
+// Bytes of an image filled by `fill`, which runs without the GIL.
 template <class Fill>
-nb::bytes filled_bytes(const ImageMemory& image, Fill fill) {
-    const auto size = static_cast<std::size_t>(image.width()) * image.height() * 4 * sizeof(float);
-    nb::object result = nb::steal(PyBytes_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(size)));
-    if (!result.is_valid()) throw nb::python_error();
-    auto* target = reinterpret_cast<float*>(PyBytes_AsString(result.ptr()));
-    nb::gil_scoped_release unlocked;
-    fill(target);
-    return nb::borrow<nb::bytes>(result);
+nb::object filled_block(PythonImage& image, Fill fill) {
+    const std::shared_ptr<float[]> block = image.blocks.free_block();
+    {
+        nb::gil_scoped_release unlocked;
+        fill(block.get());
+    }
+    nb::capsule owner(new std::shared_ptr<float[]>(block),
+                      [](void* p) noexcept { delete static_cast<std::shared_ptr<float[]>*>(p); });
+    return writable_view(
+        nb::cast(nb::ndarray<nb::array_api, std::uint8_t>(block.get(), {image.blocks.bytes()}, owner)));
 }
 
-nb::bytes snapshot(const ImageMemory& image) {
-    return filled_bytes(image, [&](float* target) { image.copy_to(target); });
+nb::object snapshot(PythonImage& image) {
+    return filled_block(image, [&](float* target) { publish(image.memory, target); });
 }
 
-nb::bytes published(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back) {
-    return filled_bytes(image, [&](float* target) { publish_between(image, front, back, target); });
+nb::object published(PythonImage& image, const EdgeLayer& front, const EdgeLayer& back) {
+    return filled_block(image, [&](float* target) { publish_between(image.memory, front, back, target); });
+}
+
+nb::object closed_tiles(nb::handle_t<PythonImage> self) {
+    ImageMemory& memory = nb::cast<PythonImage&>(self).memory;
+    const std::size_t shape[] = {static_cast<std::size_t>(memory.tile_rows()),
+                                 static_cast<std::size_t>(memory.tile_words())};
+    return writable_view(
+        nb::cast(nb::ndarray<nb::array_api, std::uint64_t>(memory.closed_tiles(), 2, shape, self)));
 }
 
 }  // namespace
@@ -136,19 +152,24 @@ void bind_combining(nb::module_& m) {
         .def("__init__", [](CellView* self, const Map& x, const Map& y, const std::array<Axis, 3>& axes) {
             new (self) CellView(cell_view(x, y, axes));
         }, "x"_a, "y"_a, "axes"_a);
-    nb::class_<ImageMemory>(m, "ImageMemory")
+    nb::class_<StripePool>(m, "StripePool")
+        .def(nb::init<int>(), "threads"_a)
+        .def("close", &StripePool::close, nb::call_guard<nb::gil_scoped_release>());
+    nb::class_<PythonImage>(m, "ImageMemory")
         .def(nb::init<int, int>(), "width"_a, "height"_a)
-        .def("clear", &ImageMemory::clear)
-        .def("snapshot", &snapshot);
+        .def("clear", [](PythonImage& self) { self.memory.clear(); }, nb::call_guard<nb::gil_scoped_release>())
+        .def("snapshot", &snapshot)
+        .def_prop_ro("closed_tiles", &closed_tiles)
+        .def_prop_ro("hidden_packets", [](const PythonImage& self) { return self.memory.hidden_packets(); });
     nb::class_<EdgeLayer>(m, "EdgeLayer")
         .def(nb::init<int, int>(), "width"_a, "height"_a)
         .def("draw", &EdgeLayer::draw, "x0"_a, "y0"_a, "x1"_a, "y1"_a, "line_width"_a);
     m.def("published", &published, "image"_a, "front"_a, "back"_a);
-    m.def("splat_footprints", &splat_footprints, "image"_a, "spans"_a, "table"_a, "front_to_back"_a, "row_begin"_a,
-          "row_end"_a);
-    m.def("splat_cells", &splat_cells, "image"_a, "spans"_a, "cells"_a, "front_to_back"_a, "row_begin"_a,
-          "row_end"_a);
-    m.def("splat_pixels", &splat_pixels, "image"_a, "spans"_a, "front_to_back"_a, "row_begin"_a, "row_end"_a);
+    m.def("splat_footprints", &splat_footprints, "image"_a, "spans"_a, "table"_a, "front_to_back"_a,
+          "pool"_a.none() = nb::none());
+    m.def("splat_cells", &splat_cells, "image"_a, "spans"_a, "cells"_a, "front_to_back"_a,
+          "pool"_a.none() = nb::none());
+    m.def("splat_pixels", &splat_pixels, "image"_a, "spans"_a, "front_to_back"_a, "pool"_a.none() = nb::none());
 }
 
 }  // namespace volsplat

@@ -12,19 +12,21 @@ namespace {
 
 struct CpuPath {
     const char* name;
-    void (*splat)(const SplatJob&);
+    SplatOutcome (*splat)(const SplatJob&);
+    void (*find_run_rows)(const SplatJob&, RowSpan*);
+    void (*fill_footprints)(const FootprintBox&, float*);
 };
 
 const std::vector<CpuPath>& available() {
     static const std::vector<CpuPath> paths = [] {
-        std::vector<CpuPath> found{{"baseline", baseline::splat}};
+        std::vector<CpuPath> found{{"baseline", baseline::splat, baseline::find_run_rows, baseline::fill_footprints}};
 #ifdef VOLSPLAT_X86
         __builtin_cpu_init();
-        if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2")) {
-            found.push_back({"avx2", avx2::splat});
+        if (__builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi2")) {
+            found.push_back({"avx2", avx2::splat, avx2::find_run_rows, avx2::fill_footprints});
             if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512bw") &&
                 __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512dq"))
-                found.push_back({"avx512", avx512::splat});
+                found.push_back({"avx512", avx512::splat, avx512::find_run_rows, avx512::fill_footprints});
         }
 #endif
         return found;
@@ -61,6 +63,10 @@ void set_cpu_path(const std::string& name) { chosen() = named(name); }
 
 std::string cpu_path() { return chosen().load()->name; }
 
-void splat(const SplatJob& job) { chosen().load()->splat(job); }
+SplatOutcome splat(const SplatJob& job) { return chosen().load()->splat(job); }
+
+void find_run_rows(const SplatJob& job, RowSpan* rows) { chosen().load()->find_run_rows(job, rows); }
+
+void fill_footprints(const FootprintBox& box, float* weights) { chosen().load()->fill_footprints(box, weights); }
 
 }  // namespace volsplat

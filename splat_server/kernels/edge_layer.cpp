@@ -62,20 +62,4 @@ void EdgeLayer::draw(double x0, double y0, double x1, double y1, double line_wid
     }
 }
 
-void publish_between(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back, float* target) {
-    for (const EdgeLayer* layer : {&front, &back})
-        if (layer->width() != image.width() || layer->height() != image.height())
-            throw std::invalid_argument("the edge layers and the image differ in size");
-    std::size_t pixel = 0;
-    for (int y = 0; y < image.height(); ++y) {
-        const float* row = image.pixels() + y * image.pitch() * 4;
-        for (int x = 0; x < image.width(); ++x, ++pixel) {
-            const float before = front.coverage()[pixel], behind = back.coverage()[pixel];
-            const float open = 1.0f - row[x * 4 + 3];
-            for (int c = 0; c < 4; ++c)
-                target[pixel * 4 + c] = before + (1.0f - before) * (row[x * 4 + c] + open * behind);
-        }
-    }
-}
-
 }  // namespace volsplat

@@ -1,8 +1,6 @@
-// A layer of anti-aliased white lines, and the image between the layer behind it and the one before it.
+// A layer of anti-aliased white lines.
 #pragma once
 #include <vector>
-
-#include "image_memory.h"
 
 namespace volsplat {
 
@@ -22,9 +20,5 @@ private:
     int width_, height_;
     std::vector<float> coverage_;
 };
-
-// front over (image over back), white lines, associated: paper, "Combining". `target` is height x width x 4.
-// Throws std::invalid_argument where the sizes differ.
-void publish_between(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back, float* target);
 
 }  // namespace volsplat

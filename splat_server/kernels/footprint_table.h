@@ -27,15 +27,25 @@ public:
     // rows. Throws std::invalid_argument for offsets outside the table.
     std::tuple<int, int, std::vector<float>> weights_at(int fx, int fy) const;
     int offset_bits() const { return offset_bits_; }
-    int width() const { return width_; }
-    int height() const { return height_; }
-    std::size_t bytes() const { return weights_.size() * sizeof(float); }
+    int width() const { return static_cast<int>(box_width_); }
+    int height() const { return static_cast<int>(box_height_); }
+    std::size_t bytes() const;
 
 private:
-    int offset_bits_, width_, height_, pitch_;
+    // Where the box begins for each offset: at `first`, from offset `step` on one pixel later.
+    struct Starts {
+        Starts(double half_extent, int offsets);
+        std::vector<std::int32_t> at;
+        int step;
+    };
+
+    const float* weights() const { return memory_.data() + kMarginWeights; }
+    void find_spans();
+
+    int offset_bits_, box_width_, box_height_;
     bool clamped_;
-    std::vector<std::int32_t> start_x_, start_y_;  // of the box, in pixels from the sample's pixel, for each offset
-    std::vector<float> weights_;
+    Starts start_x_, start_y_;
+    std::vector<float> memory_;  // the weights, between two margins of zeros
     std::vector<RowSpan> spans_;
 };
 

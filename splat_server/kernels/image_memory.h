@@ -1,9 +1,14 @@
-// The image buffer's memory: float32 RGBA, rows padded to whole vectors, so that the splat loop may touch the
-// pixels beside the image's right edge; they are never shown.
+// The image buffer's memory: associated float32, in groups of 8 pixels of a row, each 8 x red, 8 x green, 8 x blue,
+// 8 x alpha, so that the splat loop combines whole vectors without shuffling. Rows lie between margins of groups that
+// the loop may touch but never changes. Beside it, the map of closed tiles (protocol/closed_tiles.py).
 #pragma once
+#include <atomic>
 #include <cstddef>
 #include <cstdint>
 #include <memory>
+#include <vector>
+
+#include "splat_job.h"
 
 namespace volsplat {
 
@@ -12,23 +17,36 @@ public:
     // Throws std::invalid_argument for a size outside 1..65535, std::bad_alloc where memory lacks.
     ImageMemory(int width, int height);
 
+    // Empties image and map, and forgets what was hidden.
     void clear();
-    // Copies to height x width x 4 floats without padding.
-    void copy_to(float* target) const;
+    // Says what a splat loop did.
+    void note(const SplatOutcome& outcome);
 
-    float* pixels() { return pixels_.get(); }
-    const float* pixels() const { return pixels_.get(); }
+    ImageView view();
+    const float* row(int y) const { return first_group_ + y * pitch_; }
     int width() const { return width_; }
     int height() const { return height_; }
-    std::int64_t pitch() const { return pitch_; }
+    // Rows outside of these are empty.
+    int row_begin() const { return row_begin_; }
+    int row_end() const { return row_end_; }
+
+    std::uint64_t* closed_tiles() { return closed_tiles_.data(); }
+    std::int64_t tile_rows() const { return tile_rows_; }
+    std::int64_t tile_words() const { return tile_words_; }  // of a row of tiles
+    std::uint64_t hidden_packets() const { return hidden_packets_; }
 
 private:
     struct Free {
         void operator()(float* memory) const;
     };
     int width_, height_;
-    std::int64_t pitch_;  // pixels
-    std::unique_ptr<float[], Free> pixels_;
+    std::int64_t pitch_;  // floats
+    std::unique_ptr<float[], Free> memory_;
+    float* first_group_;
+    std::atomic<int> row_begin_, row_end_;  // read while another thread splats
+    std::int64_t tile_rows_, tile_words_;
+    std::vector<std::uint64_t> closed_tiles_;
+    std::uint64_t hidden_packets_ = 0;
 };
 
 }  // namespace volsplat

@@ -9,6 +9,7 @@ namespace volsplat {
 namespace {
 
 constexpr int kChordIntervals = 1024;   // of the table over Z
+constexpr int kLinearIntervals = 4096;  // of the table that is interpolated linearly
 constexpr int kLineIntervals = 256;     // Simpson, along half a line of sight
 constexpr int kRadialIntervals = 8192;  // Simpson, for the integral over space
 
@@ -72,8 +73,10 @@ KernelProjection::KernelProjection(const std::string& kernel, double parameter, 
 
 double KernelProjection::at_square(double rho_square) const {
     const double square = radius_ * radius_ - rho_square;
-    if (!(square > 0)) return 0.0;
-    const double place = std::sqrt(square) * (kChordIntervals / radius_);
+    return square > 0 ? at_place(std::sqrt(square) * (kChordIntervals / radius_)) : 0.0;
+}
+
+double KernelProjection::at_place(double place) const {
     int cell = static_cast<int>(place);
     if (cell >= kChordIntervals) cell = kChordIntervals - 1;
     const double t = place - cell;
@@ -83,6 +86,16 @@ double KernelProjection::at_square(double rho_square) const {
                                      t * (p[0] - 2.5 * p[1] + 2 * p[2] - p[3] / 2 +
                                           t * (1.5 * (p[1] - p[2]) + (p[3] - p[0]) / 2)));
     return value > 0 ? value : 0.0;
+}
+
+std::vector<float> KernelProjection::over_half_chord(double amplitude) const {
+    std::vector<float> entries;
+    entries.reserve(kLinearIntervals + 2);
+    for (int n = 0; n <= kLinearIntervals; ++n)
+        entries.push_back(
+            static_cast<float>(amplitude * at_place(static_cast<double>(n) * kChordIntervals / kLinearIntervals)));
+    entries.push_back(entries.back());
+    return entries;
 }
 
 }  // namespace volsplat

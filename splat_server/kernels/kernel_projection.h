@@ -15,8 +15,14 @@ public:
     double radius() const { return radius_; }
     // P at rho^2 (voxels^2); 0 from the radius on.
     double at_square(double rho_square) const;
+    // amplitude * P over the half chord Z = sqrt(R^2 - rho^2) from 0 to R in equal steps, fine enough for linear
+    // interpolation, and the last entry once more.
+    std::vector<float> over_half_chord(double amplitude) const;
 
 private:
+    // P at Z = place / kChordIntervals * R.
+    double at_place(double place) const;
+
     double radius_;
     // P over Z = sqrt(R^2 - rho^2), in which it is smooth up to the rim, with one more entry on either side.
     std::vector<double> over_half_chord_;

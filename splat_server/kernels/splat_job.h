@@ -6,14 +6,27 @@
 namespace volsplat {
 
 constexpr int kSubpixelBits = 6;         // positions are multiples of 1/64 pixel (protocol/packet_layout.py)
-constexpr int kPositionMask = (1 << 14) - 1;
+constexpr int kPositionBits = 14;
+constexpr int kPositionMask = (1 << kPositionBits) - 1;
+constexpr int kRunPixels = 1 << (kPositionBits - kSubpixelBits);  // a run's packets lie so near to its origin
 constexpr int kOpacityShift = 28;
 constexpr int kOpacityMask = (1 << 12) - 1;
 constexpr int kColourShift = 40;
-constexpr int kVectorPixels = 4;         // the widest vector of any path; an image row is a multiple of it
-constexpr int kRowPadding = kVectorPixels - 1;
 constexpr double kLargestHalfExtent = 16384;
 constexpr float kFrozenAlpha = 1.0f - 1.0f / 1024.0f;  // front-to-back: from here on a pixel no longer changes
+
+// The image: groups of 8 pixels of a row, each 8 x red, 8 x green, 8 x blue, 8 x alpha. See image_memory.h.
+constexpr int kGroupPixels = 8;
+constexpr int kGroupFloats = 4 * kGroupPixels;
+constexpr int kAlphaPlane = 3 * kGroupPixels;
+
+constexpr int kTileSide = 4;  // of closed tiles (protocol/closed_tiles.py)
+
+// A footprint of up to so many groups a row is splatted as one box of whole groups.
+constexpr int kMostBoxGroups = 5;
+// Footprint tables may be read so far beyond their ends; rows of the image are so much longer on either side.
+constexpr int kMarginGroups = kMostBoxGroups - 1;
+constexpr int kMarginWeights = kMarginGroups * kGroupPixels;
 
 struct RowRun {  // 24 bytes on the wire
     uint32_t sheet, row, first, count;
@@ -26,17 +39,17 @@ struct SpanView {  // consecutive runs of one batch; the addresses need no align
     uint64_t run_count;
 };
 
-struct RowSpan {  // the non-zero weights of a row of the table
-    uint16_t begin, end;
+struct RowSpan {  // pixels of a row, or rows
+    int32_t begin, end;
 };
 
 struct FootprintView {
-    const float* weights;  // [fy][fx][row][pitch], each row between kRowPadding zeros
-    const RowSpan* spans;  // [fy][fx][row]
-    const int32_t* start_x;
-    const int32_t* start_y;
-    int offset_bits, width, height, pitch;
-    bool clamped;  // some weight exceeds 1, so that min(1, w A) can bite
+    const float* weights;  // [fy][fx][height][width]
+    const RowSpan* spans;  // [height]: what may be above zero at some offset
+    // The box of offset f begins at pixel `start`, from offset `step` on one later.
+    int start_x, step_x, start_y, step_y;
+    int offset_bits, width, height;
+    bool clamped;  // some weight may exceed 1, so that min(1, w A) can bite
 };
 
 struct AxisView {  // protocol.traversal.AxisVisits
@@ -52,17 +65,31 @@ struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a 
 
 enum class Reach { footprint, cell, pixel };
 
+struct ImageView {
+    float* groups;  // of the image's top-left pixel; 64-byte aligned
+    int64_t pitch;  // floats from one row to the next
+    int width, height;
+    uint64_t* closed_tiles;  // rows of `tile_words`, with one more word after the last
+    int64_t tile_words;
+};
+
+// All samples, into the rows row_begin <= y < row_end; these are multiples of kTileSide, or the image's end.
 struct SplatJob {
-    float* pixels;  // RGBA, associated; rows of `pitch` pixels, 64-byte aligned
-    int64_t pitch;
-    int width, row_begin, row_end;  // only image rows row_begin <= y < row_end are written
-    const float* opacities;         // of the 4096 codes
+    ImageView image;
+    int row_begin, row_end;
+    const float* opacities;  // of the 4096 codes
     const SpanView* spans;
     size_t span_count;
+    const RowSpan* run_rows;  // of each run, the rows of pixels it reaches; null where all runs are to be looked at
     Reach reach;
     bool front_to_back;
     FootprintView footprint;
     CellView cell;
+};
+
+struct SplatOutcome {
+    int row_begin, row_end;  // of the rows that may have changed
+    uint64_t hidden;         // packets left out as hidden, each counted where its first row lies
 };
 
 }  // namespace volsplat

@@ -1,4 +1,4 @@
-// One sample as the splat loops use it, decoded from its shaded packet and row run (protocol/packet_layout.py).
+// Shaded packets and row runs decoded (protocol/packet_layout.py).
 #pragma once
 #include "../splat_job.h"
 
@@ -6,30 +6,69 @@ namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
 
-typedef float Sample4 __attribute__((vector_size(16)));
-typedef int32_t Integer4 __attribute__((vector_size(16)));
-
-struct ShadedSample {
-    int64_t x, y;  // 1/64 pixel
-    float opacity;
-    Sample4 intensity;  // red, green, blue in 0..1, and 1
-};
-
 inline RowRun run_at(const unsigned char* runs, uint64_t n) {
     RowRun run;
     __builtin_memcpy(&run, runs + n * sizeof run, sizeof run);
     return run;
 }
 
+// Whether a run, by its number among all of the job, may reach the job's rows.
+inline bool in_rows(const SplatJob& job, size_t number) {
+    return !job.run_rows || (job.run_rows[number].begin < job.row_end && job.run_rows[number].end > job.row_begin);
+}
+
+struct ShadedSample {
+    int64_t x, y;  // 1/64 pixel
+    float opacity, red, green, blue;
+};
+
 inline ShadedSample sample_at(const unsigned char* address, const RowRun& run, const float* opacities) {
     uint64_t packet;
     __builtin_memcpy(&packet, address, sizeof packet);
-    const Integer4 bytes = {static_cast<int32_t>(packet >> kColourShift & 255),
-                            static_cast<int32_t>(packet >> (kColourShift + 8) & 255),
-                            static_cast<int32_t>(packet >> (kColourShift + 16)), 255};
+    const auto channel = [&](int n) {
+        return static_cast<float>(static_cast<int>(packet >> (kColourShift + 8 * n) & 255)) / 255.0f;
+    };
     return {int64_t(run.x0) + static_cast<int64_t>(packet & kPositionMask),
-            int64_t(run.y0) + static_cast<int64_t>(packet >> 14 & kPositionMask),
-            opacities[packet >> kOpacityShift & kOpacityMask], __builtin_convertvector(bytes, Sample4) / 255.0f};
+            int64_t(run.y0) + static_cast<int64_t>(packet >> kPositionBits & kPositionMask),
+            opacities[packet >> kOpacityShift & kOpacityMask], channel(0), channel(1), channel(2)};
+}
+
+// Eight packets at once, each as two words of 32 bits.
+constexpr int kAtOnce = 8;
+typedef int32_t Integers __attribute__((vector_size(kAtOnce * 4)));
+typedef uint32_t Words __attribute__((vector_size(kAtOnce * 4)));
+typedef float Numbers __attribute__((vector_size(kAtOnce * 4)));
+
+struct Packets {
+    Words low, high;
+
+    Integers x() const { return (Integers)(low & kPositionMask); }
+    Integers y() const { return (Integers)(low >> kPositionBits & kPositionMask); }
+    Numbers red() const { return channel(high >> 8 & 255); }
+    Numbers green() const { return channel(high >> 16 & 255); }
+    Numbers blue() const { return channel(high >> 24); }
+
+    // As protocol.packet_layout.opacity_of_code.
+    Numbers opacity() const {
+        const Words exponent = high >> 4 & 15, mantissa = (high << 4 | low >> kOpacityShift) & 255;
+        const Words normal = (Words)(exponent > 0);  // all bits
+        const Words units = (mantissa | (normal & 256)) << (exponent + normal);
+        return __builtin_convertvector((Integers)units, Numbers) / (511.0f * 16384.0f);
+    }
+
+private:
+    static Numbers channel(Words bytes) { return __builtin_convertvector((Integers)bytes, Numbers) / 255.0f; }
+};
+
+// The first `count` packets, and zeros where these are fewer than eight.
+inline Packets packets_at(const unsigned char* address, uint64_t count) {
+    Words words[2] = {};
+    if (count >= kAtOnce)
+        __builtin_memcpy(words, address, sizeof words);
+    else
+        __builtin_memcpy(words, address, count * 8);
+    const Words even = {0, 2, 4, 6, 8, 10, 12, 14}, odd = {1, 3, 5, 7, 9, 11, 13, 15};
+    return {__builtin_shuffle(words[0], words[1], even), __builtin_shuffle(words[0], words[1], odd)};
 }
 
 }  // namespace

@@ -1,0 +1,92 @@
+// The map of closed tiles (protocol/closed_tiles.py): which samples are hidden, and which tiles have become closed.
+#pragma once
+#include "../splat_job.h"
+
+namespace volsplat {
+namespace VOLSPLAT_PATH {
+namespace {
+
+struct PixelBox {  // within the image, not empty
+    int x_begin, x_end, y_begin, y_end;
+};
+
+class ClosedTiles {
+public:
+    explicit ClosedTiles(const ImageView& image) : image_(image) {}
+
+    // Whether all tiles under the box are closed.
+    bool hide(const PixelBox& box) const {
+        for (int row = box.y_begin / kTileSide; row <= (box.y_end - 1) / kTileSide; ++row)
+            for (int column = box.x_begin / kTileSide; column <= (box.x_end - 1) / kTileSide; ++column)
+                if (!(image_.closed_tiles[row * image_.tile_words + column / 64] >> column % 64 & 1)) return false;
+        return true;
+    }
+
+    // Marks the tiles under the box that are closed by now.
+    void examine(const PixelBox& box) const {
+        for (int row = box.y_begin / kTileSide; row <= (box.y_end - 1) / kTileSide; ++row)
+            for (int column = box.x_begin / kTileSide; column <= (box.x_end - 1) / kTileSide; ++column) {
+                uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
+                const uint64_t bit = uint64_t(1) << column % 64;
+                // Others may read the map meanwhile; only this stripe's thread writes to its rows.
+                if (!(word & bit) && frozen(column, row)) __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
+            }
+    }
+
+private:
+    bool frozen(int column, int row) const {
+        const int x_begin = column * kTileSide, y_begin = row * kTileSide;
+        const int x_end = x_begin + kTileSide < image_.width ? x_begin + kTileSide : image_.width;
+        const int y_end = y_begin + kTileSide < image_.height ? y_begin + kTileSide : image_.height;
+        const float* pixels =
+            image_.groups + y_begin * image_.pitch + x_begin / kGroupPixels * kGroupFloats + kAlphaPlane;
+        for (int y = y_begin; y < y_end; ++y, pixels += image_.pitch)
+            for (int x = x_begin; x < x_end; ++x)
+                if (pixels[x % kGroupPixels] < kFrozenAlpha) return false;
+        return true;
+    }
+
+    const ImageView image_;
+};
+
+// The same question for boxes of one size that lie well within the image, answered without a branch: for the most
+// tiles that such a box can touch.
+class ClosedBoxes {
+public:
+    static constexpr int kMostColumns = 57;  // that one unaligned word is sure to hold
+
+    ClosedBoxes(const ImageView& image, int width, int height)
+        : tiles_(reinterpret_cast<const unsigned char*>(image.closed_tiles)),
+          row_bytes(static_cast<int>(image.tile_words) * 8),
+          columns(most_tiles(width)),
+          rows(most_tiles(height)),
+          all_(columns <= kMostColumns ? (uint64_t(1) << columns) - 1 : 0) {}
+
+    // `place` is the byte of the box's first tile, `shift` its bit there.
+    bool hide(int place, int shift) const {
+        uint64_t closed = word_at(place);
+        for (int row = 1; row < rows; ++row) closed &= word_at(place += row_bytes);
+        return (closed >> shift & all_) == all_;
+    }
+
+private:
+    static int most_tiles(int pixels) { return (pixels + kTileSide - 2) / kTileSide + 1; }
+
+    uint64_t word_at(int place) const {
+        uint64_t word;
+        __builtin_memcpy(&word, tiles_ + place, sizeof word);
+        return word;
+    }
+
+    const unsigned char* const tiles_;
+
+public:
+    const int row_bytes, columns, rows;
+
+private:
+    const uint64_t all_;
+};
+
+}  // namespace
+}  // namespace VOLSPLAT_PATH
+}  // namespace volsplat
