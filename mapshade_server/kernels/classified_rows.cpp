@@ -45,7 +45,15 @@ void RowLists::add(std::size_t row, const VisibleVoxels& voxels) {
   filled_ += voxels.count;
 }
 
-std::size_t RowLists::bytes() const { return rows_.size() * sizeof(Row) + filled_ * kVoxelBytes; }
+void RowLists::clear() {
+  rows_.assign(rows_.size(), Row{0, kUnknown});
+  most_filled_ = std::max(most_filled_, filled_);
+  filled_ = 0;
+}
+
+std::size_t RowLists::bytes_with(std::size_t more_voxels) const {
+  return rows_.size() * sizeof(Row) + std::max(most_filled_, filled_ + more_voxels) * kVoxelBytes;
+}
 
 ClassifiedRows::ClassifiedRows(const Index3& size)
     : size_(size),
@@ -53,7 +61,7 @@ ClassifiedRows::ClassifiedRows(const Index3& size)
                                            static_cast<double>(size[0] * size[1] * size[2]))) {}
 
 std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility& visibility) {
-  if (!same(visibility, visibility_)) forget_all();
+  if (!same(visibility, visibility_)) forget_all_but(axis);
   visibility_ = visibility;
   Axis& wanted = axes_[axis];
   wanted.last_walk = ++walks_;
@@ -65,7 +73,8 @@ std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility&
 }
 
 bool ClassifiedRows::make_room(int axis, std::size_t voxels) {
-  while (bytes() + voxels * kVoxelBytes > most_bytes_) {
+  RowLists& growing = *axes_[axis].lists;
+  while (bytes() - growing.bytes() + growing.bytes_with(voxels) > most_bytes_) {
     Axis* oldest = nullptr;
     for (Axis& other : axes_) {
       if (&other == &axes_[axis] || !other.lists) continue;
@@ -95,8 +104,13 @@ std::vector<int> ClassifiedRows::axes() const {
   return kept;
 }
 
-void ClassifiedRows::forget_all() {
-  for (Axis& axis : axes_) axis = Axis{};
+// Where its lists are not in use, an axis keeps their memory for those that come.
+void ClassifiedRows::forget_all_but(int axis) {
+  std::shared_ptr<RowLists> lists = std::move(axes_[axis].lists);
+  axes_ = {};
+  if (lists.use_count() != 1) return;
+  lists->clear();
+  axes_[axis].lists = std::move(lists);
 }
 
 }  // namespace volsplat

@@ -32,7 +32,13 @@ class RowLists {
 
   // There must be room for them.
   void add(std::size_t row, const VisibleVoxels& voxels);
-  std::size_t bytes() const;
+
+  // Forgets all rows, but keeps the memory that was touched.
+  void clear();
+
+  // What has been touched of the memory, and what would be with so many voxels more.
+  std::size_t bytes() const { return bytes_with(0); }
+  std::size_t bytes_with(std::size_t more_voxels) const;
 
  private:
   static constexpr std::uint64_t kUnknown = (1 << 24) - 1;
@@ -47,7 +53,7 @@ class RowLists {
 
   std::vector<Row> rows_;
   LargeMemory packets_, positions_;
-  std::size_t filled_ = 0;
+  std::size_t filled_ = 0, most_filled_ = 0;
 };
 
 class ClassifiedRows {
@@ -73,7 +79,7 @@ class ClassifiedRows {
     bool too_large = false;
   };
 
-  void forget_all();
+  void forget_all_but(int axis);
 
   Index3 size_;
   std::size_t most_bytes_;

@@ -160,10 +160,10 @@ VisibleRows::Columns VisibleRows::columns_at(std::int64_t column) const {
 void VisibleRows::classify_columns(std::int64_t other, const Columns& columns, const Lines& lines) {
   make_lanes(kStripLanes, lines.count);
   const AxisVisits& visits = plan_.visits[0];
-  std::uint32_t wanted = 0;
+  std::uint64_t wanted = 0;
   for (std::int64_t column = columns.begin; column < columns.end; ++column) {
     const bool visited = (column + box_.low[0] - visits.first) % visits.stride == 0;
-    wanted |= static_cast<std::uint32_t>(visited) << (column - columns.first);
+    wanted |= static_cast<std::uint64_t>(visited) << (column - columns.first);
   }
   const std::int64_t other_stride = strides_[sheets_along_i() ? 1 : 0];
   const std::uint32_t* source = box_.packets + columns.first + other * other_stride + lines.first * strides_[2];

@@ -177,29 +177,24 @@ std::size_t classify_row(const std::uint32_t* row, std::size_t n, std::size_t fi
   return kept;
 }
 
-void classify_columns(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint32_t wanted,
+void classify_columns(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
                       const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts) {
-  // So far ahead that the line has arrived from memory when it is needed
-  constexpr std::ptrdiff_t kLinesAhead = 16;
+  // So far ahead that the line has arrived from memory when it is needed, but not so far that lines a power of two
+  // apart push each other out of the cache
+  constexpr std::ptrdiff_t kLinesAhead = 8;
   constexpr std::ptrdiff_t kPacketsPerCacheLine = 16;
   const Seen seen(visibility);
   for (int lane = 0; lane < kStripLanes; ++lane) counts[lane] = 0;
-  const std::uint64_t wanted_twice = wanted | static_cast<std::uint64_t>(wanted) << kStripLanes;
-  for (std::size_t at = 0; at < n; at += 2) {
-    // Two lines at once: as many bits as a register holds, one loop over those that are set
+  for (std::size_t at = 0; at < n; ++at) {
     const std::uint32_t* line = source + static_cast<std::ptrdiff_t>(at) * stride;
-    for (std::ptrdiff_t ahead = kLinesAhead; ahead < kLinesAhead + 2; ++ahead) {
-      for (int lane = 0; lane < kStripLanes; lane += kPacketsPerCacheLine) {
-        __builtin_prefetch(line + ahead * stride + lane);
-      }
+    for (int lane = 0; lane < kStripLanes; lane += kPacketsPerCacheLine) {
+      __builtin_prefetch(line + kLinesAhead * stride + lane);
     }
-    std::uint64_t bits = seen_of<kStripLanes>(seen, line);
-    if (at + 1 < n) bits |= seen_of<kStripLanes>(seen, line + stride) << kStripLanes;
-    for (bits &= wanted_twice; bits != 0; bits &= bits - 1) {
-      const int bit = __builtin_ctzll(bits), lane = bit % kStripLanes, later = bit / kStripLanes;
+    for (std::uint64_t bits = seen_of<kStripLanes>(seen, line) & wanted; bits != 0; bits &= bits - 1) {
+      const int lane = __builtin_ctzll(bits);
       const std::size_t to = static_cast<std::size_t>(lane) * lanes.pitch + counts[lane]++;
-      lanes.positions[to] = static_cast<std::uint16_t>(at + static_cast<std::size_t>(later));
-      lanes.packets[to] = line[later * stride + lane];
+      lanes.positions[to] = static_cast<std::uint16_t>(at);
+      lanes.packets[to] = line[lane];
     }
   }
 }

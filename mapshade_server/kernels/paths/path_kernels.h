@@ -13,8 +13,8 @@ namespace volsplat {
 // Vector loops read and write whole vectors: arrays given to them have this many spare elements at their end.
 constexpr std::size_t kSpare = 64;
 
-// Grid columns (i) whose rows along j or k are classified together: lines of packets are read two cache lines wide.
-constexpr int kStripLanes = 32;
+// Grid columns (i) whose rows along j or k are classified together: lines of packets are read four cache lines wide.
+constexpr int kStripLanes = 64;
 
 // The longest row that positions of 16 bits can count.
 constexpr std::int64_t kLongestRow = 65536;
@@ -125,7 +125,7 @@ struct PathKernels {
                               const Visibility& visibility, std::uint16_t* positions, std::uint32_t* packets);
 
   // The rows l < kStripLanes made of source[n * stride + l], as far as their bit in `wanted` is set.
-  void (*classify_columns)(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint32_t wanted,
+  void (*classify_columns)(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
                            const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts);
 
   // Opacity codes at density | strength << 8; tells whether none of them is 0. The table has spare elements.
