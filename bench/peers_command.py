@@ -154,8 +154,8 @@ def report(
         table = TextTable(
             f"{volume}, {run.size} x {run.size} pixels: milliseconds a frame",
             ("", "threads", "milliseconds", "faster"),
-            f"{run.shares}. Median of {views} views (their middle half). faster: than {per_voxel} between two "
-            "samples of a ray, with as many threads. With n threads, n map/shade servers.",
+            f"{run.shares}. Median of {views} views (their middle half). faster: than {per_voxel}, with as many "
+            "threads. VTK at d voxel: a sample every d voxel of a ray. With n threads, n map/shade servers.",
         )
         for (name, threads), seconds in run.seconds.items():
             label = f"{run.size}x{run.size}, {name}, {threads} threads"

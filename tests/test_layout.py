@@ -45,6 +45,12 @@ def test_a_part_imports_only_what_its_door_opens_to(source: Path) -> None:
     assert imported_parts(source) <= allowed
 
 
+def test_the_benchmarks_are_named_by_the_command_table_alone() -> None:
+    others = [source for source in SOURCES if source.parts[0] != "bench"]
+    naming = [source for source in others if "volsplat.bench" in (ROOT / source).read_text(encoding="utf-8")]
+    assert naming == [Path("client/commands.py")]
+
+
 @pytest.mark.parametrize("part", PARTS)
 def test_the_type_checkers_find_each_part_through_its_link(part: str) -> None:
     link = ROOT / "tests" / "typings" / "volsplat" / part
