@@ -30,7 +30,7 @@ class Outbox:
     def post(self, message: messages.Message) -> None:
         self._posted.put((message, b""))
 
-    def post_image(self, message: messages.ImageRead, pixels: memoryview) -> None:
+    def post_image(self, message: messages.ImageRead, pixels: bytes | memoryview) -> None:
         self.holds_image = True
         self._posted.put((message, pixels))
 
