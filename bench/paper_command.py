@@ -15,7 +15,7 @@ from volsplat.bench.progress import shown_progress
 from volsplat.bench.record import Figure, figure, record
 from volsplat.bench.renderers import SINGLE, Row, opened_rows, servers_words
 from volsplat.bench.subject import shares, subject_of, subject_options, volume_file, volume_words
-from volsplat.bench.text_table import TextTable, significant, spread
+from volsplat.bench.text_table import TextTable, give_or_take, significant
 from volsplat.bench.timing import interleaved
 from volsplat.bench.views import around, seen
 from volsplat.client.frame_report import PAPER_SECONDS, STEP_WORDS, this_machine
@@ -27,7 +27,7 @@ PAPER_SPEED_UPS = (("4 Sun-3", "1 Sun-3"), ("4 Sun-4", "1 Sun-4"), ("TAAC-1", "1
 CAPTION = (
     "Seconds from asking for a step's image to having it, each image by itself and none added up; so are the paper's "
     "(its E follows its D by less than any whole image takes). The paper's volume is a CT of 96 x 128 x 113 voxels. "
-    "n servers: n map/shade servers and a splat server."
+    "n servers: n map/shade servers and a splat server. Medians, with half the width of their middle half."
 )
 
 Seconds = Mapping[tuple[str, Step], list[float]]
@@ -114,7 +114,7 @@ def timing_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
     for name in names:
         row = [_of(figures, name, step) for step in Step]
         table.add(name, *(significant(one.median) for one in row))
-        table.add("  middle half", *(spread(one, digits=2) for one in row))
+        table.add("", *(give_or_take(one) for one in row))
     return table
 
 

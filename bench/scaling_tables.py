@@ -7,7 +7,7 @@ from volsplat.bench.plot import Panel
 from volsplat.bench.record import Figure, figure
 from volsplat.bench.renderers import SINGLE
 from volsplat.bench.scaling_cases import Taken
-from volsplat.bench.text_table import TextTable, significant, spread, told
+from volsplat.bench.text_table import TextTable, give_or_take, significant, spread
 from volsplat.client.frame_report import StepReport, this_machine
 
 
@@ -17,7 +17,7 @@ def servers_table(taken: Sequence[Taken], packed: int, side: int) -> TextTable:
         f"Servers, {side} x {side} pixels",
         ("", *(one.row.name for one in taken)),
         "Efficiency: speed-up by map/shade servers. The splat server waits, with nothing to splat, for the slowest. "
-        "Peak memory: of all servers, over the volume's packed bytes; in the single process, of the client. "
+        "Peak memory: of all servers together, over the volume's packed bytes. "
         "n servers: n map/shade servers and a splat server.",
     )
     single = next((one.seconds.median for one in taken if one.row.name == SINGLE), None)
@@ -34,24 +34,26 @@ def servers_table(taken: Sequence[Taken], packed: int, side: int) -> TextTable:
         "MB on the busiest link": lambda one: busiest_link(one.usual) / 1e6 if one.row.workers else 0.0,
         "ms the splat server waits": lambda one: one.usual.splat_waiting_seconds * 1e3,
         "ms of the slowest map/shade": lambda one: one.usual.map_shade_seconds_slowest * 1e3,
-        "peak memory / packed bytes": lambda one: peak_bytes(one) / packed,
+        "peak memory / packed bytes": lambda one: peak_bytes(one) / packed if one.row.workers else 0.0,
     }
     for name, value in rows.items():
-        table.add(name, *(significant(value(one)) for one in taken))
+        table.add(name, *(significant(value(one)) if value(one) else "" for one in taken))
     return table
 
 
 def growth_table(taken: Sequence[Taken]) -> TextTable:
     """One thing growing: a row for each setting, a column for each renderer."""
     names = list(dict.fromkeys(one.row.name for one in taken))
-    title = "Growth: milliseconds a frame (middle half)"
-    table = TextTable(title, ("", "M packets", *names, "limited by"), f"Limited by: of {names[-1]}.")
+    title = "Growth: milliseconds a frame"
+    caption = f"Medians, with half the width of their middle half. Limited by: of {names[-1]}."
+    table = TextTable(title, ("", "M packets", *names, "limited by"), caption)
     for case in dict.fromkeys(one.case for one in taken):
         row = [one for one in taken if one.case == case]
         setting = f"{case.group} {significant(case.value)}" + ("" if "above" in case.group else " M")
         sent = significant(row[-1].usual.packets_sent / 1e6)
+        cells = (f"{significant(one.seconds.median * 1e3)} {give_or_take(one.seconds)}" for one in row)
         limit = bottleneck(row[-1].usual, this_machine().cores).name
-        table.add(setting, sent, *(told(one.seconds, 1e3, digits=2) for one in row), limit)
+        table.add(setting, sent, *cells, limit)
     return table
 
 
@@ -60,9 +62,8 @@ def busiest_link(report: StepReport) -> int:
 
 
 def peak_bytes(taken: Taken) -> int:
-    """Of all servers together; of the client alone where there is none."""
-    memory = taken.reports[-1].peak_memory_bytes
-    return memory["client"] if taken.row.name == SINGLE else sum(n for name, n in memory.items() if name != "client")
+    """Of all servers together."""
+    return sum(n for name, n in taken.reports[-1].peak_memory_bytes.items() if name != "client")
 
 
 def figures_of(taken: Sequence[Taken], packed: int) -> list[Figure]:
@@ -74,8 +75,9 @@ def figures_of(taken: Sequence[Taken], packed: int) -> list[Figure]:
             figure(f"{one.name}: packets", "1/s", [r.packets_sent / r.wall_seconds for r in reports]),
             figure(f"{one.name}: bytes on the busiest link", "B", [float(busiest_link(r)) for r in reports]),
             figure(f"{one.name}: waiting for the slowest", "s", [r.splat_waiting_seconds for r in reports]),
-            figure(f"{one.name}: peak memory over packed bytes", "", [peak_bytes(one) / packed]),
         ]
+        if one.row.workers:
+            figures.append(figure(f"{one.name}: peak memory over packed bytes", "", [peak_bytes(one) / packed]))
     return figures
 
 

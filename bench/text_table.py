@@ -29,7 +29,7 @@ class TextTable:
         table = Table(title=self.title, box=box.SIMPLE_HEAD, caption=self.caption or None, caption_justify="left")
         names_fit = all(len(row[0]) <= LONGEST_NAME for row in self.rows if row)
         for n, column in enumerate(self.columns):
-            table.add_column(column, justify="right" if n else "left", no_wrap=n == 0 and names_fit)
+            table.add_column(column, justify="right" if n else "left", no_wrap=n == 0 and names_fit, overflow="fold")
         for row in self.rows:
             if row:
                 table.add_row(*row)
@@ -56,6 +56,11 @@ def told(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
 def spread(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
     """The bounds of a figure's middle half."""
     return f"{significant(measured.low * scale, digits)}–{significant(measured.high * scale, digits)}"
+
+
+def give_or_take(measured: Figure) -> str:
+    """Half the width of a figure's middle half, as a share of its median."""
+    return f"±{(measured.high - measured.low) / 2 / measured.median:.0%}" if measured.median else ""
 
 
 def significant(value: float, digits: int = 3) -> str:
