@@ -23,6 +23,7 @@ from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.volume import Box, Geometry
+from volsplat.splat_server.frame_assembly import FrameAssembly
 
 LATTICE = 64
 SHARE = 0.4  # of the voxel packets' bytes that lists may take
@@ -241,6 +242,40 @@ def test_only_samples_that_reach_closed_tiles_alone_are_left_out(
         )  # fmt: skip
         assert closed[rows, columns].all()
     assert expected is None
+
+
+def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: bool) -> tuple[bytes, int]:
+    """The finished image, and how many packets it took; `live` hides by the image's own closed tiles."""
+    geometry = held[0].geometry
+    assembly = FrameAssembly(scene, geometry, step, frame=1, workers=[1])
+    tiles_of_image = assembly.image.closed_tiles if live else None
+    walk = FrameWalk(held, geometry, PLAIN, scene, assembly.plan, tiles_of_image)
+    while (batch := walk.next_batch(most, most)) is not None:
+        assembly.arrived(1, batch.runs, batch.packets, batch.reached, batch.last)
+        assembly.advance()
+    assert assembly.complete
+    return bytes(assembly.image.snapshot()), assembly.packets
+
+
+@given(data=st.data(), geometry=geometries(largest=24), step=st.sampled_from((Step.D, Step.F)))
+def test_the_live_map_of_closed_tiles_changes_no_bit_of_the_image(
+    data: st.DataObject, geometry: Geometry, step: Step
+) -> None:
+    width, height = data.draw(st.integers(1, 100)), data.draw(st.integers(1, 100))
+    drawn = data.draw(shaded_scenes(geometry, Image(width=width, height=height)))
+    scene = msgspec.structs.replace(sparse(drawn, data.draw(st.floats(0, 0.6))), order=Order.FRONT_TO_BACK)
+    held = held_as(geometry, data.draw(volumes(geometry)), data.draw(partitions(geometry)))
+    most = data.draw(st.sampled_from((50, 1000)))
+    assert image_of(held, scene, step, most, live=True)[0] == image_of(held, scene, step, most, live=False)[0]
+
+
+def test_what_is_behind_an_opaque_wall_is_not_sent() -> None:
+    held = held_as(CUBE, torch.ones(SIDE, SIDE, SIDE), [CUBE.box])
+    scene = plain_scene(view=View(zoom=4.0), size=(SIDE * 4, SIDE * 4), order=Order.FRONT_TO_BACK)
+    image, packets = image_of(held, scene, Step.F, 1000, live=True)
+    everything, all_packets = image_of(held, scene, Step.F, 1000, live=False)
+    assert image == everything
+    assert all_packets == SIDE**3 and packets < 0.7 * all_packets
 
 
 @given(data=st.data(), geometry=geometries(), step=st.sampled_from((Step.D, Step.F)))
