@@ -1,5 +1,6 @@
 """What a walk keeps of rows from frame to frame, and what it leaves out as hidden, changes its cost only."""
 
+import math
 from array import array
 from dataclasses import dataclass
 
@@ -206,42 +207,59 @@ def tiles(width: int, height: int, closed: bool = False) -> Tensor:
 
 
 @st.composite
-def closed_tiles(draw: st.DrawFn, width: int, height: int) -> Tensor:
-    """A few rectangles of tiles, closed or open in turn."""
-    closed = tiles(width, height)
+def mostly_closed(draw: st.DrawFn, width: int, height: int) -> Tensor:
+    """All tiles closed but for a few rectangles of them."""
+    closed = tiles(width, height, closed=True)
     rows, columns = closed.shape
-    for number in range(draw(st.integers(1, 5))):
+    for _ in range(draw(st.integers(1, 4))):
         top, left = draw(st.integers(0, rows - 1)), draw(st.integers(0, columns - 1))
-        closed[top : top + draw(st.integers(1, rows)), left : left + draw(st.integers(1, columns))] = number % 2 == 0
+        closed[top : top + draw(st.integers(1, 3)), left : left + draw(st.integers(1, 3))] = False
     return closed
 
 
-@given(data=st.data(), geometry=geometries(largest=24), step=st.sampled_from((Step.D, Step.F)))
+def reached_tiles(position: list[int], reach: tuple[float, float]) -> tuple[slice, slice]:
+    """Rows and columns of the tiles whose pixels a footprint at a position (1/64 pixel) covers."""
+    ranges = []
+    for place, far in zip(position, reach, strict=True):
+        first, last = math.ceil(place / LATTICE - far), math.floor(place / LATTICE + far)
+        ranges.append(slice(max(first, 0) // TILE_SIDE, max(last + TILE_SIDE, 0) // TILE_SIDE))
+    return ranges[1], ranges[0]
+
+
+@given(data=st.data(), rotation=quaternions, share=st.sampled_from((0.05, 0.5, 1.0)))
 def test_only_samples_that_reach_closed_tiles_alone_are_left_out(
-    data: st.DataObject, geometry: Geometry, step: Step
+    data: st.DataObject, rotation: tuple[float, float, float, float], share: float
 ) -> None:
-    width, height = data.draw(st.integers(1, 300)), data.draw(st.integers(1, 300))
-    drawn = data.draw(shaded_scenes(geometry, Image(width=width, height=height)))
-    scene = msgspec.structs.replace(drawn, order=Order.FRONT_TO_BACK)
-    held = held_as(geometry, data.draw(volumes(geometry)), data.draw(partitions(geometry)))
-    closed = data.draw(closed_tiles(width, height))
-    all_sent, some_sent = frame(held, scene, step), frame(held, scene, step, tile_map(closed, width, height))
+    width, height, zoom = data.draw(st.integers(20, 300)), data.draw(st.integers(20, 300)), data.draw(st.floats(1, 6))
+    scene = plain_scene(view=View(rotation=rotation, zoom=zoom), size=(width, height), order=Order.FRONT_TO_BACK)
+    generator = torch.Generator().manual_seed(data.draw(st.integers(0, 99)))
+    values = (torch.rand(CUBE.dims, generator=generator) < share).float() * 4 - 2
+    held = held_as(CUBE, values, data.draw(partitions(CUBE)))
+    closed = data.draw(mostly_closed(width, height))
+    all_sent, some_sent = frame(held, scene), frame(held, scene, Step.F, tile_map(closed, width, height))
     assert some_sent.visited == all_sent.visited
 
-    reach = sample_reach(scene, plan_frame(scene, geometry, step))
+    reach = sample_reach(scene, plan_frame(scene, CUBE, Step.F))
     left = iter(some_sent.rows)
     expected = next(left, None)
     for row in all_sent.rows:
         if row == expected:
             expected = next(left, None)
-            continue
-        columns, rows = (
-            slice(max(int(row[2 + axis] / LATTICE - reach[axis]), 0) // TILE_SIDE,
-                  int(row[2 + axis] / LATTICE + reach[axis]) // TILE_SIDE + 1)
-            for axis in range(2)
-        )  # fmt: skip
-        assert closed[rows, columns].all()
+        else:
+            assert closed[reached_tiles(row[2:4], reach)].all()
     assert expected is None
+
+
+def test_most_of_what_is_hidden_is_left_out() -> None:
+    scene = plain_scene(view=View(zoom=4.0), size=(4 * SIDE, 4 * SIDE), order=Order.FRONT_TO_BACK)
+    held = held_as(CUBE, torch.ones(SIDE, SIDE, SIDE), [CUBE.box])
+    closed = tiles(4 * SIDE, 4 * SIDE, closed=True)
+    closed[SIDE // 2, SIDE // 2] = False
+    reach = sample_reach(scene, plan_frame(scene, CUBE, Step.F))
+    positions = [row[2:4] for row in frame(held, scene).rows]
+    needed = sum(not closed[reached_tiles(position, reach)].all() for position in positions)
+    sent = len(frame(held, scene, Step.F, tile_map(closed, 4 * SIDE, 4 * SIDE)).rows)
+    assert needed <= sent < len(positions) / 4
 
 
 def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: bool) -> tuple[bytes, int]:
