@@ -27,25 +27,20 @@ struct Offsets {
               kLatticeUnit),
         step(static_cast<double>(row_step) * kLatticeUnit) {}
 
-  std::uint32_t at(std::int32_t n) const { return static_cast<std::uint32_t>(static_cast<std::int32_t>(start + n * step)); }
+  std::uint32_t at(std::int32_t n) const {
+    return static_cast<std::uint32_t>(static_cast<std::int32_t>(start + n * step));
+  }
 };
 
-// Colour and place of one sample at a time.
-class Shading {
+// What the samples of a run are shaded by.
+class RunShading {
  public:
-  Shading(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run)
+  RunShading(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run)
       : samples_(samples),
         tables_(tables),
         lowest_(samples.voxels.positions[run.first]),
         x_(line.start_x, line.step_x, lowest_, run.origin_x),
         y_(line.start_y, line.step_y, lowest_, run.origin_y) {}
-
-  std::uint64_t one(std::size_t s) const {
-    const std::int32_t n = samples_.voxels.positions[s] - lowest_;
-    return x_.at(n) | static_cast<std::uint64_t>(y_.at(n)) << kYShift |
-           static_cast<std::uint64_t>(samples_.opacity[s]) << kOpacityShift |
-           static_cast<std::uint64_t>(colour_bytes(s)) << kColourShift;
-  }
 
  protected:
   const float* emit(std::size_t s) const { return tables_.emit + 4 * samples_.emit.bytes[s * samples_.emit.spacing]; }
@@ -55,36 +50,6 @@ class Shading {
   const ColourTables& tables_;
   const std::int32_t lowest_;
   const Offsets x_, y_;
-
- private:
-  float light(std::size_t s) const { return tables_.light[samples_.voxels.packets[s] >> 16 & 0x7FFF]; }
-
-#if defined(__SSE2__)
-
-  // r | g << 8 | b << 16
-  std::uint32_t colour_bytes(std::size_t s) const {
-    const __m128 reflected = _mm_mul_ps(_mm_loadu_ps(refl(s)), _mm_set1_ps(light(s)));
-    const __m128 sum = _mm_add_ps(_mm_loadu_ps(emit(s)), reflected);
-    const __m128 clamped = _mm_min_ps(_mm_max_ps(sum, _mm_setzero_ps()), _mm_set1_ps(1.0f));
-    const __m128 levels = _mm_add_ps(_mm_mul_ps(clamped, _mm_set1_ps(255.0f)), _mm_set1_ps(0.5f));
-    const __m128i whole = _mm_cvttps_epi32(levels);
-    const __m128i words = _mm_packs_epi32(whole, whole);
-    return static_cast<std::uint32_t>(_mm_cvtsi128_si32(_mm_packus_epi16(words, words)));
-  }
-
-#else
-
-  std::uint32_t colour_bytes(std::size_t s) const {
-    return colour_byte(s, 0) | colour_byte(s, 1) << 8 | colour_byte(s, 2) << 16;
-  }
-
-  std::uint32_t colour_byte(std::size_t s, int channel) const {
-    const float sum = emit(s)[channel] + refl(s)[channel] * light(s);
-    const float clamped = sum > 1.0f ? 1.0f : sum > 0.0f ? sum : 0.0f;
-    return static_cast<std::uint32_t>(clamped * 255.0f + 0.5f);
-  }
-
-#endif
 };
 
 #if defined(__AVX512F__)
@@ -93,13 +58,12 @@ constexpr std::size_t kTogether = 16;
 
 // Sixteen samples at a time. Colours are worked on in four registers: number q holds samples q, 4 + q, 8 + q and
 // 12 + q, so that packing to bytes leaves them in order.
-class ManyShading : public Shading {
+class GroupShading : public RunShading {
  public:
-  ManyShading(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run)
-      : Shading(samples, tables, line, run) {}
+  using RunShading::RunShading;
 
   // Writes samples s..s+15 to out..out+15, or the other way round.
-  void many(std::size_t s, bool descending, std::uint64_t* out) const {
+  void write(std::size_t s, bool descending, std::uint64_t* out) const {
     const __m512i colours = colours_of(s);
     const __m512i codes = widened(samples_.opacity + s);
     const __m512i n = _mm512_sub_epi32(widened(samples_.voxels.positions + s), _mm512_set1_epi32(lowest_));
@@ -166,13 +130,12 @@ constexpr std::size_t kTogether = 8;
 
 // Eight samples at a time. Colours are worked on in four registers: number q holds samples q and 4 + q, so that
 // packing to bytes leaves them in order.
-class ManyShading : public Shading {
+class GroupShading : public RunShading {
  public:
-  ManyShading(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run)
-      : Shading(samples, tables, line, run) {}
+  using RunShading::RunShading;
 
   // Writes samples s..s+7 to out..out+7, or the other way round.
-  void many(std::size_t s, bool descending, std::uint64_t* out) const {
+  void write(std::size_t s, bool descending, std::uint64_t* out) const {
     const __m256i colours = colours_of(s);
     const __m256i codes = widened(samples_.opacity + s);
     const __m256i n = _mm256_sub_epi32(widened(samples_.voxels.positions + s), _mm256_set1_epi32(lowest_));
@@ -228,18 +191,63 @@ class ManyShading : public Shading {
   }
 };
 
+#else
+
+constexpr std::size_t kTogether = 1;
+
+class GroupShading : public RunShading {
+ public:
+  using RunShading::RunShading;
+
+  void write(std::size_t s, bool, std::uint64_t* out) const {
+    const std::int32_t n = samples_.voxels.positions[s] - lowest_;
+    *out = x_.at(n) | static_cast<std::uint64_t>(y_.at(n)) << kYShift |
+           static_cast<std::uint64_t>(samples_.opacity[s]) << kOpacityShift |
+           static_cast<std::uint64_t>(colour_bytes(s)) << kColourShift;
+  }
+
+ private:
+  float light(std::size_t s) const { return tables_.light[samples_.voxels.packets[s] >> 16 & 0x7FFF]; }
+
+#if defined(__SSE2__)
+
+  // r | g << 8 | b << 16
+  std::uint32_t colour_bytes(std::size_t s) const {
+    const __m128 reflected = _mm_mul_ps(_mm_loadu_ps(refl(s)), _mm_set1_ps(light(s)));
+    const __m128 sum = _mm_add_ps(_mm_loadu_ps(emit(s)), reflected);
+    const __m128 clamped = _mm_min_ps(_mm_max_ps(sum, _mm_setzero_ps()), _mm_set1_ps(1.0f));
+    const __m128 levels = _mm_add_ps(_mm_mul_ps(clamped, _mm_set1_ps(255.0f)), _mm_set1_ps(0.5f));
+    const __m128i whole = _mm_cvttps_epi32(levels);
+    const __m128i words = _mm_packs_epi32(whole, whole);
+    return static_cast<std::uint32_t>(_mm_cvtsi128_si32(_mm_packus_epi16(words, words)));
+  }
+
+#else
+
+  std::uint32_t colour_bytes(std::size_t s) const {
+    return colour_byte(s, 0) | colour_byte(s, 1) << 8 | colour_byte(s, 2) << 16;
+  }
+
+  std::uint32_t colour_byte(std::size_t s, int channel) const {
+    const float sum = emit(s)[channel] + refl(s)[channel] * light(s);
+    const float clamped = sum > 1.0f ? 1.0f : sum > 0.0f ? sum : 0.0f;
+    return static_cast<std::uint32_t>(clamped * 255.0f + 0.5f);
+  }
+
+#endif
+};
+
 #endif
 
 }  // namespace
 
 void shade(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
            std::uint64_t* out) {
-#if defined(__AVX2__)
-  const ManyShading shading(samples, tables, line, run);
+  const GroupShading shading(samples, tables, line, run);
   if (run.count < kTogether) {
-    // Shade what lies behind the run too, but do not write it
+    // Shade what lies behind the run too, but do not hand it out
     std::uint64_t all[kTogether];
-    shading.many(run.first, run.descending, all);
+    shading.write(run.first, run.descending, all);
     const std::uint64_t* ours = run.descending ? all + (kTogether - run.count) : all;
     for (std::size_t n = 0; n < run.count; ++n) out[n] = ours[n];
     return;
@@ -247,14 +255,8 @@ void shade(const SurvivingSamples& samples, const ColourTables& tables, const Ro
   for (std::size_t done = 0; done < run.count; done += kTogether) {
     // The last group overlaps the one before
     const std::size_t at = done + kTogether <= run.count ? done : run.count - kTogether;
-    shading.many(run.first + at, run.descending, out + (run.descending ? run.count - kTogether - at : at));
+    shading.write(run.first + at, run.descending, out + (run.descending ? run.count - kTogether - at : at));
   }
-#else
-  const Shading shading(samples, tables, line, run);
-  for (std::size_t n = 0; n < run.count; ++n) {
-    out[run.descending ? run.count - 1 - n : n] = shading.one(run.first + n);
-  }
-#endif
 }
 
 }  // namespace volsplat::VOLSPLAT_PATH

@@ -10,7 +10,6 @@ constexpr double kOpacityUnit = 511.0 * 16384.0;
 constexpr std::int32_t kLastCode = 4095;
 
 inline double magnitude(double x) { return x < 0.0 ? -x : x; }
-inline double dot(double x, double y, double z, const double* v) { return x * v[0] + y * v[1] + z * v[2]; }
 
 // The nearest 12-bit code of 0..1, halves up; see protocol/packet_layout.py.
 inline std::uint16_t code_of_opacity(double opacity) {
@@ -25,24 +24,33 @@ inline std::uint16_t code_of_opacity(double opacity) {
   return static_cast<std::uint16_t>(code < kLastCode ? code : kLastCode);
 }
 
+template <bool two_sided, bool specular>
+void fill_light(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table) {
+  const double *gx = directions.x, *gy = directions.y, *gz = directions.z;
+  const double lx = lighting.light[0], ly = lighting.light[1], lz = lighting.light[2];
+  const double hx = lighting.half[0], hy = lighting.half[1], hz = lighting.half[2];
+  const double diffuse = lighting.diffuse ? 1.0 : 0.0, shininess = lighting.specular_power;
+#pragma GCC ivdep
+  for (std::size_t code = 0; code < n; ++code) {
+    // The outward normal G is the opposite of the gradient; no direction, no light
+    const double along_light = -(gx[code] * lx + gy[code] * ly + gz[code] * lz);
+    const double along_half = -(gx[code] * hx + gy[code] * hy + gz[code] * hz);
+    const double towards_light = two_sided ? magnitude(along_light) : along_light;
+    const double towards_half = two_sided ? magnitude(along_half) : along_half;
+    const double highlight = specular ? power_of(towards_half, shininess) : 0.0;
+    const double sum = towards_light * diffuse + highlight;
+    table[code] = static_cast<float>(towards_light > 0.0 ? sum : 0.0);
+  }
+}
+
 }  // namespace
 
 double power(double base, double exponent) { return power_of(base, exponent); }
 
 void light(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table) {
-  const double *gx = directions.x, *gy = directions.y, *gz = directions.z;
-  const double diffuse = lighting.diffuse ? 1.0 : 0.0;
-  const Lighting by = lighting;
-  for (std::size_t code = 0; code < n; ++code) {
-    // The outward normal G is the opposite of the gradient; no direction, no light
-    const double along_light = -dot(gx[code], gy[code], gz[code], by.light);
-    const double along_half = -dot(gx[code], gy[code], gz[code], by.half);
-    const double towards_light = by.two_sided ? magnitude(along_light) : along_light;
-    const double towards_half = by.two_sided ? magnitude(along_half) : along_half;
-    const double specular = by.specular ? power_of(towards_half, by.specular_power) : 0.0;
-    const double sum = towards_light * diffuse + specular;
-    table[code] = static_cast<float>(towards_light > 0.0 ? sum : 0.0);
-  }
+  const auto fill = lighting.two_sided ? (lighting.specular ? fill_light<true, true> : fill_light<true, false>)
+                                       : (lighting.specular ? fill_light<false, true> : fill_light<false, false>);
+  fill(directions, n, lighting, table);
 }
 
 void opacity_codes(const double* thin, std::size_t n, double exponent, std::uint16_t* codes) {
