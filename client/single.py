@@ -172,7 +172,8 @@ class SingleProcess:
         self._image = assembly.image
         quantisation = self._packed(self._volume.quantisation(scene.quantise))
         self._say(f"step {step}")
-        return FrameWalk([self._sub_cube], geometry, quantisation, scene, assembly.plan), assembly
+        walk = FrameWalk([self._sub_cube], geometry, quantisation, scene, assembly.plan, assembly.image.closed_tiles)
+        return walk, assembly
 
     def _packed(self, quantisation: Quantisation) -> Quantisation:
         """Have the voxels packed by these rules."""
@@ -205,4 +206,4 @@ class SingleProcess:
 
 
 def _tensor(assembly: FrameAssembly) -> Tensor:
-    return image_tensor(bytearray(assembly.published()), assembly.plan.width, assembly.plan.height)
+    return image_tensor(assembly.published(), assembly.plan.width, assembly.plan.height)

@@ -11,6 +11,7 @@ import time
 from array import array
 from dataclasses import asdict, dataclass
 
+from volsplat.mapshade_server.data_link import DataLink
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -55,8 +56,7 @@ class MapShadeServer:
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
-        self._route: messages.Route | None = None
-        self._splat_server: Connection | None = None  # at the end of the route
+        self._data_link: DataLink | None = None
         self._sub_cubes: list[SubCube] = []
         self._assignment = 0
 
@@ -161,22 +161,17 @@ class MapShadeServer:
         if len(request.routes) != 1:
             raise BadInput(f"this version draws with one splat server, not {len(request.routes)}")
         route = request.routes[0]
-        if route != self._route or self._splat_server is None or self._splat_server.closed:
+        if self._data_link is None or self._data_link.closed or self._data_link.route != route:
             self._close_data_link()
-            self._splat_server = connect(
-                Address(route.host, route.port),
-                new_hello(Role.DATA_LINK, server=self._client.id),
-                self._token,
-                Role.SPLAT_SERVER,
-                server=route.server,
-            )
-            self._route = route
+            address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=self._client.id)
+            connection = connect(address, hello, self._token, Role.SPLAT_SERVER, server=route.server)
+            self._data_link = DataLink(route, connection)
         self._client.send(messages.ConnectedToSplatServers(servers=[route.server]))
 
     def _close_data_link(self) -> None:
-        if self._splat_server is not None:
-            self._splat_server.close()
-        self._splat_server, self._route = None, None
+        if self._data_link is not None:
+            self._data_link.close()
+        self._data_link = None
 
     def _on_AbortFrame(self, request: messages.AbortFrame) -> None:
         # The frame's walk ended before this request's turn came.
@@ -185,12 +180,14 @@ class MapShadeServer:
     def _on_RenderFrame(self, request: messages.RenderFrame) -> None:
         if request.assignment != self._assignment:
             raise BadInput(f"frame {request.frame} is for assignment {request.assignment}, not {self._assignment}")
-        if self._splat_server is None:
+        link = self._data_link
+        if link is None:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
         tally = FrameTally()
         started = time.perf_counter()
         plan = plan_frame(request.scene, request.geometry, request.step)
-        walk = FrameWalk(self._sub_cubes, request.geometry, request.quantisation, request.scene, plan)
+        tile_map = link.begin_frame(request.frame, plan.width, plan.height)
+        walk = FrameWalk(self._sub_cubes, request.geometry, request.quantisation, request.scene, plan, tile_map)
         tally.planning_seconds = time.perf_counter() - started
         while self._newest_frame <= request.frame:
             started = time.perf_counter()
@@ -199,11 +196,9 @@ class MapShadeServer:
             if batch is None:
                 self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats()))
                 return
-            self._send_batch(request.frame, tally, batch)
+            self._send_batch(link, request.frame, tally, batch)
 
-    def _send_batch(self, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:
-        link = self._splat_server
-        assert link is not None
+    def _send_batch(self, link: DataLink, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:
         message = messages.Batch(
             frame=frame,
             worker=self._client.id,

@@ -16,6 +16,11 @@ def tile_map_bytes(width: int, height: int) -> int:
     return rows * words * WORD_BYTES
 
 
+def new_tile_map(width: int, height: int) -> memoryview:
+    """A map with no tile closed: uint64 shaped `tile_map_shape`."""
+    return memoryview(bytearray(tile_map_bytes(width, height))).cast("Q", tile_map_shape(width, height))
+
+
 def tile_map_shape(width: int, height: int) -> tuple[int, int]:
     """Rows of tiles, and words of each, of an image of so many pixels."""
     rows, columns = -(-height // TILE_SIDE), -(-width // TILE_SIDE)

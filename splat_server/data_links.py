@@ -66,6 +66,11 @@ class DataLinks:
         with self._changed:
             return dict(self._held_back)
 
+    def of_unfinished_workers(self) -> list[Connection]:
+        """The links over which batches of the running frame are still to come."""
+        with self._changed:
+            return [self._links[worker] for worker in self._merge.unfinished if worker in self._links]
+
     def cut_off(self, refusal: RefuseBatch) -> None:
         """Close the link of a worker that broke the rules; its thread then tells the merge of the loss."""
         log.warning("%s; its connection is closed", refusal.fault)

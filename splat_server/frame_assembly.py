@@ -64,7 +64,6 @@ class FrameAssembly:
         self.complete = False
         self.lost: tuple[int, ...] = ()
         self.packets = 0
-        self.hidden_packets = 0
         self.seconds_in_merge = 0.0
         self.seconds_in_splat = 0.0
         self._reach = pixel_reach(self.plan, scene.reconstruction)
@@ -118,7 +117,12 @@ class FrameAssembly:
             waits_for = self.merge.waits_for if self.merge.running_frame == self.frame else None
         return Progress(packets, waits_for, self.complete, self.lost)
 
-    def published(self) -> bytes:
+    @property
+    def hidden_packets(self) -> int:
+        """How many of them lay wholly behind frozen pixels."""
+        return self.image.hidden_packets
+
+    def published(self) -> memoryview:
         """The image as it stands, edges included: height x width x 4 float32, little endian, associated alpha."""
         return self.image.published(*self._layers) if self._layers else self.image.snapshot()
 

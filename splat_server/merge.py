@@ -26,7 +26,9 @@ from volsplat.splat_server.merge_events import (
     WorkerLost,
 )
 
-CONNECTION_BUDGET = 64 << 20  # bytes buffered for one worker, beyond which its connection is held back
+# Bytes buffered for one worker, beyond which its connection is held back: enough to bridge any pause of the network,
+# and little enough that a worker hears of closed tiles before it has shaded what lies behind them.
+CONNECTION_BUDGET = 8 << 20
 
 
 @dataclass
@@ -66,6 +68,11 @@ class Merge:
         if self._running is None or self._running.buffers.waits_for < 0:
             return None
         return self._running.workers[self._running.buffers.waits_for]
+
+    @property
+    def unfinished(self) -> tuple[WorkerId, ...]:
+        """Workers of the running frame whose last batch is still to come."""
+        return tuple(self._running.unfinished) if self._running else ()
 
     def buffered_bytes(self, worker: WorkerId) -> int:
         return self._buffered.get(worker, 0)

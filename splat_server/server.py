@@ -20,10 +20,13 @@ from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import FrameAborted
 from volsplat.splat_server.outbox import Outbox
+from volsplat.splat_server.tile_news import TileNews
 
 # What is splatted between two looks at the client's requests, by whichever is reached first: some milliseconds.
 PACKETS_AT_ONCE = 1 << 15
 PIXELS_AT_ONCE = 1 << 22
+
+TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles
 
 
 def packets_at_once(pixels_per_packet: int) -> int:
@@ -51,8 +54,11 @@ class SplatServer:
         self._planning_seconds = 0.0
         self._waiting_seconds = 0.0
         self._answering_seconds = 0.0
+        self._hidden_told = 0  # hidden packets when the workers last heard which tiles are closed
+        self._tiles_told_at = 0.0
 
         self._data_links = DataLinks(data_links, self._merge, self._changed, self._note_news)
+        self._tile_news = TileNews()
         self._outbox = Outbox(client, image_sent=self._notify, failed=self._end)
 
     def run(self) -> None:
@@ -64,6 +70,7 @@ class SplatServer:
         finally:
             self._client.close()
             self._data_links.close()
+            self._tile_news.close()
             self._outbox.close()
             receiver.join()
             if self._assembly is not None:
@@ -113,6 +120,7 @@ class SplatServer:
             self._news = self._news or (progress.waits_for is None and not progress.complete)
             self._changed.notify_all()  # buffers were released, or another worker is waited for
         if not progress.complete:
+            self._tell_closed_tiles(assembly)
             return
         self._drawing = False
         self._outbox.post(
@@ -122,6 +130,18 @@ class SplatServer:
         )
         if not progress.lost:
             self._images_wanted.append(messages.ReadImage(frame=assembly.frame))
+
+    def _tell_closed_tiles(self, assembly: FrameAssembly) -> None:
+        """Have the workers leave out what is hidden. Hidden packets show that more of it is likely to come."""
+        now = time.perf_counter()
+        if assembly.hidden_packets == self._hidden_told or now - self._tiles_told_at < TILE_NEWS_SECONDS:
+            return
+        self._hidden_told, self._tiles_told_at = assembly.hidden_packets, now
+        links = self._data_links.of_unfinished_workers()
+        if links:
+            plan = assembly.plan
+            closed = messages.TilesClosed(frame=assembly.frame, width=plan.width, height=plan.height)
+            self._tile_news.post(closed, bytes(assembly.image.closed_tiles), links)
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
         return messages.SplatStats(
@@ -163,6 +183,7 @@ class SplatServer:
         self._data_links.begin_frame(request.frame)
         self._note_news()
         self._waiting_seconds = self._answering_seconds = 0.0
+        self._hidden_told = 0
         self._drawing = False
         before, self._assembly = self._assembly, None
         self._assembly = FrameAssembly(

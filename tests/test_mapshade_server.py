@@ -6,19 +6,22 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import torch
+from arbitrary import plain_scene
 from phantoms import QUANTISATION, shaded_scene
 
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.volume_writer import write_volume
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.protocol import messages
+from volsplat.protocol.closed_tiles import new_tile_map
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import Bounds, Scene, Step, View
+from volsplat.protocol.scene import Bounds, Order, Scene, Step, View
 from volsplat.protocol.tokens import new_token
 from volsplat.protocol.volume import Geometry
 
@@ -200,3 +203,29 @@ def test_a_lost_client_ends_the_server_and_its_link(bench: Bench) -> None:
         assert isinstance(bench.failure, PeerLost)
         with pytest.raises(PeerLost):
             link.receive()
+
+
+def test_what_lies_behind_closed_tiles_is_left_out(bench: Bench, tmp_path: Path) -> None:
+    """The volume's packets are more than the link holds, so that most are still to be made when the news comes."""
+    side, size = 160, (320, 320)
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    opaque = plain_scene(view=View(zoom=1.0), size=size, order=Order.FRONT_TO_BACK)
+    with bench.accepts(0) as link:
+        bench.control.send(render(1, geometry, opaque))
+        first = link.receive()
+        assert first is not None and isinstance(first.message, messages.Batch)
+        tiles = new_tile_map(*size)
+        tiles.cast("B")[:] = b"\xff" * tiles.nbytes
+        link.send(messages.TilesClosed(1, *size), tiles.cast("B"))
+        packets, batch = first.message.packet_count, first.message
+        while not batch.last:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.Batch)
+            batch = received.message
+            packets += batch.packet_count
+        mapped = bench.hears(messages.FrameMapped)
+    assert isinstance(mapped, messages.FrameMapped)
+    assert packets == mapped.stats.packets < side**3

@@ -11,6 +11,7 @@ import msgspec
 import psutil
 import pytest
 import torch
+from arbitrary import plain_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from phantoms import QUANTISATION, shaded_scene, shells
@@ -19,10 +20,11 @@ from rendering import rendered
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
+from volsplat.protocol.closed_tiles import TILE_SIDE, tile_map_shape
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import PeerLost, VolsplatError
-from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.frame_plan import FROZEN_ALPHA, plan_frame
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.refusals import OUT_OF_MEMORY
@@ -425,3 +427,31 @@ def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(
     counted = FrameAssembly(scene, geometry, step, 1, [1]).pixels_per_packet
     assert touched <= counted <= 64 * (touched + 200 + 160)
     assert packets_at_once(counted) * counted <= max(PIXELS_AT_ONCE, counted)
+
+
+def test_unfinished_workers_hear_which_tiles_are_closed_and_these_are_frozen(bench: Bench) -> None:
+    """An opaque cube in three slabs, one behind the other: the nearest hides the others."""
+    width, height = 96, 80
+    scene = plain_scene(view=View(zoom=4.0), size=(width, height), order=Order.FRONT_TO_BACK)
+    of_workers = batches(slabs(2, 8, 16), scene, max_packets=200)
+    bench.renders(1, scene)
+    *rest, last = [
+        (worker, sequence, batch)
+        for worker, sent in zip(WORKERS, of_workers, strict=True)
+        for sequence, batch in enumerate(sent)
+    ]
+    for worker, sequence, batch in rest:
+        bench.sends(worker, 1, sequence, batch)
+    received = bench.links[last[0]].receive()
+    assert received is not None and received.message == messages.TilesClosed(1, width, height)
+    tiles = received.payload.cast("Q", tile_map_shape(width, height))
+    bench.sends(last[0], 1, *last[1:])
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.stats.hidden_packets > 0
+    pixels = bytearray(bench.hears(messages.ImageRead)[1])
+    alpha = torch.frombuffer(pixels, dtype=torch.float32).reshape(height, width, 4)[..., 3]
+    in_tiles = alpha.unfold(0, TILE_SIDE, TILE_SIDE).unfold(1, TILE_SIDE, TILE_SIDE)
+    closed = torch.tensor(
+        [[tiles[r, 0] >> c & 1 for c in range(width // TILE_SIDE)] for r in range(height // TILE_SIDE)]
+    )
+    assert closed.any() and float(in_tiles[closed.bool()].min()) >= FROZEN_ALPHA

@@ -1,0 +1,69 @@
+"""The link to the splat server: batches go there, and from there comes word of what they may leave out.
+
+One thread sends; one of the link's own hears which tiles of the image are closed.
+"""
+
+import threading
+from typing import TYPE_CHECKING, NamedTuple
+
+from volsplat.protocol import messages
+from volsplat.protocol.closed_tiles import new_tile_map
+from volsplat.protocol.connection import Connection, ConnectionClosed, Counters
+from volsplat.protocol.errors import VolsplatError
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+
+class FrameTiles(NamedTuple):
+    """The map of closed tiles of a frame, as far as it is known here."""
+
+    frame: int
+    map: memoryview
+
+
+class DataLink:
+    """An open connection to the splat server at the end of a route."""
+
+    def __init__(self, route: messages.Route, connection: Connection) -> None:
+        self.route = route
+        self._connection = connection
+        self._tiles = FrameTiles(0, new_tile_map(1, 1))  # replaced by the sending thread, filled by the hearing one
+        self._failure: VolsplatError | None = None  # how the splat server was lost
+        self._hearing = threading.Thread(target=self._hear, name=f"receive from {connection.peer}", daemon=True)
+        self._hearing.start()
+
+    @property
+    def closed(self) -> bool:
+        return self._connection.closed
+
+    @property
+    def counters(self) -> Counters:
+        return self._connection.counters
+
+    def begin_frame(self, frame: int, width: int, height: int) -> memoryview:
+        """The map of closed tiles of a frame's image, filled from now on (see protocol.closed_tiles)."""
+        self._tiles = FrameTiles(frame, new_tile_map(width, height))
+        return self._tiles.map
+
+    def send(self, batch: messages.Batch, *payload: "Buffer") -> None:
+        """Raises PeerLost where the splat server is gone."""
+        try:
+            self._connection.send(batch, *payload)
+        except ConnectionClosed as closed:
+            self._hearing.join()  # it closed the connection, and is about to say why
+            raise self._failure or closed from None
+
+    def close(self) -> None:
+        self._connection.close()
+        self._hearing.join()
+
+    def _hear(self) -> None:
+        try:
+            while (received := self._connection.receive()) is not None:
+                tiles = self._tiles
+                assert isinstance(received.message, messages.TilesClosed)
+                if received.message.frame == tiles.frame and len(received.payload) == tiles.map.nbytes:
+                    tiles.map.cast("B")[:] = received.payload
+        except VolsplatError as error:
+            self._failure = error
