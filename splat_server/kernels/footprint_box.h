@@ -14,6 +14,7 @@ struct FootprintBox {
     const float* over_half_chord;  // amplitude * P, `intervals` + 2 entries, the first 0
     int32_t intervals;
     int32_t width, height;       // of the box of pixels
+    int32_t pitch;               // weights from one row to the next; zeros from the width on
     int32_t offsets;             // fractional offsets a pixel on each axis
     const int32_t* start_x;      // of the box, in pixels from the sample's pixel, for each offset
     const int32_t* start_y;

@@ -15,6 +15,9 @@ int pixels_across(double half_extent) {
     return std::max(1, static_cast<int>(std::ceil(2 * (half_extent - kRimSlack))));
 }
 
+// The splat loop takes four pixels at least at once.
+int padded(int width) { return (width + 3) & -4; }
+
 int checked_offsets(int offset_bits) {
     if (offset_bits < 0 || offset_bits > kSubpixelBits)
         throw std::invalid_argument("a footprint table has 2^0 to 2^6 offsets a pixel");
@@ -31,7 +34,7 @@ double checked_extent(double half_extent) {
 
 double FootprintTable::bytes_needed(const Ellipse& ellipse, int offset_bits) {
     const double pixels =
-        static_cast<double>(pixels_across(ellipse.half_width)) * pixels_across(ellipse.half_height);
+        static_cast<double>(padded(pixels_across(ellipse.half_width))) * pixels_across(ellipse.half_height);
     return std::ldexp(pixels, 2 * offset_bits) * sizeof(float);
 }
 
@@ -44,15 +47,15 @@ FootprintTable::Starts::Starts(double half_extent, int offsets) : step(offsets) 
 
 FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse& ellipse, int offset_bits)
     : offset_bits_(offset_bits),
-      box_width_(pixels_across(checked_extent(ellipse.half_width))),
-      box_height_(pixels_across(checked_extent(ellipse.half_height))),
+      width_(pixels_across(checked_extent(ellipse.half_width))),
+      height_(pixels_across(checked_extent(ellipse.half_height))),
+      pitch_(padded(width_)),
       start_x_(ellipse.half_width, checked_offsets(offset_bits)),
       start_y_(ellipse.half_height, checked_offsets(offset_bits)) {
     if (!std::isfinite(ellipse.amplitude)) throw std::invalid_argument("a footprint needs a finite amplitude");
     clamped_ = ellipse.amplitude * projection.at_square(0) > 1;  // P falls from its middle on
     const int offsets = 1 << offset_bits;
-    const std::size_t count = static_cast<std::size_t>(offsets) * offsets * box_width_ * box_height_;
-    memory_.assign(count + 2 * kMarginWeights, 0.0f);
+    weights_.assign(static_cast<std::size_t>(offsets) * offsets * height_ * pitch_, 0.0f);
     const std::vector<float> scaled = projection.over_half_chord(ellipse.amplitude);
     const auto intervals = static_cast<std::int32_t>(scaled.size()) - 2;
     const FootprintBox box{static_cast<float>(ellipse.qxx),
@@ -62,42 +65,42 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
                            static_cast<float>(intervals / projection.radius()),
                            scaled.data(),
                            intervals,
-                           box_width_,
-                           box_height_,
+                           width_,
+                           height_,
+                           pitch_,
                            offsets,
                            start_x_.at.data(),
                            start_y_.at.data()};
-    fill_footprints(box, memory_.data() + kMarginWeights);
+    fill_footprints(box, weights_.data());
     find_spans();
 }
 
 void FootprintTable::find_spans() {
-    spans_.assign(box_height_, {box_width_, 0});
-    const float* row = weights();
+    spans_.assign(height_, {width_, 0});
+    const float* row = weights_.data();
     const std::size_t boxes = std::size_t(1) << 2 * offset_bits_;
     for (std::size_t box = 0; box < boxes; ++box)
         for (RowSpan& span : spans_) {
-            int begin = 0, end = box_width_;
+            int begin = 0, end = width_;
             while (begin < span.begin && !(row[begin] > 0)) ++begin;
             while (end > span.end && !(row[end - 1] > 0)) --end;
             span = {std::min(begin, span.begin), std::max(end, span.end)};
-            row += box_width_;
+            row += pitch_;
         }
 }
-
-std::size_t FootprintTable::bytes() const { return (memory_.size() - 2 * kMarginWeights) * sizeof(float); }
 
 std::tuple<int, int, std::vector<float>> FootprintTable::weights_at(int fx, int fy) const {
     const int n = 1 << offset_bits_;
     if (fx < 0 || fx >= n || fy < 0 || fy >= n) throw std::invalid_argument("no such offset in the footprint table");
-    const std::size_t pixels = static_cast<std::size_t>(box_width_) * box_height_;
-    const float* box = weights() + (static_cast<std::size_t>(fy) * n + fx) * pixels;
-    return {start_x_.at[fx], start_y_.at[fy], std::vector<float>(box, box + pixels)};
+    std::vector<float> box;
+    const float* row = weights_.data() + static_cast<std::size_t>(fy * n + fx) * height_ * pitch_;
+    for (int y = 0; y < height_; ++y, row += pitch_) box.insert(box.end(), row, row + width_);
+    return {start_x_.at[fx], start_y_.at[fy], std::move(box)};
 }
 
 FootprintView FootprintTable::view() const {
-    return {weights(),    spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0],
-            start_y_.step, offset_bits_,  box_width_,     box_height_,   clamped_};
+    return {weights_.data(), spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0], start_y_.step,
+            offset_bits_,    width_,        height_,        pitch_,        clamped_};
 }
 
 }  // namespace volsplat

@@ -27,9 +27,9 @@ public:
     // rows. Throws std::invalid_argument for offsets outside the table.
     std::tuple<int, int, std::vector<float>> weights_at(int fx, int fy) const;
     int offset_bits() const { return offset_bits_; }
-    int width() const { return static_cast<int>(box_width_); }
-    int height() const { return static_cast<int>(box_height_); }
-    std::size_t bytes() const;
+    int width() const { return width_; }
+    int height() const { return height_; }
+    std::size_t bytes() const { return weights_.size() * sizeof(float); }
 
 private:
     // Where the box begins for each offset: at `first`, from offset `step` on one pixel later.
@@ -39,13 +39,12 @@ private:
         int step;
     };
 
-    const float* weights() const { return memory_.data() + kMarginWeights; }
     void find_spans();
 
-    int offset_bits_, box_width_, box_height_;
+    int offset_bits_, width_, height_, pitch_;
     bool clamped_;
     Starts start_x_, start_y_;
-    std::vector<float> memory_;  // the weights, between two margins of zeros
+    std::vector<float> weights_;
     std::vector<RowSpan> spans_;
 };
 

@@ -1,6 +1,6 @@
-// The image buffer's memory: associated float32, in groups of 8 pixels of a row, each 8 x red, 8 x green, 8 x blue,
-// 8 x alpha, so that the splat loop combines whole vectors without shuffling. Rows lie between margins of groups that
-// the loop may touch but never changes. Beside it, the map of closed tiles (protocol/closed_tiles.py).
+// The image buffer's memory: associated float32, each row as four planes of red, green, blue and alpha, so that the
+// splat loop combines neighbouring pixels without shuffling. Planes lie between margins that the loop may write to.
+// Beside it, the map of closed tiles (protocol/closed_tiles.py).
 #pragma once
 #include <atomic>
 #include <cstddef>
@@ -23,7 +23,8 @@ public:
     void note(const SplatOutcome& outcome);
 
     ImageView view();
-    const float* row(int y) const { return first_group_ + y * pitch_; }
+    const float* row(int y) const { return first_pixel_ + y * 4 * plane_; }
+    std::int64_t plane() const { return plane_; }  // floats from one channel of a row to the next
     int width() const { return width_; }
     int height() const { return height_; }
     // Rows outside of these are empty.
@@ -40,9 +41,9 @@ private:
         void operator()(float* memory) const;
     };
     int width_, height_;
-    std::int64_t pitch_;  // floats
+    std::int64_t plane_;
     std::unique_ptr<float[], Free> memory_;
-    float* first_group_;
+    float* first_pixel_;
     std::atomic<int> row_begin_, row_end_;  // read while another thread splats
     std::int64_t tile_rows_, tile_words_;
     std::vector<std::uint64_t> closed_tiles_;

@@ -19,9 +19,8 @@ Four four_at(const float* address) {
 }
 
 // Four pixels, from planes of red, green, blue and alpha to pixels side by side.
-void interleave(const float* planes, float* pixels) {
-    const Four r = four_at(planes), g = four_at(planes + kGroupPixels), b = four_at(planes + 2 * kGroupPixels),
-               a = four_at(planes + kAlphaPlane);
+void interleave(const float* row, std::int64_t plane, float* pixels) {
+    const Four r = four_at(row), g = four_at(row + plane), b = four_at(row + 2 * plane), a = four_at(row + 3 * plane);
     const Places low = {0, 4, 1, 5}, high = {2, 6, 3, 7}, first = {0, 1, 4, 5}, second = {2, 3, 6, 7};
     const Four rg01 = __builtin_shuffle(r, g, low), rg23 = __builtin_shuffle(r, g, high);
     const Four ba01 = __builtin_shuffle(b, a, low), ba23 = __builtin_shuffle(b, a, high);
@@ -30,13 +29,12 @@ void interleave(const float* planes, float* pixels) {
     std::memcpy(pixels, four, sizeof four);
 }
 
-void publish_row(const float* groups, int width, float* target) {
+void publish_row(const float* row, std::int64_t plane, int width, float* target) {
     int x = 0;
-    for (; x + 4 <= width; x += 4)
-        interleave(groups + x / kGroupPixels * kGroupFloats + x % kGroupPixels, target + x * 4);
+    for (; x + 4 <= width; x += 4) interleave(row + x, plane, target + x * 4);
     if (x == width) return;
     float rest[16];
-    interleave(groups + x / kGroupPixels * kGroupFloats + x % kGroupPixels, rest);
+    interleave(row + x, plane, rest);
     std::memcpy(target + x * 4, rest, (width - x) * 4 * sizeof(float));
 }
 
@@ -46,7 +44,7 @@ void publish(const ImageMemory& image, float* target) {
     const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
     const int begin = std::min(image.row_begin(), image.height()), end = std::max(image.row_end(), begin);
     std::memset(target, 0, begin * row * sizeof(float));
-    for (int y = begin; y < end; ++y) publish_row(image.row(y), image.width(), target + y * row);
+    for (int y = begin; y < end; ++y) publish_row(image.row(y), image.plane(), image.width(), target + y * row);
     std::memset(target + end * row, 0, (image.height() - end) * row * sizeof(float));
 }
 

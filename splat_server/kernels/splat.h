@@ -11,7 +11,7 @@ SplatOutcome splat(const SplatJob& job);
 // Writes the rows of pixels that each run of the job reaches.
 void find_run_rows(const SplatJob& job, RowSpan* rows);
 
-// Writes [offsets y][offsets x][height][width] weights.
+// Writes [offsets y][offsets x][height][pitch] weights into zeros.
 void fill_footprints(const FootprintBox& box, float* weights);
 
 }  // namespace volsplat

@@ -15,18 +15,12 @@ constexpr int kColourShift = 40;
 constexpr double kLargestHalfExtent = 16384;
 constexpr float kFrozenAlpha = 1.0f - 1.0f / 1024.0f;  // front-to-back: from here on a pixel no longer changes
 
-// The image: groups of 8 pixels of a row, each 8 x red, 8 x green, 8 x blue, 8 x alpha. See image_memory.h.
-constexpr int kGroupPixels = 8;
-constexpr int kGroupFloats = 4 * kGroupPixels;
-constexpr int kAlphaPlane = 3 * kGroupPixels;
-
 constexpr int kTileSide = 4;  // of closed tiles (protocol/closed_tiles.py)
 
-// A footprint of up to so many groups a row is splatted as one box of whole groups.
-constexpr int kMostBoxGroups = 5;
-// Footprint tables may be read so far beyond their ends; rows of the image are so much longer on either side.
-constexpr int kMarginGroups = kMostBoxGroups - 1;
-constexpr int kMarginWeights = kMarginGroups * kGroupPixels;
+// Footprints of up to so many pixels a row are splatted as one box, whose rows take a multiple of 4 pixels.
+constexpr int kWidestBox = 32;
+// An image's rows are so much longer on either side: what a box writes there is never shown.
+constexpr int kMarginPixels = kWidestBox;
 
 struct RowRun {  // 24 bytes on the wire
     uint32_t sheet, row, first, count;
@@ -44,11 +38,11 @@ struct RowSpan {  // pixels of a row, or rows
 };
 
 struct FootprintView {
-    const float* weights;  // [fy][fx][height][width]
+    const float* weights;  // [fy][fx][height][pitch], zeros from the width on
     const RowSpan* spans;  // [height]: what may be above zero at some offset
     // The box of offset f begins at pixel `start`, from offset `step` on one later.
     int start_x, step_x, start_y, step_y;
-    int offset_bits, width, height;
+    int offset_bits, width, height, pitch;
     bool clamped;  // some weight may exceed 1, so that min(1, w A) can bite
 };
 
@@ -66,8 +60,8 @@ struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a 
 enum class Reach { footprint, cell, pixel };
 
 struct ImageView {
-    float* groups;  // of the image's top-left pixel; 64-byte aligned
-    int64_t pitch;  // floats from one row to the next
+    float* pixels;          // red of the top-left pixel
+    int64_t plane, pitch;   // floats from one channel to the next, and from one row to the next
     int width, height;
     uint64_t* closed_tiles;  // rows of `tile_words`, with one more word after the last
     int64_t tile_words;

@@ -38,11 +38,10 @@ private:
         const int x_begin = column * kTileSide, y_begin = row * kTileSide;
         const int x_end = x_begin + kTileSide < image_.width ? x_begin + kTileSide : image_.width;
         const int y_end = y_begin + kTileSide < image_.height ? y_begin + kTileSide : image_.height;
-        const float* pixels =
-            image_.groups + y_begin * image_.pitch + x_begin / kGroupPixels * kGroupFloats + kAlphaPlane;
-        for (int y = y_begin; y < y_end; ++y, pixels += image_.pitch)
+        const float* alphas = image_.pixels + y_begin * image_.pitch + 3 * image_.plane;
+        for (int y = y_begin; y < y_end; ++y, alphas += image_.pitch)
             for (int x = x_begin; x < x_end; ++x)
-                if (pixels[x % kGroupPixels] < kFrozenAlpha) return false;
+                if (alphas[x] < kFrozenAlpha) return false;
         return true;
     }
 

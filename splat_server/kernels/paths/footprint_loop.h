@@ -1,7 +1,7 @@
 // Splats footprints: decode some packets, then for each find its box of pixels and their weights, and combine.
 #pragma once
 #include "closed_tiles.h"
-#include "pixel_group.h"
+#include "pixel_vectors.h"
 #include "shaded_sample.h"
 
 namespace volsplat {
@@ -13,8 +13,6 @@ struct Samples {
     Integers left, top;      // pixels of the footprint's box
     Integers entry;          // its first weight in the table
     Integers inside;         // all bits where the box and its tiles lie within the rows and columns to be written
-    Integers group;          // that of the box's first pixel, counted from the image's first
-    Integers alignment;      // of the box's first pixel in that group
     Integers tile_place, tile_shift;  // its first tile (see ClosedBoxes)
     Numbers opacity, red, green, blue;
 
@@ -23,8 +21,8 @@ struct Samples {
     }
 };
 
-// kGroups is how many groups a row of a box takes at most; 0 where these are more than kMostBoxGroups.
-template <bool kFrontToBack, bool kClamped, int kGroups>
+// kFours is how many times four pixels a row of the box takes; 0 where it is wider than kWidestBox.
+template <bool kFrontToBack, bool kClamped, int kFours>
 class FootprintLoop {
 public:
     explicit FootprintLoop(const SplatJob& job)
@@ -34,10 +32,7 @@ public:
           closed_(job.image),
           closed_boxes_(job.image, table_.width, table_.height),
           least_top_(Integers{} + job.row_end),
-          greatest_top_(Integers{} + job.row_begin - table_.height) {
-        for (int alignment = 0; alignment < kGroupPixels; ++alignment)
-            set_masks(masks_[alignment], alignment, table_.width);
-    }
+          greatest_top_(Integers{} + job.row_begin - table_.height) {}
 
     SplatOutcome run() {
         size_t number = 0;
@@ -66,7 +61,7 @@ private:
             const Samples samples = decoded(packets_at(packets + done * 8, left), run);
             const int count = left < kAtOnce ? static_cast<int>(left) : kAtOnce;
             for (int n = 0; n < count; ++n) {
-                if (kGroups > 0 && samples.inside[n])
+                if (kFours > 0 && samples.inside[n])
                     splat_inside(samples, n);
                 else
                     splat_clipped(samples, n);
@@ -81,13 +76,11 @@ private:
         Samples samples;
         samples.left = (x >> bits) + table_.start_x - (fx >= table_.step_x);
         samples.top = (y >> bits) + table_.start_y - (fy >= table_.step_y);
-        samples.entry = ((fy << bits) + fx) * (table_.width * table_.height);
+        samples.entry = ((fy << bits) + fx) * (table_.pitch * table_.height);
         const int last_left = image_.width - kTileSide * closed_boxes_.columns;
         const int last_top = job_.row_end - kTileSide * closed_boxes_.rows;
         samples.inside = (samples.left >= 0) & (samples.left <= last_left) & (samples.top >= job_.row_begin) &
                          (samples.top <= last_top);
-        samples.group = samples.top * static_cast<int>(image_.pitch / kGroupFloats) + (samples.left >> 3);
-        samples.alignment = samples.left & (kGroupPixels - 1);
         samples.tile_place = (samples.top >> 2) * closed_boxes_.row_bytes + (samples.left >> 5);
         samples.tile_shift = samples.left >> 2 & 7;
         samples.opacity = packets.opacity();
@@ -102,14 +95,10 @@ private:
             ++hidden_;
             return;
         }
-        const int alignment = samples.alignment[n];
-        const bool changed = combine_box(image_.groups + int64_t(samples.group[n]) * kGroupFloats,
-                                         table_.weights + (samples.entry[n] - alignment), table_.height,
-                                         masks_[alignment], samples.point(n));
-        if (kFrontToBack && !changed) {
-            const int left = samples.left[n], top = samples.top[n];
-            closed_.examine({left, left + table_.width, top, top + table_.height});
-        }
+        const int left = samples.left[n], top = samples.top[n];
+        const bool changed =
+            combine_box(pixel(left, top), table_.weights + samples.entry[n], table_.height, samples.point(n));
+        if (kFrontToBack && !changed) closed_.examine({left, left + table_.width, top, top + table_.height});
     }
 
     // At the rim of the image or of the rows.
@@ -124,66 +113,52 @@ private:
             hidden_ += box.y_begin == (top > 0 ? top : 0);
             return;
         }
-        const float* weights = table_.weights + samples.entry[n] + int64_t(box.y_begin - top) * table_.width;
-        bool changed;
-        if constexpr (kGroups > 0) {
-            const int first = left & -kGroupPixels;
-            Masks masks;
-            set_masks(masks, box.x_begin - first, box.x_end - box.x_begin);
-            changed = combine_box(image_.groups + box.y_begin * image_.pitch + int64_t(first) * 4,
-                                  weights - (left - first), box.y_end - box.y_begin, masks, samples.point(n));
-        } else {
-            changed = combine_rows(left, top, box, weights, samples.point(n));
-        }
+        const float* weights = table_.weights + samples.entry[n] + int64_t(box.y_begin - top) * table_.pitch;
+        const Point point = samples.point(n);
+        const bool changed =
+            kFours > 0 ? combine_box(pixel(left, box.y_begin), weights, box.y_end - box.y_begin, point)
+                       : combine_rows(left, top, box, weights, point);
         if (kFrontToBack && !changed) closed_.examine(box);
     }
 
-    typedef PixelMask Masks[kGroups > 0 ? kGroups : 1];
+    float* pixel(int x, int y) const { return image_.pixels + y * image_.pitch + x; }
 
-    static void set_masks(Masks& masks, int begin, int count) {
-        const uint64_t reached = ((uint64_t(1) << (count & 63)) - 1) << begin;
-        for (int g = 0; g < kGroups; ++g) masks[g] = pixel_mask(reached >> (g * kGroupPixels));
+    template <class Lanes>
+    void combine_at(float* pixels, const float* weights, const Point& point, Added& added) const {
+        combine<kFrontToBack, kClamped, Lanes>(pixels, image_.plane, weights, point, added);
     }
 
-    // As many groups in each row of every sample, so that no branch is mispredicted. Says whether alpha changed.
-    bool combine_box(float* pixels, const float* weights, int rows, const Masks& masks, const Point& point) const {
-        LaneBits added{};
-        const auto combine_row = [&] {
+    // Whole rows, as long for every sample, so that no branch is mispredicted. Says whether alpha changed.
+    __attribute__((always_inline)) bool combine_box(float* pixels, const float* weights, int rows, const Point& point) const {
+        const int64_t pitch = image_.pitch, plane = image_.plane;
+        Added added{};
+        const auto combine_row = [&]() __attribute__((always_inline)) {
+            int x = 0;
 #pragma GCC unroll 8
-            for (int g = 0; g < kGroups; ++g)
-#pragma GCC unroll 2
-                for (int part = 0; part < kParts; ++part)
-                    combine<kFrontToBack, kClamped>(
-                        pixels + g * kGroupFloats + part * kLanes,
-                        load_within(weights + g * kGroupPixels + part * kLanes, masks[g], part), point, added);
-            pixels += image_.pitch, weights += table_.width;
+            for (; x + kWidest <= 4 * kFours; x += kWidest)
+                combine<kFrontToBack, kClamped, Widest>(pixels + x, plane, weights + x, point, added);
+            if (x < 4 * kFours) combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point, added);
+            pixels += pitch, weights += 4 * kFours;
         };
         for (; rows >= 4; rows -= 4)
 #pragma GCC unroll 4
             for (int row = 0; row < 4; ++row) combine_row();
         for (; rows > 0; --rows) combine_row();
-        return any(added);
+        return added.any_at_all();
     }
 
-    // Of each row the groups that the footprint reaches.
+    // Of each row what the footprint reaches.
     bool combine_rows(int left, int top, const PixelBox& box, const float* weights, const Point& point) const {
-        LaneBits added{};
-        for (int y = box.y_begin; y < box.y_end; ++y, weights += table_.width) {
+        Added added{};
+        for (int y = box.y_begin; y < box.y_end; ++y, weights += table_.pitch) {
             const RowSpan span = table_.spans[y - top];
-            int x = left + span.begin > 0 ? left + span.begin : 0;
-            const int x_end = left + span.end < image_.width ? left + span.end : image_.width;
-            float* const row = image_.groups + y * image_.pitch;
-            while (x < x_end) {
-                const int first = x & -kGroupPixels, end = x_end - first;
-                const PixelMask mask = pixel_mask((end < kGroupPixels ? (1u << end) - 1 : 255u) & 255u << (x - first));
-                for (int part = 0; part < kParts; ++part)
-                    combine<kFrontToBack, kClamped>(
-                        row + int64_t(first) * 4 + part * kLanes,
-                        load_within(weights + (first - left) + part * kLanes, mask, part), point, added);
-                x = first + kGroupPixels;
-            }
+            int x = (box.x_begin - left > span.begin ? box.x_begin - left : span.begin) & -4;
+            const int end = box.x_end - left < span.end ? box.x_end - left : span.end;
+            for (; end - x > kWidest - 4; x += kWidest)
+                combine_at<Widest>(pixel(left + x, y), weights + x, point, added);
+            for (; x < end; x += 4) combine_at<Four>(pixel(left + x, y), weights + x, point, added);
         }
-        return any(added);
+        return added.any_at_all();
     }
 
     SplatOutcome outcome() const {
@@ -201,19 +176,21 @@ private:
     const ImageView image_;
     const ClosedTiles closed_;
     const ClosedBoxes closed_boxes_;
-    Masks masks_[kGroupPixels];  // of a box by its alignment
     Integers least_top_, greatest_top_;
     uint64_t hidden_ = 0;
 };
 
 template <bool kFrontToBack, bool kClamped>
 SplatOutcome splat_footprints(const SplatJob& job) {
-    switch ((job.footprint.width + kGroupPixels - 2) / kGroupPixels + 1) {
+    switch (job.footprint.pitch / 4) {
         case 1: return FootprintLoop<kFrontToBack, kClamped, 1>(job).run();
         case 2: return FootprintLoop<kFrontToBack, kClamped, 2>(job).run();
         case 3: return FootprintLoop<kFrontToBack, kClamped, 3>(job).run();
         case 4: return FootprintLoop<kFrontToBack, kClamped, 4>(job).run();
         case 5: return FootprintLoop<kFrontToBack, kClamped, 5>(job).run();
+        case 6: return FootprintLoop<kFrontToBack, kClamped, 6>(job).run();
+        case 7: return FootprintLoop<kFrontToBack, kClamped, 7>(job).run();
+        case 8: return FootprintLoop<kFrontToBack, kClamped, 8>(job).run();
         default: return FootprintLoop<kFrontToBack, kClamped, 0>(job).run();
     }
 }

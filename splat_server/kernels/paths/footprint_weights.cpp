@@ -11,7 +11,7 @@ void fill_footprints(const FootprintBox& box, float* weights) {
         for (int fx = 0; fx < box.offsets; ++fx) {
             const float left = static_cast<float>(box.start_x[fx]) - static_cast<float>(fx) * offset_step;
             const float top = static_cast<float>(box.start_y[fy]) - static_cast<float>(fy) * offset_step;
-            for (int y = 0; y < box.height; ++y, weights += box.width) {
+            for (int y = 0; y < box.height; ++y, weights += box.pitch) {
                 const float dy = top + static_cast<float>(y);
                 const float along_y = box.qyy * dy * dy, twice_xy = 2.0f * box.qxy * dy;
                 for (int x = 0; x < box.width; ++x) {

@@ -11,18 +11,18 @@ namespace {
 // One pixel, weight 1.
 template <bool kFrontToBack>
 inline void combine_whole(const ImageView& image, int64_t x, int64_t y, const ShadedSample& sample) {
-    float* const pixel = image.groups + y * image.pitch + x / kGroupPixels * kGroupFloats + x % kGroupPixels;
-    float& alpha = pixel[kAlphaPlane];
+    float* const pixel = image.pixels + y * image.pitch + x;
+    float& alpha = pixel[3 * image.plane];
     const float intensity[] = {sample.red, sample.green, sample.blue};
     if constexpr (kFrontToBack) {
         if (!(alpha < kFrozenAlpha)) return;
         const float visible = (1.0f - alpha) * sample.opacity;
-        for (int c = 0; c < 3; ++c) pixel[c * kGroupPixels] += visible * intensity[c];
+        for (int c = 0; c < 3; ++c) pixel[c * image.plane] += visible * intensity[c];
         alpha += visible;
     } else {
         const float through = 1.0f - sample.opacity;
         for (int c = 0; c < 3; ++c)
-            pixel[c * kGroupPixels] = through * pixel[c * kGroupPixels] + sample.opacity * intensity[c];
+            pixel[c * image.plane] = through * pixel[c * image.plane] + sample.opacity * intensity[c];
         alpha = through * alpha + sample.opacity;
     }
 }
