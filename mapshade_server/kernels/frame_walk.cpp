@@ -84,7 +84,13 @@ void FrameWalk::next_batch(std::size_t max_packets, std::int64_t max_voxels, Bat
   batch.packet_count = 0;
   batch.voxels_visited = 0;
   while (!finished_ && batch.packet_count < max_packets && batch.voxels_visited < max_voxels) {
-    if (segment_.visited == segment_.ordinals.count()) open_segment();
+    if (segment_.visited == segment_.ordinals.count()) {
+      if (const std::int64_t skipped = skip_empty_rows(max_voxels - batch.voxels_visited)) {
+        batch.voxels_visited += skipped;
+        continue;
+      }
+      open_segment();
+    }
     batch.voxels_visited += deliver(max_packets, max_voxels - batch.voxels_visited, batch);
     if (segment_.visited < segment_.ordinals.count()) continue;
     done_ += segment_.visited;
@@ -138,6 +144,20 @@ bool FrameWalk::find_next_sheet() {
   return true;
 }
 
+// Passes rows that are known to be empty, where they lie in one box; returns how many samples they have.
+std::int64_t FrameWalk::skip_empty_rows(std::int64_t max_voxels) {
+  if (on_sheet_.size() != 1 || done_ != 0) return 0;
+  const BoxOnSheet& box = on_sheet_[0];
+  const std::int64_t samples = box.rows->ordinals(2).count();
+  const std::int64_t most = std::min(box.traversal.end - row_, max_voxels / samples);
+  const std::int64_t rows = box.rows->known_empty(ordinal(0, sheet_), ordinal(1, row_), most);
+  if (rows == 0) return 0;
+  row_ += rows - 1;
+  ++box_on_sheet_;
+  finished_ = !find_next_row();
+  return rows * samples;
+}
+
 // Takes the next samples of the box's row whose blocks are all of one size.
 void FrameWalk::open_segment() {
   VisibleRows& rows = *on_sheet_[box_on_sheet_].rows;
@@ -147,7 +167,7 @@ void FrameWalk::open_segment() {
   segment_.survivors.voxels.count = 0;
   segment_.sent = 0;
   rows.prefetch_after(ordinal(0, sheet_), ordinal(1, row_));
-  if (!rows.known_empty(ordinal(0, sheet_), ordinal(1, row_))) shade_segment(rows);
+  if (rows.known_empty(ordinal(0, sheet_), ordinal(1, row_), 1) == 0) shade_segment(rows);
 }
 
 // Finds the segment's survivors.

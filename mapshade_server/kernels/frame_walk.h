@@ -60,6 +60,7 @@ class FrameWalk {
 
   bool find_next_row();
   bool find_next_sheet();
+  std::int64_t skip_empty_rows(std::int64_t max_voxels);
   void open_segment();
   void shade_segment(VisibleRows& rows);
   std::int64_t deliver(std::size_t max_packets, std::int64_t max_voxels, Batch& batch);

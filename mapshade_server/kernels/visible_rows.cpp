@@ -50,14 +50,18 @@ Ordinals VisibleRows::piece_of(std::int64_t ordinal) const {
 void VisibleRows::prefetch_after(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const {
   if (!lists_) return;
   const std::size_t number = list_number(local(0, sheet_ordinal), local(1, row_ordinal));
-  const std::ptrdiff_t next = plan_.ascending[1] ? list_strides_[1] : -list_strides_[1];
-  lists_->prefetch(number + kRowsSoon * next, number + kRowsLater * next);
+  lists_->prefetch(number + kRowsSoon * next_list(), number + kRowsLater * next_list());
 }
 
-bool VisibleRows::known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const {
-  if (!lists_) return false;
-  const std::size_t number = list_number(local(0, sheet_ordinal), local(1, row_ordinal));
-  return lists_->holds(number) && lists_->at(number).count == 0;
+std::int64_t VisibleRows::known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal, std::int64_t most) const {
+  if (!lists_) return 0;
+  std::size_t number = list_number(local(0, sheet_ordinal), local(1, row_ordinal));
+  std::int64_t rows = 0;
+  for (; rows < most && lists_->holds(number) && lists_->at(number).count == 0; ++rows) {
+    lists_->prefetch(number + kRowsSoon * next_list(), number + kRowsLater * next_list());
+    number += next_list();
+  }
+  return rows;
 }
 
 VisibleRow VisibleRows::row(std::int64_t sheet_ordinal, std::int64_t row_ordinal, const Ordinals& samples) {
@@ -84,6 +88,8 @@ std::int64_t VisibleRows::local(int level, std::int64_t ordinal) const {
 std::size_t VisibleRows::list_number(std::int64_t sheet, std::int64_t row) const {
   return static_cast<std::size_t>(sheet * list_strides_[0] + row * list_strides_[1]);
 }
+
+std::ptrdiff_t VisibleRows::next_list() const { return plan_.ascending[1] ? list_strides_[1] : -list_strides_[1]; }
 
 // Classifies the whole row, and those that share its cache lines. False where its axis is not kept after all.
 bool VisibleRows::classify_into_lists(std::int64_t sheet, std::int64_t row) {

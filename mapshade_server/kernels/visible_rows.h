@@ -45,8 +45,8 @@ class VisibleRows {
   // Has the rows that come next on the sheet brought from memory.
   void prefetch_after(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const;
 
-  // Whether the row is known to show nothing at all.
-  bool known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const;
+  // How many rows from this one on in traversal order, `most` at most, are known to show nothing at all.
+  std::int64_t known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal, std::int64_t most) const;
 
   // What can be seen of some samples of one piece of a row; valid until the next call.
   VisibleRow row(std::int64_t sheet_ordinal, std::int64_t row_ordinal, const Ordinals& samples);
@@ -73,6 +73,7 @@ class VisibleRows {
   bool sheets_along_i() const { return plan_.axes[0] == 0; }
   std::int64_t local(int level, std::int64_t ordinal) const;
   std::size_t list_number(std::int64_t sheet, std::int64_t row) const;
+  std::ptrdiff_t next_list() const;  // from a row's to that of the next one in traversal order
   bool classify_into_lists(std::int64_t sheet, std::int64_t row);
   VisibleVoxels contiguous_row(std::int64_t sheet, std::int64_t row, const Ordinals& samples);
   VisibleVoxels strip_row(std::int64_t sheet, std::int64_t row, std::int64_t row_number, const Ordinals& piece);
