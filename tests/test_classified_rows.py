@@ -27,7 +27,7 @@ from volsplat.protocol.volume import Box, Geometry
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 LATTICE = 64
-SHARE = 0.4  # of the voxel packets' bytes that lists may take
+SHARE = 0.65  # of the voxel packets' bytes that lists may take
 PACKET_BYTES = 4
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
 STEPS_OF_ALL_VOXELS = (Step.C, Step.D, Step.E, Step.F)
