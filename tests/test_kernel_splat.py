@@ -117,8 +117,10 @@ TABLES = {
     "of 8 x 8 pixels": (4.0, 4.0, 1.0, 5),
     "above 1, so that opacities are cut": (3.3, 4.7, 9.0, 4),
     "flat": (9.2, 2.1, 1.0, 3),
-    "of three groups a row": (7.6, 3.2, 0.9, 3),
-    "of five groups a row": (15.2, 5.3, 1.1, 2),
+    "of two vectors a row": (7.6, 3.2, 0.9, 3),
+    "wide": (8.9, 4.2, 1.1, 2),
+    "wider": (12.0, 5.3, 1.1, 2),
+    "widest box": (15.2, 5.3, 1.1, 2),
     "larger than the image": (33.0, 21.0, 2.0, 0),
 }
 

@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "kernel_projection.h"
+#include "large_memory.h"
 #include "splat_job.h"
 
 namespace volsplat {
@@ -29,7 +30,7 @@ public:
     int offset_bits() const { return offset_bits_; }
     int width() const { return width_; }
     int height() const { return height_; }
-    std::size_t bytes() const { return weights_.size() * sizeof(float); }
+    std::size_t bytes() const { return weight_count_ * sizeof(float); }
 
 private:
     // Where the box begins for each offset: at `first`, from offset `step` on one pixel later.
@@ -44,7 +45,9 @@ private:
     int offset_bits_, width_, height_, pitch_;
     bool clamped_;
     Starts start_x_, start_y_;
-    std::vector<float> weights_;
+    std::size_t weight_count_;
+    LargeMemory memory_;
+    float* weights_;
     std::vector<RowSpan> spans_;
 };
 

@@ -1,9 +1,7 @@
 #include "image_memory.h"
 
 #include <algorithm>
-#include <cstdlib>
 #include <cstring>
-#include <new>
 #include <stdexcept>
 
 namespace volsplat {
@@ -31,16 +29,11 @@ ImageMemory::ImageMemory(int width, int height)
     if (width < 1 || width > 65535 || height < 1 || height > 65535)
         throw std::invalid_argument("an image must be 1 to 65535 pixels wide and high");
     plane_ = plane_of(width);
-    const std::size_t bytes = plane_ * 4 * height * sizeof(float);
-    memory_.reset(static_cast<float*>(std::aligned_alloc(64, bytes)));
-    if (!memory_) throw std::bad_alloc();
-    std::memset(memory_.get(), 0, bytes);
+    memory_ = large_memory(plane_ * 4 * height);
     first_pixel_ = memory_.get() + kMarginPixels;
     closed_tiles_.assign(tile_rows_ * tile_words_ + 1, 0);
     clear();
 }
-
-void ImageMemory::Free::operator()(float* memory) const { std::free(memory); }
 
 void ImageMemory::clear() {
     if (row_begin_ < row_end_)

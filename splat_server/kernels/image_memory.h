@@ -5,9 +5,9 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
+#include "large_memory.h"
 #include "splat_job.h"
 
 namespace volsplat {
@@ -37,12 +37,9 @@ public:
     std::uint64_t hidden_packets() const { return hidden_packets_; }
 
 private:
-    struct Free {
-        void operator()(float* memory) const;
-    };
     int width_, height_;
     std::int64_t plane_;
-    std::unique_ptr<float[], Free> memory_;
+    LargeMemory memory_;
     float* first_pixel_;
     std::atomic<int> row_begin_, row_end_;  // read while another thread splats
     std::int64_t tile_rows_, tile_words_;
