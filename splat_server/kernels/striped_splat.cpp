@@ -8,8 +8,12 @@
 namespace volsplat {
 namespace {
 
-// More stripes than threads, since a volume rarely lies evenly in the image.
-constexpr int kStripesPerThread = 4;
+// More stripes than threads, since a volume rarely lies evenly in the image; not many more, since what lies across their
+// ends is decoded twice.
+constexpr int kStripesPerThread = 2;
+// Tall footprints are splatted in stripes of so many of them: then the pixels around a run that goes down the image
+// stay in the first cache while its neighbours follow.
+constexpr int kTallFootprint = 20, kStripeFootprints = 3;
 
 // Rows of the image that some samples may reach, whatever the run.
 RowSpan reached_rows(const std::vector<RowSpan>& run_rows, const SplatJob& job) {
@@ -23,7 +27,8 @@ RowSpan reached_rows(const std::vector<RowSpan>& run_rows, const SplatJob& job) 
 void splat_into(ImageMemory& image, SplatJob job, StripePool* pool) {
     job.image = image.view();
     job.row_begin = 0, job.row_end = image.height();
-    if (!pool || pool->threads() == 1) {
+    const int threads = pool ? pool->threads() : 1;
+    if (threads == 1 && job.footprint.height < kTallFootprint) {
         image.note(splat(job));
         return;
     }
@@ -36,14 +41,18 @@ void splat_into(ImageMemory& image, SplatJob job, StripePool* pool) {
     const RowSpan rows = reached_rows(run_rows, job);
     if (rows.begin >= rows.end) return;
     const int first_tile = rows.begin / kTileSide, tiles = (rows.end - 1) / kTileSide - first_tile + 1;
-    const int stripes = std::min(pool->threads() * kStripesPerThread, tiles);
+    const int tall = job.footprint.height >= kTallFootprint ? kStripeFootprints * job.footprint.height : image.height();
+    const int low_stripes = (rows.end - rows.begin - 1) / tall + 1;
+    const int stripes = std::min(std::max(threads > 1 ? threads * kStripesPerThread : 1, low_stripes), tiles);
     std::vector<SplatOutcome> outcomes(stripes);
-    pool->share_out(stripes, [&](int n) {
+    const auto splat_stripe = [&](int n) {
         SplatJob stripe = job;
         stripe.row_begin = (first_tile + tiles * n / stripes) * kTileSide;
         stripe.row_end = std::min((first_tile + tiles * (n + 1) / stripes) * kTileSide, image.height());
         outcomes[n] = splat(stripe);
-    });
+    };
+    if (pool) pool->share_out(stripes, splat_stripe);
+    else for (int n = 0; n < stripes; ++n) splat_stripe(n);
     for (const SplatOutcome& outcome : outcomes) image.note(outcome);
 }
 

@@ -40,7 +40,10 @@ public:
             const unsigned char* packets = job_.spans[s].packets;
             for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
                 const RowRun run = run_at(job_.spans[s].runs, r);
-                if (in_rows(job_, number++) && near(run)) splat_run(run, packets);
+                if (in_rows(job_, number++) && near(run)) {
+                    const PacketRange range = packets_in_rows(job_, run, packets, table_.height / 2 + 2);
+                    splat_packets(run, packets + range.begin * 8, range.end - range.begin);
+                }
                 packets += uint64_t(run.count) * 8;
             }
         }
@@ -55,9 +58,9 @@ private:
                top + kRunPixels + 2 * (table_.height + 2) > job_.row_begin;
     }
 
-    void splat_run(const RowRun& run, const unsigned char* packets) {
-        for (uint64_t done = 0; done < run.count; done += kAtOnce) {
-            const uint64_t left = run.count - done;
+    void splat_packets(const RowRun& run, const unsigned char* packets, uint64_t total) {
+        for (uint64_t done = 0; done < total; done += kAtOnce) {
+            const uint64_t left = total - done;
             const Samples samples = decoded(packets_at(packets + done * 8, left), run);
             const int count = left < kAtOnce ? static_cast<int>(left) : kAtOnce;
             for (int n = 0; n < count; ++n) {

@@ -6,28 +6,20 @@ namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
 
-// Least and greatest y of some packets, in 1/64 pixel from their run's origin.
+// Least and greatest y of a run's packets, in 1/64 pixel from its origin: those of its ends.
 struct Extent {
-    int least, greatest;
+    int64_t least, greatest;
 };
 
+int64_t y_of(const unsigned char* packet) {
+    uint64_t bits;
+    __builtin_memcpy(&bits, packet, sizeof bits);
+    return static_cast<int64_t>(bits >> kPositionBits & kPositionMask);
+}
+
 Extent extent_of(const unsigned char* packets, uint64_t count) {
-    Integers least = Integers{} + kPositionMask, greatest{};
-    uint64_t n = 0;
-    for (; n + kAtOnce <= count; n += kAtOnce) {
-        const Integers y = packets_at(packets + n * 8, kAtOnce).y();
-        least = y < least ? y : least;
-        greatest = y > greatest ? y : greatest;
-    }
-    const Integers rest = packets_at(packets + n * 8, count - n).y();
-    Extent extent{kPositionMask, 0};
-    for (int lane = 0; lane < kAtOnce; ++lane) {
-        if (least[lane] < extent.least) extent.least = least[lane];
-        if (greatest[lane] > extent.greatest) extent.greatest = greatest[lane];
-        if (n + lane < count && rest[lane] < extent.least) extent.least = rest[lane];
-        if (n + lane < count && rest[lane] > extent.greatest) extent.greatest = rest[lane];
-    }
-    return extent;
+    const int64_t first = y_of(packets), last = y_of(packets + (count - 1) * 8);
+    return first < last ? Extent{first, last} : Extent{last, first};
 }
 
 int32_t limited(int64_t row, int height) {
@@ -44,8 +36,8 @@ void find_run_rows(const SplatJob& job, RowSpan* rows) {
         for (uint64_t r = 0; r < job.spans[s].run_count; ++r, ++rows) {
             const RowRun run = run_at(job.spans[s].runs, r);
             const Extent extent = extent_of(packets, run.count);
-            *rows = {limited(((run.y0 + int64_t(extent.least)) >> kSubpixelBits) - around, job.image.height),
-                     limited(((run.y0 + int64_t(extent.greatest)) >> kSubpixelBits) + around + 1, job.image.height)};
+            *rows = {limited(((run.y0 + extent.least) >> kSubpixelBits) - around, job.image.height),
+                     limited(((run.y0 + extent.greatest) >> kSubpixelBits) + around + 1, job.image.height)};
             if (everywhere) *rows = {0, job.image.height};
             packets += uint64_t(run.count) * 8;
         }

@@ -17,6 +17,36 @@ inline bool in_rows(const SplatJob& job, size_t number) {
     return !job.run_rows || (job.run_rows[number].begin < job.row_end && job.run_rows[number].end > job.row_begin);
 }
 
+// The packets of a run that may reach the job's rows, where each reaches so many rows up and down. The samples of a run
+// lie on a line, in order, so they are found by halving.
+struct PacketRange {
+    uint64_t begin, end;
+};
+
+inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const unsigned char* packets, int64_t reach) {
+    const auto y_at = [&](uint64_t n) {
+        uint64_t packet;
+        __builtin_memcpy(&packet, packets + n * 8, sizeof packet);
+        return int64_t(run.y0) + static_cast<int64_t>(packet >> kPositionBits & kPositionMask);
+    };
+    const int64_t least = (int64_t(job.row_begin) - reach) * (1 << kSubpixelBits);
+    const int64_t greatest = (int64_t(job.row_end) + reach) * (1 << kSubpixelBits);
+    const bool rises = y_at(run.count - 1) >= y_at(0);
+    // The first packet that is not before the rows, and the first that is behind them
+    const auto first = [&](int64_t bound, bool of_bound) {
+        uint64_t begin = 0, end = run.count;
+        while (begin < end) {
+            const uint64_t middle = begin + (end - begin) / 2;
+            const int64_t y = y_at(middle);
+            if (rises ? y > bound || (of_bound && y == bound) : y < bound || (of_bound && y == bound)) end = middle;
+            else begin = middle + 1;
+        }
+        return begin;
+    };
+    return rises ? PacketRange{first(least, true), first(greatest, false)}
+                 : PacketRange{first(greatest, true), first(least, false)};
+}
+
 struct ShadedSample {
     int64_t x, y;  // 1/64 pixel
     float opacity, red, green, blue;
