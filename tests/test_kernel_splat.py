@@ -94,19 +94,21 @@ def splatted(runs: list[Run], reach: PixelReach, order: Order, width: int, heigh
 
 
 def random_runs(seed: int, width: int, height: int, count: int = 60, margin: int = 12) -> list[Run]:
-    """Samples in and around an image."""
+    """Samples in and around an image; those of a run go up, down or along the image, as on a line."""
     chance = random.Random(seed)
     runs = []
     for row in range(count // 4):
         x0, y0 = chance.randrange(-margin, width + margin) * 64, chance.randrange(-margin, height + margin) * 64
+        across = sorted((chance.randrange(900) for _ in range(4)), reverse=chance.random() < 0.5)
+        down = sorted((chance.randrange(900) for _ in range(4)), reverse=chance.random() < 0.5)
         dots = tuple(
             Dot(
-                x0 + chance.randrange(900),
-                y0 + chance.randrange(900),
+                x0 + x,
+                y0 + y,
                 chance.choice((OPAQUE, chance.randrange(1, OPACITY_CODES))),
                 (chance.randrange(256), chance.randrange(256), chance.randrange(256)),
             )
-            for _ in range(4)
+            for x, y in zip(across, down, strict=True)
         )
         runs.append(Run(0, row, 0, dots))
     return runs
@@ -132,7 +134,7 @@ def test_footprints_combine_as_the_paper_says(
     path: str, table_name: str, order: Order, width: int, height: int
 ) -> None:
     table = table_of(*TABLES[table_name])
-    runs = random_runs(width, width, height)
+    runs = random_runs(width, width, height, count=240)
     image = splatted(runs, table, order, width, height)
     expected = plainly_splatted(runs, table, order, width, height)
     assert (image - expected).abs().max() <= SPLAT_FLOAT32
@@ -198,6 +200,19 @@ def test_a_frozen_pixel_changes_no_more(path: str) -> None:
     assert torch.equal(after[frozen], before[frozen])
     nearly = (before[..., 3] > 0) & ~frozen
     assert (after[nearly] > before[nearly]).any()
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, FARTHEST), st.integers(0, FARTHEST)), min_size=1, max_size=40), st.integers(1, 4)
+)
+def test_a_run_that_is_no_line_does_no_harm(offsets: list[tuple[int, int]], threads: int) -> None:
+    """Which of its samples are splatted is left open, for only a broken server sends one."""
+    dots = tuple(
+        Dot(x - 3000, y - 3000, OPACITY_CODES // 2, WHITE) for x, y in [(0, 0), *offsets, (FARTHEST, FARTHEST)]
+    )
+    runs = [Run(0, row, 0, dots) for row in range(200)]
+    image = splatted(runs, table_of(*TABLES["of 8 x 8 pixels"]), Order.FRONT_TO_BACK, 160, 160, threads)
+    assert image.isfinite().all() and image.min() >= 0 and image.max() <= 1
 
 
 @given(st.integers(0, 1 << 30), st.integers(1, 200), st.sampled_from(sorted(TABLES)))

@@ -18,7 +18,7 @@ inline bool in_rows(const SplatJob& job, size_t number) {
 }
 
 // The packets of a run that may reach the job's rows, where each reaches so many rows up and down. The samples of a run
-// lie on a line, in order, so they are found by halving.
+// lie on a line, in order, so they are found by halving; of a run that is no line, it is some of them.
 struct PacketRange {
     uint64_t begin, end;
 };
@@ -33,8 +33,8 @@ inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const
     const int64_t greatest = (int64_t(job.row_end) + reach) * (1 << kSubpixelBits);
     const bool rises = y_at(run.count - 1) >= y_at(0);
     // The first packet that is not before the rows, and the first that is behind them
-    const auto first = [&](int64_t bound, bool of_bound) {
-        uint64_t begin = 0, end = run.count;
+    const auto first = [&](uint64_t begin, int64_t bound, bool of_bound) {
+        uint64_t end = run.count;
         while (begin < end) {
             const uint64_t middle = begin + (end - begin) / 2;
             const int64_t y = y_at(middle);
@@ -43,8 +43,8 @@ inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const
         }
         return begin;
     };
-    return rises ? PacketRange{first(least, true), first(greatest, false)}
-                 : PacketRange{first(greatest, true), first(least, false)};
+    const uint64_t begin = first(0, rises ? least : greatest, true);
+    return {begin, first(begin, rises ? greatest : least, false)};
 }
 
 struct ShadedSample {

@@ -1,5 +1,6 @@
-// Which pixel centres lie inside a sample's cell in its sheet (design, section 6: nearest pixel above one pixel a
-// voxel). Decided in integers, from the indices: the cells of a sheet tile the image with no hole and no overlap.
+// Which pixel centres lie inside the samples' cells in their sheet (design, section 6: nearest pixel above one pixel a
+// voxel). The cells of a sheet tile the image with no hole and no overlap: what floating point cannot tell for certain
+// is decided in integers, from the indices.
 #pragma once
 #include "../splat_job.h"
 
@@ -9,19 +10,124 @@ namespace {
 
 typedef __int128 Wide;
 
+constexpr double kFixedOne = 4294967296.0;  // 2^-32 pixel
+
+inline int64_t floor_of(double value) {
+    const auto truncated = static_cast<int64_t>(value);
+    return truncated - (static_cast<double>(truncated) > value);
+}
+
+inline double size_of(double value) { return value < 0 ? -value : value; }
+
+constexpr int kSpanRows = 8;
+typedef int32_t RowInts __attribute__((vector_size(kSpanRows * 4)));
+typedef int64_t RowBits __attribute__((vector_size(kSpanRows * 8)));
+typedef double RowReals __attribute__((vector_size(kSpanRows * 8)));
+
+// The pixels begin <= x < end of some image rows, one below the other.
+struct RowSpans {
+    RowInts begin, end;
+};
+
+// One doubled grid coordinate over the pixels of a sheet, as the fraction (constant + from x + from y) / area.
+class CellCoordinate {
+public:
+    // Over the 2^-32 pixels from the sheet's origin; `area` is above 0.
+    void set_slopes(int64_t per_x, int64_t per_y, Wide area) {
+        per_x_ = per_x, per_y_ = per_y, area_ = area;
+        slope_x_ = static_cast<double>(per_x) * (kFixedOne / static_cast<double>(area));
+        slope_y_ = static_cast<double>(per_y) * (kFixedOne / static_cast<double>(area));
+        pixels_ = per_x == 0 ? 0 : 1 / slope_x_;
+    }
+
+    void enter_sheet(int64_t origin_x, int64_t origin_y, int width, int height) {
+        at_zero_ = -Wide(origin_x) * per_x_ - Wide(origin_y) * per_y_;
+        constant_ = static_cast<double>(at_zero_) / static_cast<double>(area_);
+        width_ = width;
+        constexpr double kRounding = 1.0 / (int64_t(1) << 47);  // of all that is added up, well above 2^-53
+        const double greatest = size_of(constant_) + size_of(slope_x_) * width + size_of(slope_y_) * height;
+        doubt_ = kRounding * (2 * greatest + 1) * size_of(pixels_);
+    }
+
+    // Narrows the spans of the rows from `y` on to the pixels with low <= coordinate < high.
+    void narrow(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
+        if (per_x_ == 0 || !narrow_if_certain(y, low, high, spans)) narrow_exactly(y, low, high, spans);
+    }
+
+private:
+    // Leaves the spans alone and says no where a bound lies so near to a pixel's centre that rounding could decide.
+    bool narrow_if_certain(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
+        const RowReals down = {0, 1, 2, 3, 4, 5, 6, 7};
+        const RowReals rows = constant_ + slope_y_ * (static_cast<double>(y) + down);
+        RowBits doubtful{};
+        // The first pixel beyond a bound; off the image any will do
+        const auto first_beyond = [&](int64_t bound) {
+            RowReals place = (static_cast<double>(bound) - rows) * pixels_ + 1;
+            place = place < 0.5 ? RowReals{} + 0.5 : place;
+            place = place > width_ + 1.5 ? RowReals{} + (width_ + 1.5) : place;
+            const RowInts first = __builtin_convertvector(place, RowInts);
+            const RowReals within = place - __builtin_convertvector(first, RowReals);
+            doubtful |= (within <= doubt_) | (within >= 1 - doubt_);
+            return first;
+        };
+        const RowInts begin = first_beyond(per_x_ < 0 ? high : low), end = first_beyond(per_x_ < 0 ? low : high);
+        int64_t any = 0;
+        for (int n = 0; n < kSpanRows; ++n) any |= doubtful[n];
+        if (any) return false;
+        spans.begin = begin > spans.begin ? begin : spans.begin;
+        spans.end = end < spans.end ? end : spans.end;
+        return true;
+    }
+
+    void narrow_exactly(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
+        for (int n = 0; n < kSpanRows; ++n) {
+            int32_t begin = spans.begin[n], end = spans.end[n];
+            if (begin >= end) continue;
+            const int32_t from = first_beyond(per_x_ < 0 ? high : low, y + n, begin, end);
+            end = per_x_ == 0 && at(begin, y + n) >= high * area_ ? begin
+                                                                  : first_beyond(per_x_ < 0 ? low : high, y + n, from, end);
+            spans.begin[n] = from, spans.end[n] = end;
+        }
+    }
+
+    Wide at(int64_t x, int64_t y) const { return at_zero_ + (Wide(x) << 32) * per_x_ + (Wide(y) << 32) * per_y_; }
+
+    // The first pixel of begin..end where a rising coordinate is no longer below `bound`, a falling one is, or `end`.
+    int32_t first_beyond(int64_t bound, int64_t y, int32_t begin, int32_t end) const {
+        while (begin < end) {
+            const int32_t middle = begin + (end - begin) / 2;
+            if (per_x_ < 0 ? at(middle, y) < bound * area_ : at(middle, y) >= bound * area_) end = middle;
+            else begin = middle + 1;
+        }
+        return begin;
+    }
+
+    int64_t per_x_ = 0, per_y_ = 0;
+    Wide area_ = 1, at_zero_ = 0;
+    double slope_x_ = 0, slope_y_ = 0, constant_ = 0;
+    double pixels_ = 0;  // for which the coordinate changes by 1
+    double doubt_ = 0;   // pixels: nearer than this to a pixel's centre a crossing must be decided in integers
+    int width_ = 0;
+};
+
 class SheetCells {
 public:
-    explicit SheetCells(const CellView& view) : view_(view) {
+    explicit SheetCells(const SplatJob& job) : job_(job), view_(job.cell) {
         // A pixel centre p lies at doubled row u and sample v where p - o = u * row half step + v * sample half step.
-        row_x_ = view.half_step[0][1], row_y_ = view.half_step[1][1];
-        sample_x_ = view.half_step[0][2], sample_y_ = view.half_step[1][2];
+        row_x_ = view_.half_step[0][1], row_y_ = view_.half_step[1][1];
+        sample_x_ = view_.half_step[0][2], sample_y_ = view_.half_step[1][2];
         area_ = Wide(row_x_) * sample_y_ - Wide(row_y_) * sample_x_;
-        if (area_ < 0) {  // turn both signs, so that u and v are numerators over a positive area
-            area_ = -area_;
-            u_step_[0] = -sample_y_, u_step_[1] = sample_x_, v_step_[0] = row_y_, v_step_[1] = -row_x_;
-        } else {
-            u_step_[0] = sample_y_, u_step_[1] = -sample_x_, v_step_[0] = -row_y_, v_step_[1] = row_x_;
+        if (area_ > 0) {
+            rows_.set_slopes(sample_y_, -sample_x_, area_);
+            samples_.set_slopes(-row_y_, row_x_, area_);
+        } else if (area_ < 0) {
+            rows_.set_slopes(-sample_y_, sample_x_, -area_);
+            samples_.set_slopes(row_y_, -row_x_, -area_);
         }
+        const double dx = static_cast<double>(sample_x_), dy = static_cast<double>(sample_y_);
+        const double square = dx * dx + dy * dy;
+        along_x_ = dx / square / 2, along_y_ = dy / square / 2;
+        half_sample_y_ = dy / 2;
     }
 
     // A sheet seen exactly edge on covers no pixel.
@@ -30,21 +136,24 @@ public:
     void enter_row(uint32_t sheet, uint32_t row) {
         int64_t low, high;
         block(view_.axes[0], ordinal(view_.axes[0], sheet), low, high);
-        for (int c = 0; c < 2; ++c) origin_[c] = view_.origin[c] + (low + high - 1) * view_.half_step[c][0];
+        if (sheet != sheet_) {
+            sheet_ = sheet;
+            for (int c = 0; c < 2; ++c) origin_[c] = view_.origin[c] + (low + high - 1) * view_.half_step[c][0];
+            rows_.enter_sheet(origin_[0], origin_[1], job_.image.width, job_.image.height);
+            samples_.enter_sheet(origin_[0], origin_[1], job_.image.width, job_.image.height);
+        }
         block(view_.axes[1], ordinal(view_.axes[1], row), low, high);
         u_low_ = 2 * low - 1, u_high_ = 2 * high - 1;
-        row_middle_ = low + high - 1;
+        middle_x_ = static_cast<double>(origin_[0] + (low + high - 1) * row_x_);
+        middle_y_ = static_cast<double>(origin_[1] + (low + high - 1) * row_y_);
+        half_rows_ = static_cast<double>(high - low) * size_of(static_cast<double>(row_y_));
     }
 
-    // The cell of the sample of this row nearest to a position in 1/64 pixel; false where it is far off any image.
-    bool enter_cell(int64_t x64, int64_t y64) {
-        constexpr double kFixed = 4294967296.0;
-        const double dx = static_cast<double>(sample_x_), dy = static_cast<double>(sample_y_);
-        const double from_x = static_cast<double>(x64) * (kFixed / 64) -
-                              static_cast<double>(origin_[0] + row_middle_ * row_x_);
-        const double from_y = static_cast<double>(y64) * (kFixed / 64) -
-                              static_cast<double>(origin_[1] + row_middle_ * row_y_);
-        const double middle = (from_x * dx + from_y * dy) / (dx * dx + dy * dy) / 2;
+    // The doubled bounds of the cell of the sample of this row that is nearest to a position in 1/64 pixel.
+    void cell_at(int64_t x64, int64_t y64, int64_t& v_low, int64_t& v_high) const {
+        const double from_x = static_cast<double>(x64) * (kFixedOne / 64) - middle_x_;
+        const double from_y = static_cast<double>(y64) * (kFixedOne / 64) - middle_y_;
+        const double middle = from_x * along_x_ + from_y * along_y_;
         const AxisView& axis = view_.axes[2];
         // Within half a voxel of its middle a block belongs to one ordinal only, so rounding cannot matter.
         const double place = (middle + 0.5 - static_cast<double>(axis.first - axis.stride / 2)) /
@@ -54,33 +163,25 @@ public:
         else if (place > 0) o = static_cast<int64_t>(place);
         int64_t low, high;
         block(axis, o, low, high);
-        v_low_ = 2 * low - 1, v_high_ = 2 * high - 1;
-
-        double y_min = 0, y_max = 0;
-        for (int corner = 0; corner < 4; ++corner) {
-            const double u = static_cast<double>(corner & 1 ? u_high_ : u_low_);
-            const double v = static_cast<double>(corner & 2 ? v_high_ : v_low_);
-            const double y = (static_cast<double>(origin_[1]) + u * static_cast<double>(row_y_) +
-                              v * static_cast<double>(sample_y_)) / kFixed;
-            if (corner == 0 || y < y_min) y_min = y;
-            if (corner == 0 || y > y_max) y_max = y;
-        }
-        constexpr double kFarOff = 1e9;  // pixels
-        if (!(y_max > -kFarOff && y_min < kFarOff)) return false;
-        top_ = y_min > -kFarOff ? static_cast<int64_t>(y_min) - 2 : -int64_t(kFarOff);
-        bottom_ = y_max < kFarOff ? static_cast<int64_t>(y_max) + 3 : int64_t(kFarOff);
-        return true;
+        v_low = 2 * low - 1, v_high = 2 * high - 1;
     }
 
-    int64_t top() const { return top_; }        // rows that may hold pixels of the cell
-    int64_t bottom() const { return bottom_; }  // one past the last
+    // The image rows that a cell of this row may touch: top <= y < bottom, within the job's.
+    void image_rows(int64_t v_low, int64_t v_high, int64_t& top, int64_t& bottom) const {
+        const double middle = middle_y_ + static_cast<double>(v_low + v_high) * half_sample_y_;
+        const double reach = half_rows_ + static_cast<double>(v_high - v_low) * size_of(half_sample_y_);
+        constexpr double kSpare = 1.0 / 1024;  // pixels, for rounding
+        const double least = (middle - reach) / kFixedOne - kSpare + 1, greatest = (middle + reach) / kFixedOne + kSpare + 1;
+        top = least > job_.row_begin ? floor_of(least < job_.row_end ? least : job_.row_end) : job_.row_begin;
+        bottom = greatest < job_.row_end ? floor_of(greatest > job_.row_begin ? greatest : job_.row_begin) : job_.row_end;
+    }
 
-    // The pixels x_begin <= x < x_end of row y, within 0..width.
-    void pixels_of_row(int64_t y, int64_t width, int64_t& x_begin, int64_t& x_end) const {
-        const Wide from_x = -Wide(origin_[0]), from_y = (Wide(y) << 32) - origin_[1];
-        x_begin = 0, x_end = width;
-        narrow(from_x * u_step_[0] + from_y * u_step_[1], u_step_[0], u_low_, u_high_, x_begin, x_end);
-        narrow(from_x * v_step_[0] + from_y * v_step_[1], v_step_[0], v_low_, v_high_, x_begin, x_end);
+    // The pixels of the image rows from `y` on that lie in a cell of this row.
+    RowSpans spans(int64_t y, int64_t v_low, int64_t v_high) const {
+        RowSpans spans{RowInts{}, RowInts{} + job_.image.width};
+        rows_.narrow(y, u_low_, u_high_, spans);
+        samples_.narrow(y, v_low, v_high, spans);
+        return spans;
     }
 
 private:
@@ -94,44 +195,18 @@ private:
         high = o == axis.count - 1 ? axis.high : start + axis.stride;
     }
 
-    // Keeps of x_begin..x_end what has low * area <= at_zero + x * 2^32 * step < high * area.
-    void narrow(Wide at_zero, int64_t step, int64_t low, int64_t high, int64_t& x_begin, int64_t& x_end) const {
-        const Wide lower = Wide(low) * area_ - at_zero, upper = Wide(high) * area_ - at_zero;
-        if (step == 0) {
-            if (lower > 0 || upper <= 0) x_end = x_begin;
-            return;
-        }
-        int64_t begin, end;
-        if (step > 0) {
-            begin = first_not_below(lower, step, x_begin, x_end);
-            end = first_not_below(upper, step, x_begin, x_end);
-        } else {  // x * -step > -upper and x * -step <= -lower
-            begin = first_not_below(1 - upper, -step, x_begin, x_end);
-            end = first_not_below(1 - lower, -step, x_begin, x_end);
-        }
-        x_begin = begin, x_end = end < begin ? begin : end;
-    }
-
-    // The least x in begin..end with x * 2^32 * step >= bound (or `end`), for step > 0.
-    static int64_t first_not_below(Wide bound, int64_t step, int64_t begin, int64_t end) {
-        const Wide stride = Wide(step) << 32;
-        if (begin * stride >= bound) return begin;
-        if (end * stride < bound) return end;
-        int64_t x = static_cast<int64_t>(static_cast<double>(bound) / static_cast<double>(stride));
-        if (x < begin) x = begin;
-        if (x > end) x = end;
-        while (x * stride < bound) ++x;
-        while (x > begin && (x - 1) * stride >= bound) --x;
-        return x;
-    }
-
+    const SplatJob& job_;
     const CellView& view_;
+    CellCoordinate rows_, samples_;
     int64_t row_x_, row_y_, sample_x_, sample_y_;
     Wide area_;
-    int64_t u_step_[2], v_step_[2];
+    double along_x_, along_y_;  // doubled samples for 2^-32 pixel
+    uint32_t sheet_ = ~uint32_t(0);
     int64_t origin_[2] = {0, 0};  // of the sheet
-    int64_t u_low_ = 0, u_high_ = 0, v_low_ = 0, v_high_ = 0, row_middle_ = 0;
-    int64_t top_ = 0, bottom_ = 0;
+    double middle_x_ = 0, middle_y_ = 0;  // of the row of samples, where v is 0
+    double half_rows_ = 0;  // how far its cells reach up and down from there
+    double half_sample_y_;
+    int64_t u_low_ = 0, u_high_ = 0;
 };
 
 }  // namespace

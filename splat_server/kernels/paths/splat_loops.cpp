@@ -1,8 +1,8 @@
 // The splat loops (paper: "Combining"), compiled once per instruction set.
 #include "splat_loops.h"
 
+#include "cell_loop.h"
 #include "footprint_loop.h"
-#include "sheet_cells.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {
@@ -48,37 +48,12 @@ void splat_nearest_pixels(const SplatJob& job) {
 }
 
 template <bool kFrontToBack>
-void splat_cells(const SplatJob& job) {
-    SheetCells cells(job.cell);
-    if (cells.empty()) return;
-    for (size_t s = 0; s < job.span_count; ++s) {
-        const unsigned char* packets = job.spans[s].packets;
-        for (uint64_t r = 0; r < job.spans[s].run_count; ++r) {
-            const RowRun run = run_at(job.spans[s].runs, r);
-            cells.enter_row(run.sheet, run.row);
-            for (uint32_t n = 0; n < run.count; ++n, packets += 8) {
-                const ShadedSample sample = sample_at(packets, run, job.opacities);
-                if (!cells.enter_cell(sample.x, sample.y)) continue;
-                int64_t y = cells.top(), y_end = cells.bottom();
-                if (y < job.row_begin) y = job.row_begin;
-                if (y_end > job.row_end) y_end = job.row_end;
-                for (; y < y_end; ++y) {
-                    int64_t x, x_end;
-                    cells.pixels_of_row(y, job.image.width, x, x_end);
-                    for (; x < x_end; ++x) combine_whole<kFrontToBack>(job.image, x, y, sample);
-                }
-            }
-        }
-    }
-}
-
-template <bool kFrontToBack>
 SplatOutcome splat_in_order(const SplatJob& job) {
     if (job.reach == Reach::footprint)
         return job.footprint.clamped ? splat_footprints<kFrontToBack, true>(job)
                                      : splat_footprints<kFrontToBack, false>(job);
     if (job.reach == Reach::cell)
-        splat_cells<kFrontToBack>(job);
+        CellLoop<kFrontToBack>(job).run();
     else
         splat_nearest_pixels<kFrontToBack>(job);
     return {job.row_begin, job.row_end, 0};
