@@ -12,7 +12,7 @@ namespace {
 struct Samples {
     Integers left, top;      // pixels of the footprint's box
     Integers entry;          // its first weight in the table
-    Integers inside;         // all bits where the box and its tiles lie within the rows and columns to be written
+    Integers inside;         // all bits where the box and its tiles lie within the image
     Integers tile_place, tile_shift;  // its first tile (see ClosedBoxes)
     Numbers opacity, red, green, blue;
 
@@ -82,8 +82,8 @@ private:
         samples.top = (y >> bits) + table_.start_y - (fy >= table_.step_y);
         samples.entry = ((fy << bits) + fx) * (table_.pitch * table_.height);
         const int last_left = image_.width - kTileSide * closed_boxes_.columns;
-        const int last_top = job_.row_end - kTileSide * closed_boxes_.rows;
-        samples.inside = (samples.left >= 0) & (samples.left <= last_left) & (samples.top >= job_.row_begin) &
+        const int last_top = image_.height - kTileSide * closed_boxes_.rows;
+        samples.inside = (samples.left >= 0) & (samples.left <= last_left) & (samples.top >= 0) &
                          (samples.top <= last_top);
         samples.tile_place = (samples.top >> 2) * closed_boxes_.row_bytes + (samples.left >> 5);
         samples.tile_shift = samples.left >> 2 & 7;
@@ -95,18 +95,23 @@ private:
     }
 
     void splat_inside(const Samples& samples, int n) {
+        const int left = samples.left[n], top = samples.top[n];
+        const int y_begin = top > job_.row_begin ? top : job_.row_begin;
+        const int y_end = top + table_.height < job_.row_end ? top + table_.height : job_.row_end;
+        if (y_begin >= y_end) return;
+        // Tiles of the neighbouring stripes may be closing meanwhile: that costs time, never bits.
         if (kFrontToBack && closed_boxes_.hide(samples.tile_place[n], samples.tile_shift[n])) {
-            ++hidden_;
+            hidden_ += y_begin == top;
             return;
         }
-        const int left = samples.left[n], top = samples.top[n];
         const int ahead = pixels_ahead(left);
-        const bool changed = combine_box(pixel(left - ahead, top), table_.weights + samples.entry[n] - ahead,
-                                         table_.height, samples.point(n));
-        if (kFrontToBack && !changed) closed_.examine({left, left + table_.width, top, top + table_.height});
+        const float* weights = table_.weights + samples.entry[n] + int64_t(y_begin - top) * table_.pitch;
+        const bool changed =
+            combine_box(pixel(left - ahead, y_begin), weights - ahead, y_end - y_begin, samples.point(n));
+        if (kFrontToBack && !changed) closed_.examine({left, left + table_.width, y_begin, y_end});
     }
 
-    // At the rim of the image or of the rows.
+    // At the rim of the image.
     __attribute__((noinline)) void splat_clipped(const Samples& samples, int n) {
         const int left = samples.left[n], top = samples.top[n];
         const PixelBox box = {left > 0 ? left : 0,
