@@ -14,6 +14,7 @@ from volsplat.protocol.scene import Field, Order, Scene
 from volsplat.protocol.volume import Geometry, Index
 
 DEFAULT_PACKETS = 32768  # 256 KiB: what loopback TCP carries best in one go
+FIRST_PACKETS = 4096  # a frame's batches start small and double, so that the splatter soon has something to do
 DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
 
 FIELDS = list(Field)  # the kernel knows fields by their place here
@@ -77,16 +78,18 @@ class FrameWalk:
             closed_tiles=closed_tiles if hides else None,
         )
         self._ended = False
+        self._ramp = FIRST_PACKETS
 
     def next_batch(self, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
         """What comes next, or None after the batch that was the last. There is always a last one, if empty.
 
-        The limits decide where batches end, not what they hold together. The memory of a batch is used again
+        The limits decide where batches end, not what they hold together; a frame's first batches are smaller. The memory of a batch is used again
         once its memoryviews are gone.
         """
         if self._ended:
             return None
-        runs, packets, run_count, packet_count, reached, last, visited = self._walk.next_batch(max_packets, max_voxels)
+        limit, self._ramp = min(max_packets, self._ramp), 2 * self._ramp
+        runs, packets, run_count, packet_count, reached, last, visited = self._walk.next_batch(limit, max_voxels)
         self._ended = last
         return ShadedBatch(
             runs=runs,
