@@ -22,11 +22,16 @@ $(READY): $(BUILD_INPUTS)
 demo: $(READY) ## render the head phantom with two map/shade servers and a splat server, six steps
 	$(BIN)/volsplat demo --output demo
 
-test: $(READY) ## lint, type-check and test
+# What holds of every image; any machine of a lab may be without AVX, so all of it must hold on the baseline path.
+PROPERTIES := $(addprefix tests/test_,order_independence.py reference.py closed_forms.py visibility.py handedness.py \
+	known_light.py volume_edges.py classified_rows.py splat_server.py session.py)
+
+test: $(READY) ## lint, type-check and test, the properties on the baseline CPU path as well
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/pytest -n auto
+	VOLSPLAT_CPU_PATH=baseline $(BIN)/pytest -n auto $(PROPERTIES)
 
 bench: $(READY) ## print the kernels' speeds beside their floors, the paper's table and the peers' times
 	$(BIN)/volsplat bench kernels
