@@ -106,8 +106,8 @@ private:
         }
         const int ahead = pixels_ahead(left);
         const float* weights = table_.weights + samples.entry[n] + int64_t(y_begin - top) * table_.pitch;
-        const bool changed =
-            combine_box(pixel(left - ahead, y_begin), weights - ahead, y_end - y_begin, samples.point(n));
+        const bool changed = combine_box({pixel(left - ahead, y_begin), weights - ahead, y_begin - top, y_end - top, ahead},
+                                         samples.point(n));
         if (kFrontToBack && !changed) closed_.examine({left, left + table_.width, y_begin, y_end});
     }
 
@@ -127,7 +127,8 @@ private:
         const Point point = samples.point(n);
         const int ahead = pixels_ahead(left);
         const bool changed =
-            kFours > 0 ? combine_box(pixel(left - ahead, box.y_begin), weights - ahead, box.y_end - box.y_begin, point)
+            kFours > 0 ? combine_box({pixel(left - ahead, box.y_begin), weights - ahead, box.y_begin - top,
+                                      box.y_end - top, ahead}, point)
                        : combine_rows(left, top, box, weights, point);
         if (kFrontToBack && !changed) closed_.examine(box);
     }
@@ -150,23 +151,41 @@ private:
         combine<kFrontToBack, kClamped, Lanes>(pixels, image_.plane, weights, point, added);
     }
 
-    // Whole rows, as long for every sample, so that no branch is mispredicted. Says whether alpha changed.
-    __attribute__((always_inline)) bool combine_box(float* pixels, const float* weights, int rows, const Point& point) const {
-        const int64_t pitch = image_.pitch, plane = image_.plane;
+    struct Rows {
+        float* pixels;
+        const float* weights;
+        int begin, end;  // of the footprint's rows
+        int ahead;       // pixels before the footprint's own first one
+    };
+
+    // Rows as long for every sample, so that hardly a branch is mispredicted. Says whether alpha changed.
+    __attribute__((always_inline)) bool combine_box(Rows rows, const Point& point) const {
         Added added{};
-        const auto combine_row = [&]() __attribute__((always_inline)) {
-            int x = 0;
-#pragma GCC unroll 8
-            for (; x + kWidest <= 4 * kFours; x += kWidest)
-                combine<kFrontToBack, kClamped, Widest>(pixels + x, plane, weights + x, point, added);
-            if (x < 4 * kFours) combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point, added);
-            pixels += pitch, weights += 4 * kFours;
-        };
-        for (; rows >= 4; rows -= 4)
+        if constexpr (4 * kFours > kNarrowBox) {
+            for (; rows.begin < rows.end; ++rows.begin) combine_trimmed_row(rows, point, added);
+        } else {
+            for (; rows.end - rows.begin >= 4; rows.begin += 4)
 #pragma GCC unroll 4
-            for (int row = 0; row < 4; ++row) combine_row();
-        for (; rows > 0; --rows) combine_row();
+                for (int row = 0; row < 4; ++row) combine_whole_row(rows, point, added);
+            for (; rows.begin < rows.end; ++rows.begin) combine_whole_row(rows, point, added);
+        }
         return added.any_at_all();
+    }
+
+    __attribute__((always_inline)) void combine_whole_row(Rows& rows, const Point& point, Added& added) const {
+        int x = 0;
+#pragma GCC unroll 8
+        for (; x + kWidest <= 4 * kFours; x += kWidest) combine_at<Widest>(rows.pixels + x, rows.weights + x, point, added);
+        if (x < 4 * kFours) combine_at<Four>(rows.pixels + x, rows.weights + x, point, added);
+        rows.pixels += image_.pitch, rows.weights += 4 * kFours;
+    }
+
+    // Without the corners of the box that the footprint never reaches.
+    __attribute__((always_inline)) void combine_trimmed_row(Rows& rows, const Point& point, Added& added) const {
+        const RowSpan span = table_.spans[rows.begin];
+        for (int x = (rows.ahead + span.begin) & -kWidest; x < rows.ahead + span.end; x += kWidest)
+            combine_at<Widest>(rows.pixels + x, rows.weights + x, point, added);
+        rows.pixels += image_.pitch, rows.weights += 4 * kFours;
     }
 
     // Of each row what the footprint reaches.
