@@ -8,14 +8,14 @@ import msgspec
 import pytest
 import torch
 from arbitrary import bounds_within, flips_and_orders, geometries, plain_scene, quaternion_to, quaternions, views
-from cpu_paths import kernels_on
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from shaded_packets import all_batches, packets_of
 from shadings import WINDOW, partitions, shaded_scenes, volumes
 from torch import Tensor
 
 from reference import mapping
+from volsplat.bench.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch, sample_reach
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -56,6 +56,13 @@ class Frame:
         return sum(batch.voxels_visited for batch in self.batches)
 
 
+def walk_of(
+    held: list[SubCube], scene: Scene, step: Step = Step.F, closed_tiles: "_kernels.Array | None" = None
+) -> FrameWalk:
+    geometry = held[0].geometry
+    return FrameWalk(held, geometry, PLAIN, scene, plan_frame(scene, geometry, step), closed_tiles)
+
+
 def frame(
     held: list[SubCube],
     scene: Scene,
@@ -63,9 +70,7 @@ def frame(
     closed_tiles: "_kernels.Array | None" = None,
     most: int = 999,
 ) -> Frame:
-    geometry = held[0].geometry
-    walk = FrameWalk(held, geometry, PLAIN, scene, plan_frame(scene, geometry, step), closed_tiles)
-    return Frame(all_batches(walk, most, most))
+    return Frame(all_batches(walk_of(held, scene, step, closed_tiles), most, most))
 
 
 def sparse(scene: Scene, least: float) -> Scene:
@@ -84,7 +89,7 @@ def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geo
     values, boxes = data.draw(volumes(geometry)), data.draw(partitions(geometry))
     scenes = [data.draw(shaded_scenes(geometry)), sparse(data.draw(shaded_scenes(geometry)), 0.8)]
     steps = st.sampled_from(Step)
-    with kernels_on(path):
+    with kernels_on(_kernels, path):
         held = held_as(geometry, values, boxes)
         for _ in range(data.draw(st.integers(2, 6))):
             scene = msgspec.structs.replace(
@@ -174,6 +179,33 @@ def test_where_nearly_all_can_be_seen_no_lists_are_kept(axis: str) -> None:
     first = frame(held, seen_from(axis, least=0.2))
     assert held[0].classified_rows.axes == []
     assert frame(held, seen_from(axis, least=0.2)).rows == first.rows
+
+
+@given(
+    views=st.lists(st.tuples(st.sampled_from("ijk"), st.sampled_from((0.2, 0.6, 0.85, 0.9))), min_size=2, max_size=4),
+    sequence=st.lists(st.integers(0, 3), max_size=60),
+)
+@example(views=[("i", 0.85), ("i", 0.85)], sequence=[0, 1] * 20)
+@example(views=[("i", 0.85), ("k", 0.85)], sequence=[0, 1] * 20)
+@example(views=[("j", 0.85), ("j", 0.6)], sequence=[0, 1] * 20)  # other tables …
+@example(views=[("j", 0.6), ("j", 0.9)], sequence=[0, 1, 1, 1] * 10)
+@example(views=[("k", 0.85), ("k", 0.9), ("k", 0.85)], sequence=[0, 1, 0, 2, 0, 1])  # … and those of before again
+@example(views=[("j", 0.85), ("i", 0.2)], sequence=[0, 1] * 20)  # more than there is room for
+def test_a_walk_gives_the_same_whichever_walks_begin_meanwhile(
+    views: list[tuple[str, float]], sequence: list[int]
+) -> None:
+    values = torch.randn(SIDE, SIDE, SIDE, generator=torch.Generator().manual_seed(2))
+    held, scenes = held_as(CUBE, values, [CUBE.box]), [seen_from(*view) for view in views]
+    walks: dict[int, FrameWalk] = {}
+    batches: list[list[ShadedBatch]] = [[] for _ in scenes]
+    for turn in (n % len(scenes) for n in sequence):
+        if turn not in walks:
+            walks[turn] = walk_of(held, scenes[turn])
+        if (batch := walks[turn].next_batch(100, 500)) is not None:
+            batches[turn].append(batch)
+    for turn, walk in walks.items():
+        rows = packets_of(batches[turn] + all_batches(walk)).rows()
+        assert rows == frame(held_as(CUBE, values, [CUBE.box]), scenes[turn]).rows
 
 
 @pytest.mark.parametrize("sample_axis", [0, 1, 2])

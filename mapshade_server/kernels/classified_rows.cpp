@@ -68,12 +68,12 @@ std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility&
   if (wanted.lists || wanted.too_large || size_[axis] > kLongestRow) return wanted.lists;
   const std::size_t rows = static_cast<std::size_t>(size_[(axis + 1) % 3] * size_[(axis + 2) % 3]);
   wanted.lists = std::make_shared<RowLists>(rows, most_bytes_ / kVoxelBytes);
-  make_room(axis, 0);
+  make_room(axis, *wanted.lists, 0);
   return wanted.lists;
 }
 
-bool ClassifiedRows::make_room(int axis, std::size_t voxels) {
-  RowLists& growing = *axes_[axis].lists;
+bool ClassifiedRows::make_room(int axis, const RowLists& growing, std::size_t voxels) {
+  if (axes_[axis].lists.get() != &growing) return false;
   while (bytes() - growing.bytes() + growing.bytes_with(voxels) > most_bytes_) {
     Axis* oldest = nullptr;
     for (Axis& other : axes_) {

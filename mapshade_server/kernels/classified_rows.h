@@ -3,7 +3,8 @@
 // There are lists for each axis that samples can follow. A row's list is made when a frame walks it first, and holds
 // as long as the same densities and strengths can be seen. Lists take a share of the voxel packets' memory at most;
 // beyond it the axis that was not walked for the longest time is forgotten, and an axis that needs more than all of
-// the share by itself is not kept. One walk at a time uses them.
+// the share by itself is not kept. A walk may be outdated by another one that begins: its lists then may be kept no
+// longer, and no longer grow. Walks must not use them at the same time.
 #pragma once
 
 #include <array>
@@ -65,8 +66,8 @@ class ClassifiedRows {
   // The lists of the rows along an axis; null where they are not kept. Lists of another visibility are forgotten.
   std::shared_ptr<RowLists> rows_along(int axis, const Visibility& visibility);
 
-  // Whether the lists along this axis may grow by so many voxels; if not, they are kept no longer.
-  bool make_room(int axis, std::size_t voxels);
+  // Whether these lists along an axis may grow by so many voxels; if not, or not any more, they are not kept.
+  bool make_room(int axis, const RowLists& growing, std::size_t voxels);
 
   // What all lists take together, and the axes that have some.
   std::size_t bytes() const;

@@ -91,7 +91,7 @@ std::size_t VisibleRows::list_number(std::int64_t sheet, std::int64_t row) const
 
 std::ptrdiff_t VisibleRows::next_list() const { return plan_.ascending[1] ? list_strides_[1] : -list_strides_[1]; }
 
-// Classifies the whole row, and those that share its cache lines. False where its axis is not kept after all.
+// Classifies the whole row, and those that share its cache lines. False where the lists are not kept after all.
 bool VisibleRows::classify_into_lists(std::int64_t sheet, std::int64_t row) {
   const int axis = plan_.axes[2];
   const Lines lines{0, 1, box_.size[axis]};
@@ -108,7 +108,7 @@ bool VisibleRows::classify_into_lists(std::int64_t sheet, std::int64_t row) {
 
   std::size_t found = 0;
   for (std::int64_t column = columns.begin; column < columns.end; ++column) found += counts_[column - columns.first];
-  if (!box_.classified->make_room(axis, found)) {
+  if (!box_.classified->make_room(axis, *lists_, found)) {
     lists_.reset();
     return false;
   }
