@@ -1,6 +1,7 @@
 """What a walk keeps of rows from frame to frame, and what it leaves out as hidden, changes its cost only."""
 
 import math
+import sys
 from array import array
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ import torch
 from arbitrary import bounds_within, flips_and_orders, geometries, plain_scene, quaternion_to, quaternions, views
 from hypothesis import example, given
 from hypothesis import strategies as st
+from little_memory import little_memory
 from shaded_packets import all_batches, packets_of
 from shadings import WINDOW, partitions, shaded_scenes, volumes
 from torch import Tensor
@@ -206,6 +208,19 @@ def test_a_walk_gives_the_same_whichever_walks_begin_meanwhile(
     for turn, walk in walks.items():
         rows = packets_of(batches[turn] + all_batches(walk)).rows()
         assert rows == frame(held_as(CUBE, values, [CUBE.box]), scenes[turn]).rows
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
+def test_without_memory_for_lists_a_frame_is_the_same() -> None:
+    side = 272  # so that the lists take more than is left
+    geometry = Geometry((side, side, side))
+    values = torch.zeros(side, side, side)
+    values[::16, ::16, ::16] = 2
+    held, scene = held_as(geometry, values, [geometry.box]), seen_from("j")
+    with little_memory(32 << 20):
+        without = frame(held, scene, most=side**3)
+    assert held[0].classified_rows.axes == []
+    assert without.rows == frame(held_as(geometry, values, [geometry.box]), scene).rows
 
 
 @pytest.mark.parametrize("sample_axis", [0, 1, 2])

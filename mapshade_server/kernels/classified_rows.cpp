@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstring>
+#include <new>
 
 namespace volsplat {
 
@@ -67,7 +68,12 @@ std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility&
   wanted.last_walk = ++walks_;
   if (wanted.lists || wanted.too_large || size_[axis] > kLongestRow) return wanted.lists;
   const std::size_t rows = static_cast<std::size_t>(size_[(axis + 1) % 3] * size_[(axis + 2) % 3]);
-  wanted.lists = std::make_shared<RowLists>(rows, most_bytes_ / kVoxelBytes);
+  try {
+    wanted.lists = std::make_shared<RowLists>(rows, most_bytes_ / kVoxelBytes);
+  } catch (const std::bad_alloc&) {
+    wanted.too_large = true;
+    return nullptr;
+  }
   make_room(axis, *wanted.lists, 0);
   return wanted.lists;
 }

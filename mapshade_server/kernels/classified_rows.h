@@ -63,7 +63,8 @@ class ClassifiedRows {
 
   const Index3& size() const { return size_; }
 
-  // The lists of the rows along an axis; null where they are not kept. Lists of another visibility are forgotten.
+  // The lists of the rows along an axis; null where they are not kept, or there is no memory for them. Lists of another
+  // visibility are forgotten.
   std::shared_ptr<RowLists> rows_along(int axis, const Visibility& visibility);
 
   // Whether these lists along an axis may grow by so many voxels; if not, or not any more, they are not kept.
