@@ -1,5 +1,5 @@
-// Which parts of the image no sample can change any more: the map of protocol/closed_tiles.py, read while the splat
-// server writes it. Bits only rise, so what is read may be old, but it is never wrong.
+// Which parts of the image no sample can change any more: the map of protocol/closed_tiles.py, read while others write
+// it. Bits only rise, so what is read may be old, but it is never wrong.
 #pragma once
 
 #include <cstdint>
