@@ -24,7 +24,7 @@ demo: $(READY) ## render the head phantom with two map/shade servers and a splat
 
 # What holds of every image; any machine of a lab may be without AVX, so all of it must hold on the baseline path.
 PROPERTIES := $(addprefix tests/test_,order_independence.py reference.py closed_forms.py visibility.py handedness.py \
-	known_light.py volume_edges.py classified_rows.py splat_server.py session.py)
+	known_light.py volume_edges.py classified_rows.py closed_tiles.py splat_server.py session.py)
 
 test: $(READY) ## lint, type-check and test, the properties on the baseline CPU path as well
 	$(BIN)/ruff format --check .

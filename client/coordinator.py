@@ -10,6 +10,8 @@ from array import array
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
+import msgspec
+
 from volsplat.client.coordinator_events import (
     AbortAsked,
     EndFrame,
@@ -33,7 +35,7 @@ from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
-from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.frame_plan import plan_frame, resolved_order
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
@@ -238,8 +240,7 @@ class Coordinator:
         return not self._pending
 
     def _received_Refused(self, server: int, message: messages.Refused, payload: memoryview) -> list[Instruction]:
-        unreachable = message.request == messages.ConnectToSplatServers.__name__
-        error = PeerLost(message.cause) if unreachable else BadInput(message.cause)
+        error = PeerLost(message.cause) if message.peer_lost else BadInput(message.cause)
         if not message.frame:
             return self._fail(error)
         frame = self._current(message.frame)
@@ -283,7 +284,8 @@ class Coordinator:
         render = messages.RenderFrame(
             frame=frame.frame,
             assignment=self._assignment,
-            scene=frame.scene,
+            # No two machines may decide this differently.
+            scene=msgspec.structs.replace(frame.scene, order=resolved_order(frame.scene, geometry)),
             step=frame.step,
             geometry=geometry,
             quantisation=quantisation,

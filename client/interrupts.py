@@ -23,5 +23,5 @@ def interrupts_held() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
-    if came:
-        before(signal.SIGINT, came[0])
+        if came:
+            before(signal.SIGINT, came[0])

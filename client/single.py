@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 WORKER = 1  # the one map/shade "server"
+
+
+class Superseded(Exception):
+    """Another frame was drawn since; nothing is left of this one."""
 
 
 @dataclass
@@ -68,6 +72,7 @@ class SingleProcess:
         self._quantisation: Quantisation | None = None
         self._image: ImageBuffer | None = None
         self._frame = 0
+        self._ahead: Future[ShadedBatch | None] | None = None  # the batch that the walker is at
 
     @property
     def volume(self) -> SurveyedVolume:
@@ -86,8 +91,23 @@ class SingleProcess:
     def refine(
         self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
     ) -> Iterator[Refinement]:
-        """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds."""
-        return refined(lambda step: self._drawn(scene, step, partial_interval), scene, last)
+        """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds.
+
+        Ends early, without an error, when something else is drawn meanwhile.
+        """
+        newest = 0  # frame of this refinement
+
+        def drawn(step: Step) -> Iterator[Refinement]:
+            nonlocal newest
+            if newest not in (0, self._frame):
+                raise Superseded
+            newest = self._frame + 1
+            return self._drawn(scene, step, partial_interval)
+
+        try:
+            yield from refined(drawn, scene, last)
+        except Superseded:
+            return
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
@@ -100,6 +120,8 @@ class SingleProcess:
             assembly.advance()
             if time.perf_counter() - shown > partial_interval and not assembly.complete:
                 yield Refinement(step, _tensor(assembly), None)
+                if assembly.frame != self._frame:
+                    raise Superseded
                 shown = time.perf_counter()
         while not assembly.complete:
             assembly.advance()
@@ -142,26 +164,25 @@ class SingleProcess:
             tally.map_shade_seconds += time.perf_counter() - began
             return batch
 
-        ahead = self._walker.submit(next_batch) if self._walker is not None else None
-        try:
-            while True:
-                began = time.perf_counter()
-                batch = next_batch() if ahead is None else ahead.result()
-                tally.waiting_seconds += time.perf_counter() - began
-                if batch is None:
-                    return
-                if self._walker is not None:
-                    ahead = self._walker.submit(next_batch)
-                tally.voxels_visited += batch.voxels_visited
-                tally.batches += 1
-                tally.bytes += len(batch.runs) + len(batch.packets)
-                yield batch
-        finally:
-            if ahead is not None:
-                ahead.result()  # the voxel packets may be made anew after this
+        walker = self._walker
+        self._ahead = walker.submit(next_batch) if walker is not None else None
+        while True:
+            began = time.perf_counter()
+            batch = next_batch() if self._ahead is None else self._ahead.result()
+            tally.waiting_seconds += time.perf_counter() - began
+            if batch is None:
+                return
+            if walker is not None:
+                self._ahead = walker.submit(next_batch)
+            tally.voxels_visited += batch.voxels_visited
+            tally.batches += 1
+            tally.bytes += len(batch.runs) + len(batch.packets)
+            yield batch
 
     def _stages(self, scene: Scene, step: Step) -> tuple[FrameWalk, FrameAssembly]:
         geometry = self._volume.description.geometry
+        if self._ahead is not None:
+            self._ahead.result()  # an older frame's walk must not go on beside this one's
         self._frame += 1
         try:
             assembly = FrameAssembly(

@@ -67,3 +67,5 @@ class DataLink:
                     tiles.map.cast("B")[:] = received.payload
         except VolsplatError as error:
             self._failure = error
+        finally:
+            self._connection.close()  # a link that nobody hears is lost

@@ -83,12 +83,13 @@ class FrameWalk:
     def next_batch(self, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
         """What comes next, or None after the batch that was the last. There is always a last one, if empty.
 
-        The limits decide where batches end, not what they hold together; a frame's first batches are smaller. The memory of a batch is used again
-        once its memoryviews are gone.
+        The limits decide where batches end, not what they hold together; a frame's first batches are smaller. The
+        memory of a batch is used again once its memoryviews are gone.
         """
         if self._ended:
             return None
-        limit, self._ramp = min(max_packets, self._ramp), 2 * self._ramp
+        limit = min(max_packets, self._ramp)
+        self._ramp = 2 * limit
         runs, packets, run_count, packet_count, reached, last, visited = self._walk.next_batch(limit, max_voxels)
         self._ended = last
         return ShadedBatch(

@@ -118,6 +118,15 @@ class Connection:
         """From now until open(), sends and receives fail with PeerLost once this much time has passed."""
         self._deadline = time.monotonic() + seconds
 
+    def lose_after(self, seconds: float) -> None:
+        """From now on, a peer that has not taken what was sent for so long is gone: for one that always reads.
+
+        While something is on its way the system asks for no sign of life, and would wait for a quarter of an hour.
+        """
+        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+            with suppress(OSError):  # it is closed already
+                self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * seconds))
+
     def send(self, message: Message, *payload: "Buffer") -> None:
         """Send a message and its payload, whose memory is free again on return. Any thread may call it.
 

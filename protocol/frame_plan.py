@@ -152,7 +152,7 @@ def resolved_zoom(scene: Scene, geometry: Geometry) -> float:
 
 
 def resolved_order(scene: Scene, geometry: Geometry) -> Order:
-    """Back-to-front or front-to-back; the faster one where the scene leaves it open.
+    """Back-to-front or front-to-back, for all steps alike; the faster one where the scene leaves it open.
 
     Front to back what is hidden is skipped, but each sample costs a little more: it is slower where the whole
     volume at the tables' greatest opacity would still hide nothing.

@@ -282,12 +282,14 @@ class Refused(Message, frozen=True):
     """Map/shade server or splat server to client: a request cannot be met, for the cause given in one line.
 
     `request` is the message's name; `frame` or `assignment` is that of the request, 0 where it carries none.
+    `peer_lost`: not for what was asked, but because another server is gone or cannot be reached.
     """
 
     request: Line
     cause: Line
     frame: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
     assignment: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
+    peer_lost: bool = False
 
     def __post_init__(self) -> None:
         for field in ("request", "cause"):  # they will be shown

@@ -2,7 +2,7 @@
 
 import logging
 
-from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.messages import LONGEST_LINE, Message, Refused
 
 log = logging.getLogger(__name__)
@@ -20,6 +20,7 @@ def refusal(request: Message, error: Exception) -> Refused:
         cause=_cause(error)[:LONGEST_LINE],
         frame=getattr(request, "frame", 0),
         assignment=getattr(request, "assignment", 0),
+        peer_lost=isinstance(error, PeerLost),
     )
 
 

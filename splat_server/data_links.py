@@ -20,6 +20,8 @@ from volsplat.splat_server.merge_events import Batch, BatchArrived, RefuseBatch,
 
 log = logging.getLogger(__name__)
 
+UNREAD_SECONDS = 25.0  # a worker reads at once; one that has not taken what was sent for this long is gone
+
 
 class DataLinks:
     """Takes links and their batches until it is closed."""
@@ -81,9 +83,13 @@ class DataLinks:
 
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
+            link.lose_after(UNREAD_SECONDS)
             with self._changed:
+                replaced = self._links.get(link.peer.id)
                 self._links[link.peer.id] = link
                 self._merge.handle(WorkerLinked(link.peer.id))
+            if replaced is not None:
+                replaced.close()
             threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True).start()
 
     def _serve(self, link: Connection) -> None:

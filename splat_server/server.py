@@ -26,7 +26,8 @@ from volsplat.splat_server.tile_news import TileNews
 PACKETS_AT_ONCE = 1 << 15
 PIXELS_AT_ONCE = 1 << 22
 
-TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles
+TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles, and more where they are large
+TILE_NEWS_RATE = 100e6  # bytes a second, over all links
 
 
 def packets_at_once(pixels_per_packet: int) -> int:
@@ -55,7 +56,7 @@ class SplatServer:
         self._waiting_seconds = 0.0
         self._answering_seconds = 0.0
         self._hidden_told = 0  # hidden packets when the workers last heard which tiles are closed
-        self._tiles_told_at = 0.0
+        self._next_tile_news = 0.0
 
         self._data_links = DataLinks(data_links, self._merge, self._changed, self._note_news)
         self._tile_news = TileNews()
@@ -129,19 +130,22 @@ class SplatServer:
             )
         )
         if not progress.lost:
+            self._images_wanted.clear()  # whoever asked for it as it stood gets it finished
             self._images_wanted.append(messages.ReadImage(frame=assembly.frame))
 
     def _tell_closed_tiles(self, assembly: FrameAssembly) -> None:
         """Have the workers leave out what is hidden. Hidden packets show that more of it is likely to come."""
         now = time.perf_counter()
-        if assembly.hidden_packets == self._hidden_told or now - self._tiles_told_at < TILE_NEWS_SECONDS:
+        if assembly.hidden_packets == self._hidden_told or now < self._next_tile_news:
             return
-        self._hidden_told, self._tiles_told_at = assembly.hidden_packets, now
         links = self._data_links.of_unfinished_workers()
+        tile_map = bytes(assembly.image.closed_tiles)
+        self._hidden_told = assembly.hidden_packets
+        self._next_tile_news = now + max(TILE_NEWS_SECONDS, len(tile_map) * len(links) / TILE_NEWS_RATE)
         if links:
             plan = assembly.plan
             closed = messages.TilesClosed(frame=assembly.frame, width=plan.width, height=plan.height)
-            self._tile_news.post(closed, bytes(assembly.image.closed_tiles), links)
+            self._tile_news.post(closed, tile_map, links)
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
         return messages.SplatStats(

@@ -3,6 +3,7 @@
 from array import array
 from itertools import permutations
 
+import msgspec
 import pytest
 
 from volsplat.client.coordinator import Coordinator, Phase
@@ -29,7 +30,7 @@ from volsplat.protocol.addresses import Address
 from volsplat.protocol.errors import BadInput, PeerLost
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import Bounds, Quantise, Scene, Step
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step
 from volsplat.protocol.volume import Geometry, VolumeDescription
 
 SPLAT, FIRST, SECOND = 1, 2, 3
@@ -135,6 +136,14 @@ def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[in
     (image,) = [i for i in last if isinstance(i, PublishImage)]
     assert image.complete and image.outcome is not None and set(image.outcome.map_shade) == {FIRST, SECOND}
     assert coordinator.frame is None
+
+
+def test_servers_are_told_an_order_and_need_not_choose() -> None:
+    coordinator = surveyed()
+    coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F))
+    told = [i.message for i in packed(coordinator) if isinstance(i, Send)]
+    orders = {message.scene.order for message in told if isinstance(message, messages.RenderFrame)}
+    assert len(orders) == 1 and orders <= set(TRAVERSAL_ORDERS)
 
 
 def test_a_newer_frame_ends_the_older_one_and_nothing_of_it_is_published() -> None:

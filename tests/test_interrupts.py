@@ -51,3 +51,9 @@ def test_other_threads_are_left_alone() -> None:
     thread.start()
     thread.join()
     assert not caught
+
+
+def test_an_interrupt_outlives_an_error_within() -> None:
+    with pytest.raises(KeyboardInterrupt), interrupts_held():
+        signal.raise_signal(signal.SIGINT)
+        raise ImportError("broken")

@@ -97,6 +97,21 @@ def test_a_newer_frame_ends_the_refinement_that_runs(session: Session) -> None:
     assert list(refinement) == []
 
 
+@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("partial_interval", [0.0, 1e9], ids=["within a step", "between two steps"])
+def test_a_frame_beside_a_refinement_of_the_single_process_ends_it_and_is_whole(
+    head: Path, threads: int, partial_interval: float
+) -> None:
+    with SingleProcess(head, threads=threads) as single:
+        scene = skin(single, Image(width=300, height=300))
+        other = msgspec.structs.replace(scene, order=Order.BACK_TO_FRONT)
+        alone = single.render(other)
+        refinement = single.refine(scene, partial_interval=partial_interval)
+        next(refinement)
+        assert torch.equal(single.render(other), alone)
+        assert list(refinement) == []
+
+
 def test_abort_ends_what_runs_and_the_session_goes_on(session: Session) -> None:
     refinement = session.refine(skin(session, Image(width=900, height=900)), partial_interval=0.001)
     seen = next(r for r in refinement if r.step == Step.C)
