@@ -9,7 +9,7 @@ from volsplat.bench.record import Figure, Record, read_record
 from volsplat.bench.text_table import TextTable, significant, with_unit
 from volsplat.protocol.errors import BadInput
 
-MOVED, STAYED = "moved", ""
+MOVED, STAYED, UNKNOWN = "moved", "", "spread unknown"
 
 
 @click.command()
@@ -19,7 +19,7 @@ def compare(old: Path, new: Path) -> None:
     """Compare the figures that OLD and NEW, both written by --json, have in common.
 
     The ratio is NEW over OLD, with what the bounds of both middle halves allow. A figure moved where its two medians
-    lie outside each other's middle half.
+    lie outside each other's middle half. Of one sample each, the spread is unknown.
     """
     from rich.console import Console
 
@@ -42,15 +42,26 @@ def comparison(old: Record, new: Record) -> TextTable:
     table = TextTable(title, ("figure", "old", "new", "new / old", ""))
     for a, b in shared:
         medians = (with_unit(one.median, one.unit) for one in (a, b))
-        table.add(b.name, *medians, _ratio(a, b), MOVED if moved(a, b) else STAYED)
+        table.add(b.name, *medians, _ratio(a, b), _verdict(a, b))
     left_out = len(old.figures) + len(new.figures) - 2 * len(shared)
     table.caption = f"{left_out} figures stand in one record only." if left_out else ""
     return table
 
 
 def moved(old: Figure, new: Figure) -> bool:
-    """Whether two figures differ by more than either's spread."""
-    return not (old.low <= new.median <= old.high or new.low <= old.median <= new.high)
+    """Whether two figures differ by more than either's spread; not so where neither has one."""
+    return not (_single(old, new) or old.low <= new.median <= old.high or new.low <= old.median <= new.high)
+
+
+def _single(old: Figure, new: Figure) -> bool:
+    """Whether each is one sample, so that nothing is known of the spread."""
+    return len(old.samples) == len(new.samples) == 1
+
+
+def _verdict(old: Figure, new: Figure) -> str:
+    if _single(old, new):
+        return UNKNOWN
+    return MOVED if moved(old, new) else STAYED
 
 
 def _same_kind(old: Figure | None, new: Figure) -> bool:
@@ -60,5 +71,8 @@ def _same_kind(old: Figure | None, new: Figure) -> bool:
 def _ratio(old: Figure, new: Figure) -> str:
     if min(old.low, old.median) <= 0:
         return "–"
+    ratio = significant(new.median / old.median)
+    if _single(old, new):
+        return ratio
     low, high = new.low / old.high, new.high / old.low
-    return f"{significant(new.median / old.median)} ({significant(low)}–{significant(high)})"
+    return f"{ratio} ({significant(low)}–{significant(high)})"

@@ -46,6 +46,14 @@ def test_a_ratio_is_of_medians_with_what_both_spreads_allow() -> None:
     assert row == ["f", "2.00 s", "6.00 s", "3.00 (1.00–8.00)", "moved"]
 
 
+@given(st.floats(1e-6, 1e6), st.floats(1e-6, 1e6))
+def test_of_two_single_samples_nobody_knows_whether_they_moved(old: float, new: float) -> None:
+    one, other = figure("f", "s", [old]), figure("f", "s", [new])
+    assert not moved(one, other)
+    (row,) = comparison(recorded(one), recorded(other)).rows
+    assert row[-2:] == [significant(new / old), "spread unknown"]
+
+
 def test_only_figures_in_both_records_are_compared_and_the_others_are_counted() -> None:
     old = recorded(figure("a", "s", [1.0]), figure("b", "s", [1.0]), figure("c", "s", [1.0]))
     new = recorded(figure("b", "s", [1.0]), figure("c", "1/s", [1.0]))
