@@ -21,14 +21,17 @@ def bottleneck(report: StepReport, cores: int) -> Bottleneck:
 
     Links are slow where the splat server waits while a map/shade server cannot send. Where the map/shade servers and
     the splat server together keep all `cores` of this machine busy, these are named with whatever takes most of them.
+    The image is published and sent after the finished frame. The client has what no other part accounts for.
     """
     wall = report.wall_seconds
     splat = report.planning_seconds + report.merge_seconds + report.splat_seconds
+    splat += report.splat_server.answering_seconds
     parts = {
         "slowest map/shade": report.map_shade_seconds_slowest,
         "splat server": splat,
         "links": min(report.splat_waiting_seconds, report.map_shade_waiting_seconds_slowest),
-        "client": max(0.0, wall - splat - report.splat_waiting_seconds),
+        "image": report.image_seconds,
+        "client": (1 - report.accounted_share) * wall,
     }
     name = max(parts, key=lambda part: parts[part])
     working = report.map_shade_seconds + splat

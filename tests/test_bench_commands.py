@@ -212,7 +212,8 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> StepReport:
         ),
         ({"splat_seconds": 0.7, "merge_seconds": 0.2, "splat_waiting_seconds": 0.1}, 8, "splat server"),
         ({"splat_waiting_seconds": 0.9, "map_shade_waiting_seconds_slowest": 0.8}, 8, "links"),
-        ({"splat_seconds": 0.2, "splat_waiting_seconds": 0.1}, 8, "client"),
+        ({"splat_seconds": 0.2, "splat_waiting_seconds": 0.1, "image_seconds": 0.7}, 8, "image"),
+        ({"splat_seconds": 0.2, "image_seconds": 0.3, "accounted_share": 0.5}, 8, "client"),
         ({"splat_seconds": 0.9, "splat_waiting_seconds": 0.1, "map_shade_seconds": 0.1}, 1, "all 1 cores"),
     ],
 )
@@ -220,5 +221,6 @@ def test_the_bottleneck_is_where_most_of_the_frame_went(
     report: StepReport, seconds: dict[str, float], cores: int, named: str
 ) -> None:
     nothing = {field: 0.0 for field in report.__struct_fields__ if field.endswith(("_seconds", "_slowest"))}
-    frame = msgspec.structs.replace(report, **{**nothing, "wall_seconds": 1.0, **seconds})
+    whole = {"wall_seconds": 1.0, "accounted_share": 1.0}
+    frame = msgspec.structs.replace(report, **{**nothing, **whole, **seconds})
     assert named in str(bottleneck(frame, cores))
