@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -11,6 +10,7 @@ from torch import Tensor
 from torch.utils.dlpack import from_dlpack
 
 from volsplat.bench import _kernels as floors
+from volsplat.bench.cpu_paths import kernels_on
 from volsplat.bench.timing import interleaved, thread_seconds
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frame_walk import FrameWalk
@@ -101,7 +101,7 @@ def walk_rates(volume: PackedVolume, rounds: int, on_round: Callable[[], None]) 
     first = volume.first_density(VISIBLE)
     floor = _Floor(volume, first)
     for path in floors.cpu_paths():
-        with walking_on(path):
+        with kernels_on(_kernels, path):
 
             def walk(view: str, first: int) -> float:
                 sent = 0
@@ -157,17 +157,6 @@ def share_times(volume: PackedVolume, rounds: int, on_round: Callable[[], None])
     }
     found = interleaved(contenders, range(rounds), lambda n: on_round())
     return [ShareTime(float(volume.from_density[first]) / volume.voxels, found[first]) for first in firsts]
-
-
-@contextmanager
-def walking_on(path: str) -> Iterator[None]:
-    """Use one CPU path for a while."""
-    before = _kernels.cpu_path()
-    _kernels.set_cpu_path(path)
-    try:
-        yield
-    finally:
-        _kernels.set_cpu_path(before)
 
 
 class _Floor:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
 from volsplat.bench import _kernels as floors
+from volsplat.bench.cpu_paths import kernels_on
 from volsplat.bench.timing import interleaved, thread_seconds
 from volsplat.protocol.footprint_shape import footprint_shape
 from volsplat.protocol.frame_plan import FramePlan, plan_frame
@@ -45,19 +45,8 @@ def splat_rates(splats: int, rounds: int, on_round: Callable[[], None]) -> Itera
     for side in SIDES:
         block = Block(side, splats)
         for path in floors.cpu_paths():
-            with splatting_on(path):
+            with kernels_on(_kernels, path):
                 yield SplatRates(side, path, block.measured(path, rounds, on_round))
-
-
-@contextmanager
-def splatting_on(path: str) -> Iterator[None]:
-    """Use one CPU path for a while."""
-    before = _kernels.cpu_path()
-    _kernels.set_cpu_path(path)
-    try:
-        yield
-    finally:
-        _kernels.set_cpu_path(before)
 
 
 class Block:

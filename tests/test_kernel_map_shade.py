@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 import torch
 from arbitrary import geometries, plain_scene
-from cpu_paths import kernels_on
 from hypothesis import given
 from hypothesis import strategies as st
 from shaded_packets import Packets, all_batches, packets_of
@@ -20,6 +19,7 @@ from torch.utils.dlpack import from_dlpack
 
 from reference import mapping, shading, voxel_packets
 from tolerances import CODE_TIE, FLOAT32_COLOUR, POWER
+from volsplat.bench.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels, shading_tables
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -81,7 +81,7 @@ def test_every_cpu_path_gives_the_same_bits(
     plan = plan_frame(scene, geometry, step)
     frames = []
     for path in _kernels.cpu_paths():
-        with kernels_on(path):
+        with kernels_on(_kernels, path):
             sub_cube = SubCube.of_volume(geometry, values)
             sub_cube.pack(quantisation)
             batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, scene, plan))
@@ -130,7 +130,7 @@ def test_light_tables_are_those_of_the_reference(
     plan = plan_frame(scene, geometry, step)
     expected = shading.light_of_directions(scene, step, plan, voxel_packets.directions(scheme))
     for path in _kernels.cpu_paths():
-        with kernels_on(path):
+        with kernels_on(_kernels, path):
             table = from_dlpack(shading_tables.light_of_directions(scene, step, plan, scheme == "octahedral"))
         assert ((table - expected).abs() * 255 <= FLOAT32_COLOUR).all()
 

@@ -6,7 +6,6 @@ import weakref
 import pytest
 import torch
 from arbitrary import geometries
-from cpu_paths import kernels_on
 from hypothesis import given
 from hypothesis import strategies as st
 from shadings import WINDOW, directions, partitions, quantisations, volumes
@@ -15,6 +14,7 @@ from torch.utils.dlpack import from_dlpack
 
 from reference import voxel_packets
 from tolerances import SQUARE_ROOT
+from volsplat.bench.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import matrices
@@ -41,7 +41,7 @@ def test_packets_are_those_of_the_reference_on_every_cpu_path(
     values = data.draw(volumes(geometry))
     expected = voxel_packets.pack(values, geometry, quantisation)
     for path in _kernels.cpu_paths():
-        with kernels_on(path):
+        with kernels_on(_kernels, path):
             assert torch.equal(packed(geometry, values, quantisation), expected), path
 
 
@@ -62,7 +62,7 @@ def test_a_survey_states_extremes_and_missing_voxels(data: st.DataObject, geomet
     there = torch.isfinite(values)
     strengths = voxel_packets.strengths(voxel_packets.gradients(values, geometry))
     for path in _kernels.cpu_paths():
-        with kernels_on(path):
+        with kernels_on(_kernels, path):
             survey = SubCube.of_volume(geometry, values).survey()
         assert survey.voxels == values.numel()
         assert survey.no_data == int((~there).sum())
