@@ -7,6 +7,7 @@ import random
 import threading
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import click
@@ -19,6 +20,7 @@ from volsplat.bench.record import figure, record
 from volsplat.bench.renderers import local_session
 from volsplat.bench.subject import subject_of, volume_file, volume_words
 from volsplat.bench.text_table import TextTable, significant
+from volsplat.bench.timing import wall_seconds
 from volsplat.client.session import FrameAborted, Session
 from volsplat.protocol.scene import Image, Scene, View
 
@@ -56,7 +58,7 @@ def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None
             for title, view in VIEWS.items():
                 shown = subject.scene_of(known)
                 scene = msgspec.structs.replace(shown, image=Image(width=image, height=image), view=view)
-                whole = min(_timed(session, scene) for _ in range(3))
+                whole = min(wall_seconds(partial(session.render, scene)) for _ in range(3))
                 with shown_progress(title, count) as step:
                     seconds = sorted(abort_times(session, scene, count, whole, chance, step))
                 late = seconds[math.ceil(0.95 * len(seconds)) - 1]
@@ -99,9 +101,3 @@ def abort_seconds(session: Session, scene: Scene, delay: float) -> float | None:
     session.abort()
     drawing.join()
     return time.perf_counter() - asked if aborted.is_set() else None
-
-
-def _timed(session: Session, scene: Scene) -> float:
-    began = time.perf_counter()
-    session.render(scene)
-    return time.perf_counter() - began
