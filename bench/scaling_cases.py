@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -81,22 +81,24 @@ def visible_cases(scene: Scene, views: Callable[[Scene], list[Scene]]) -> list[C
 def frames_of(rows: Sequence[Row], cases: Sequence[Case]) -> list[Taken]:
     """Each case by all rows in turns; the first view of each is drawn once before, so that tables are made."""
     found = []
-
-    def drawn(row: Row, scene: Scene, reports: list[StepReport]) -> float:
-        outcome = row.renderer.finish(scene).outcome
-        assert outcome is not None
-        reports.extend(report_of(row.renderer.volume, scene, [outcome]).steps)
-        return outcome.wall_seconds
-
     with shown_progress("frames", sum(len(case.scenes) for case in cases)) as step:
         for case in cases:
             reports: dict[int, list[StepReport]] = {row.workers: [] for row in rows}
             for row in rows:
                 row.renderer.finish(case.scenes[0])
-            contenders: Mapping[int, Callable[[Scene], float]] = {
-                row.workers: (lambda scene, row=row, reports=reports: drawn(row, scene, reports[row.workers]))  # type: ignore[misc]
-                for row in rows
-            }
+            contenders = {row.workers: _reporting(row, reports[row.workers]) for row in rows}
             interleaved(contenders, case.scenes, lambda scene: step())
             found += [Taken(case, row, reports[row.workers]) for row in rows]
     return found
+
+
+def _reporting(row: Row, reports: list[StepReport]) -> Callable[[Scene], float]:
+    """Draws a scene, adds its report and gives the seconds."""
+
+    def draw(scene: Scene) -> float:
+        outcome = row.renderer.finish(scene).outcome
+        assert outcome is not None
+        reports.extend(report_of(row.renderer.volume, scene, [outcome]).steps)
+        return outcome.wall_seconds
+
+    return draw
