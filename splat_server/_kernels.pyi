@@ -92,7 +92,10 @@ class CellMap:
     ) -> None: ...
 
 class StripePool:
-    """Threads that share out an image's stripes, the calling one among them."""
+    """Threads that share out an image's stripes, the calling one among them.
+
+    Raises RuntimeError where one cannot be started.
+    """
 
     def __init__(self, threads: int) -> None: ...
     def close(self) -> None:

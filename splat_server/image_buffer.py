@@ -1,5 +1,6 @@
 """The image buffer: float32 RGBA with associated alpha, splatted into by stripes, readable at any time."""
 
+from volsplat.protocol.closed_tiles import tile_map_shape
 from volsplat.protocol.scene import Order
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import CellMap, EdgeLayer, FootprintTable, ImageMemory, SpanList, StripePool
@@ -10,7 +11,7 @@ THREADED_FROM_PIXELS = 1 << 17  # … or pixels under them: below both, handing 
 
 
 class ImageBuffer:
-    """`threads` stripes of rows are splatted at once; the bits do not depend on their number.
+    """`threads` stripes of rows are splatted at once, one for each row of tiles at most; their number changes no bits.
 
     One thread at a time may call `splat`; others may take a `snapshot` or read `closed_tiles` meanwhile.
     """
@@ -19,6 +20,8 @@ class ImageBuffer:
         self.width = width
         self.height = height
         self._memory = ImageMemory(width, height)
+        tile_rows, _ = tile_map_shape(width, height)
+        threads = min(threads, tile_rows)
         self._pool = StripePool(threads) if threads > 1 else None
 
     @property

@@ -3,7 +3,12 @@
 namespace volsplat {
 
 StripePool::StripePool(int threads) {
-    for (int n = 1; n < threads; ++n) helpers_.emplace_back([this] { help(); });
+    try {
+        for (int n = 1; n < threads; ++n) helpers_.emplace_back([this] { help(); });
+    } catch (...) {
+        close();
+        throw;
+    }
 }
 
 void StripePool::share_out(int count, const std::function<void(int)>& work) {

@@ -11,7 +11,7 @@ namespace volsplat {
 
 class StripePool {
 public:
-    // As many threads work as told, the calling one among them.
+    // As many threads work as told, the calling one among them. Throws std::system_error where one cannot be started.
     explicit StripePool(int threads);
     ~StripePool() { close(); }
 
