@@ -18,7 +18,7 @@ public:
     bool hide(const PixelBox& box) const {
         for (int row = box.y_begin / kTileSide; row <= (box.y_end - 1) / kTileSide; ++row)
             for (int column = box.x_begin / kTileSide; column <= (box.x_end - 1) / kTileSide; ++column)
-                if (!(image_.closed_tiles[row * image_.tile_words + column / 64] >> column % 64 & 1)) return false;
+                if (!(word_at(row * image_.tile_words + column / 64) >> column % 64 & 1)) return false;
         return true;
     }
 
@@ -34,6 +34,9 @@ public:
     }
 
 private:
+    // Another stripe's thread may be writing it.
+    uint64_t word_at(int64_t place) const { return __atomic_load_n(&image_.closed_tiles[place], __ATOMIC_RELAXED); }
+
     bool frozen(int column, int row) const {
         const int x_begin = column * kTileSide, y_begin = row * kTileSide;
         const int x_end = x_begin + kTileSide < image_.width ? x_begin + kTileSide : image_.width;
@@ -71,6 +74,8 @@ public:
 private:
     static int most_tiles(int pixels) { return (pixels + kTileSide - 2) / kTileSide + 1; }
 
+    // No atomic load, as it lies across words, while another stripe's thread may be writing them. Bits only rise, and
+    // each byte holds them as they were at some time: a read that is torn misses some that have just risen, no more.
     uint64_t word_at(int place) const {
         uint64_t word;
         __builtin_memcpy(&word, tiles_ + place, sizeof word);
