@@ -115,7 +115,7 @@ class ImageMemory:
 
     @property
     def hidden_packets(self) -> int:
-        """Packets left out as hidden since `clear`, each counted in the stripe that holds its first row."""
+        """Packets left out as hidden, since `clear`, in the stripe of their first row; the next may still draw them."""
 
 class EdgeLayer:
     """Coverage of anti-aliased white lines, positions in pixels from the centre of the top-left one, y down."""

@@ -31,7 +31,7 @@ class ImageBuffer:
 
     @property
     def hidden_packets(self) -> int:
-        """How many packets were left out as hidden since `clear`, each where its first row lies."""
+        """Packets left out as hidden, since `clear`, in the stripe of their first row; the next may still draw them."""
         return self._memory.hidden_packets
 
     def clear(self) -> None:
