@@ -52,6 +52,7 @@ from volsplat.deploy.local import LocalServers
 from volsplat.deploy.server_command import Program
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import LOOPBACK, Address
+from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.connection import Connection, ConnectionClosed
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.greetings import Hello
@@ -106,7 +107,14 @@ class Session:
         if workers is not None and workers < 1:
             raise BadInput(f"{workers} map/shade servers cannot hold a volume; start one or more")
         token = token or new_token()
-        self._listener = Listener(Role.CLIENT, token, host=listen.host, port=listen.port, assign_id=ServerIds())
+        self._listener = Listener(
+            Role.CLIENT,
+            token,
+            host=listen.host,
+            port=listen.port,
+            assign_id=ServerIds(),
+            allocate=BufferPool(),
+        )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()

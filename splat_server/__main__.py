@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from volsplat.protocol.addresses import LOOPBACK, Address
+from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
@@ -36,7 +37,7 @@ def splat_server(
     """Join the client at HOST:PORT, merge and splat what its map/shade servers send, and hand out the image."""
     log_to_stderr("splat-server", verbose)
     token = need_token(os.environ, token_file)
-    with Listener(Role.SPLAT_SERVER, token, host=listen.host, port=listen.port) as data_links:
+    with Listener(Role.SPLAT_SERVER, token, host=listen.host, port=listen.port, allocate=BufferPool()) as data_links:
         # An address that means "every interface" is no address to dial: the client then names the one it sees.
         host = "" if data_links.address.host in ("0.0.0.0", "::") else data_links.address.host
         hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=data_links.address.port, name=process_name())

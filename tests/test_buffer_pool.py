@@ -1,0 +1,54 @@
+"""Memory for payloads is used again once nobody holds it, and never before."""
+
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+
+from volsplat.protocol import messages
+from volsplat.protocol.buffer_pool import MOST_SPARE, BufferPool
+from volsplat.splat_server import _kernels
+
+MESSAGE = messages.AbortFrame(1)
+
+
+@given(st.lists(st.tuples(st.integers(1, 20_000), st.booleans()), max_size=40))
+def test_what_is_held_is_never_handed_out_again(wishes: list[tuple[int, bool]]) -> None:
+    pool = BufferPool()
+    held: list[tuple[memoryview, int]] = []
+    for number, (nbytes, keep) in enumerate(wishes):
+        view = memoryview(pool(MESSAGE, nbytes))[:nbytes]
+        assert len(view) == nbytes and not view.readonly
+        view[:] = bytes([number]) * nbytes
+        if keep:
+            held.append((view, number))
+        del view
+    for view, number in held:
+        assert bytes(view) == bytes([number]) * len(view)
+
+
+def test_what_is_let_go_is_used_again() -> None:
+    pool = BufferPool()
+    first = id(pool(MESSAGE, 5000))
+    assert all(id(pool(MESSAGE, nbytes)) == first for nbytes in (5000, 4097, 8192))
+
+
+def test_tensors_and_pinned_batches_hold_their_memory() -> None:
+    pool = BufferPool()
+    image = torch.frombuffer(memoryview(pool(MESSAGE, 4096))[:4096], dtype=torch.float32)
+    image.fill_(1.0)
+    batch = _kernels.BatchMemory(memoryview(b""), memoryview(pool(MESSAGE, 4096))[:80])
+    later = pool(MESSAGE, 4096)
+    later[:] = b"\x02" * len(later)
+    assert torch.all(image == 1.0) and batch.bytes == 80
+    kept = len(pool._buffers[4096])
+    del image, batch
+    pool(MESSAGE, 4096)
+    assert len(pool._buffers[4096]) == kept == 3
+
+
+def test_few_buffers_are_kept_spare() -> None:
+    pool = BufferPool()
+    many = [pool(MESSAGE, 4096) for _ in range(20)]
+    del many
+    pool(MESSAGE, 4096)
+    assert len(pool._buffers[4096]) <= MOST_SPARE
