@@ -7,7 +7,7 @@ from volsplat.bench.plot import Panel
 from volsplat.bench.record import Figure, figure
 from volsplat.bench.renderers import SINGLE
 from volsplat.bench.scaling_cases import Taken
-from volsplat.bench.text_table import TextTable, give_or_take, significant, spread
+from volsplat.bench.text_table import TextTable, significant, spread, with_give_or_take
 from volsplat.client.frame_report import StepReport, this_machine
 
 
@@ -51,7 +51,7 @@ def growth_table(taken: Sequence[Taken]) -> TextTable:
         row = [one for one in taken if one.case == case]
         setting = f"{case.group} {significant(case.value)}" + ("" if "above" in case.group else " M")
         sent = significant(row[-1].usual.packets_sent / 1e6)
-        cells = (f"{significant(one.seconds.median * 1e3)} {give_or_take(one.seconds)}" for one in row)
+        cells = (with_give_or_take(one.seconds, 1e3) for one in row)
         limit = bottleneck(row[-1].usual, this_machine().cores).name
         table.add(setting, sent, *cells, limit)
     return table

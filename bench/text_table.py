@@ -59,8 +59,14 @@ def spread(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
 
 
 def give_or_take(measured: Figure) -> str:
-    """Half the width of a figure's middle half, as a share of its median."""
-    return f"±{(measured.high - measured.low) / 2 / measured.median:.0%}" if measured.median else ""
+    """Half the width of a figure's middle half, as a share of its median; empty where that is unknown."""
+    if len(measured.samples) == 1 or not measured.median:
+        return ""
+    return f"±{(measured.high - measured.low) / 2 / measured.median:.0%}"
+
+
+def with_give_or_take(measured: Figure, scale: float = 1.0, digits: int = 3) -> str:
+    return f"{significant(measured.median * scale, digits)} {give_or_take(measured)}".rstrip()
 
 
 def significant(value: float, digits: int = 3) -> str:

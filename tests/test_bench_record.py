@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from volsplat.bench.compare_command import comparison, moved
 from volsplat.bench.record import Figure, Record, figure, read_record, record, write_record
-from volsplat.bench.text_table import TextTable, significant, with_unit
+from volsplat.bench.text_table import TextTable, significant, with_give_or_take, with_unit
 from volsplat.bench.timing import interleaved, ratios
 from volsplat.protocol.errors import BadInput
 
@@ -91,6 +91,11 @@ def test_significant_digits_are_those_of_the_number(value: float, digits: int) -
 def test_units_have_prefixes() -> None:
     told = [with_unit(*one) for one in ((0.0123, "s"), (15e9, "B/s"), (4.2e7, "1/s"), (1.5, ""), (0.0, "s"))]
     assert told == ["12.3 ms", "15.0 GB/s", "42.0 M/s", "1.50", "0"]
+
+
+def test_a_figure_of_one_sample_is_told_without_a_spread() -> None:
+    assert with_give_or_take(figure("f", "s", [2.0])) == "2.00"
+    assert with_give_or_take(figure("f", "s", [1.0, 2.0, 3.0]), 1e3) == "2000 ±25%"
 
 
 def test_markdown_is_a_table_of_the_same_cells() -> None:
