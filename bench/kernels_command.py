@@ -13,7 +13,7 @@ from volsplat.bench.outputs import Outputs, output_options
 from volsplat.bench.plot import Panel
 from volsplat.bench.progress import shown_progress
 from volsplat.bench.record import Figure, figure, record
-from volsplat.bench.text_table import TextTable, significant, told
+from volsplat.bench.text_table import TextTable, significant, told, with_give_or_take
 from volsplat.bench.timing import ratios, thread_seconds
 
 if TYPE_CHECKING:
@@ -82,17 +82,15 @@ def copy_rates(rounds: int, on_round: Callable[[], None]) -> Figure:
 def splat_table(found: Sequence[SplatRates]) -> TextTable:
     table = TextTable(
         "Splat: million splats a second on one core",
-        ("pixels", "path", "btf", "ftb", "bare loop", "M pixels/s", "btf / bare"),
-        "Medians. btf: back to front. M pixels/s: of btf. btf / bare: the ratio of what was measured in turns, and its "
-        "middle half.",
+        ("pixels", "path", "btf", "ftb", "bare loop", "M pixels/s", "btf / bare", "ftb / bare"),
+        "Medians. btf: back to front; ftb: front to back. M pixels/s: of btf. Ratios: of what was measured in turns, "
+        "with half the width of their middle half.",
     )
     for one in found:
-        btf, ftb, bare = (figure("", "", values) for values in one.rates.values())
-        share = figure("", "", ratios(one.rates["btf"], list(one.rates.values())[-1]))
-        pixels = figure("", "", [rate * one.side**2 for rate in one.rates["btf"]])
-        rates = (significant(rate.median / 1e6) for rate in (btf, ftb, bare, pixels))
-        cells = (*rates, told(share, digits=2))
-        table.add(f"{one.side}x{one.side}", one.path, *cells)
+        medians = [figure("", "", values).median for values in one.rates.values()]
+        rates = (significant(rate / 1e6) for rate in (*medians, medians[0] * one.side**2))
+        shares = (with_give_or_take(figure("", "", share), digits=2) for share in one.over_floor().values())
+        table.add(f"{one.side}x{one.side}", one.path, *rates, *shares)
     return table
 
 
@@ -117,10 +115,8 @@ def splat_figures(found: Sequence[SplatRates]) -> list[Figure]:
     for one in found:
         for name, values in one.rates.items():
             figures.append(figure(f"splat {one.side}x{one.side}, {one.path}, {name}", "1/s", values))
-        floor = list(one.rates.values())[-1]
-        figures.append(
-            figure(f"splat {one.side}x{one.side}, {one.path}, btf over bare", "", ratios(one.rates["btf"], floor))
-        )
+        for order, share in one.over_floor().items():
+            figures.append(figure(f"splat {one.side}x{one.side}, {one.path}, {order} over bare", "", share))
         pixels = [rate * one.side**2 for rate in one.rates["btf"]]
         figures.append(figure(f"pixels of {one.side}x{one.side}, {one.path}, btf", "1/s", pixels))
     return figures

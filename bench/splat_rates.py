@@ -11,7 +11,7 @@ from torch import Tensor
 
 from volsplat.bench import _kernels as floors
 from volsplat.bench.cpu_paths import kernels_on
-from volsplat.bench.timing import interleaved, thread_seconds
+from volsplat.bench.timing import interleaved, ratios, thread_seconds
 from volsplat.protocol.footprint_shape import footprint_shape
 from volsplat.protocol.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN, opacity_of_code
@@ -38,6 +38,10 @@ class SplatRates:
     side: int
     path: str
     rates: dict[str, list[float]]
+
+    def over_floor(self) -> dict[str, list[float]]:
+        """Each order's rates over the floor's of the same round."""
+        return {order.value: ratios(self.rates[order.value], self.rates[FLOOR]) for order in TRAVERSAL_ORDERS}
 
 
 def splat_rates(splats: int, rounds: int, on_round: Callable[[], None]) -> Iterator[SplatRates]:
