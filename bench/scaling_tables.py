@@ -10,6 +10,8 @@ from volsplat.bench.scaling_cases import Taken
 from volsplat.bench.text_table import TextTable, significant, spread, with_give_or_take
 from volsplat.client.frame_report import StepReport, this_machine
 
+BASE_BYTES = 250_000_000  # that a process may need for any volume
+
 
 def servers_table(taken: Sequence[Taken], packed: int, side: int) -> TextTable:
     """One case: a column for each renderer."""
@@ -17,7 +19,8 @@ def servers_table(taken: Sequence[Taken], packed: int, side: int) -> TextTable:
         f"Servers, {side} x {side} pixels",
         ("", *(one.row.name for one in taken)),
         "Efficiency: speed-up by map/shade servers. The splat server waits, with nothing to splat, for the slowest. "
-        "Peak memory: of all servers together, over the volume's packed bytes. "
+        "Peak memory: of all servers together, over the volume's packed bytes; below it, without the 250 MB "
+        "that each may need for any volume. "
         "n servers: n map/shade servers and a splat server.",
     )
     single = next((one.seconds.median for one in taken if one.row.name == SINGLE), None)
@@ -35,6 +38,7 @@ def servers_table(taken: Sequence[Taken], packed: int, side: int) -> TextTable:
         "ms the splat server waits": lambda one: one.usual.splat_waiting_seconds * 1e3,
         "ms of the slowest map/shade": lambda one: one.usual.map_shade_seconds_slowest * 1e3,
         "peak memory / packed bytes": lambda one: peak_bytes(one) / packed if one.row.workers else 0.0,
+        "  beyond 250 MB a server": lambda one: bytes_beyond_base(one) / packed if one.row.workers else 0.0,
     }
     for name, value in rows.items():
         table.add(name, *(significant(value(one)) if value(one) else "" for one in taken))
@@ -62,8 +66,17 @@ def busiest_link(report: StepReport) -> int:
 
 
 def peak_bytes(taken: Taken) -> int:
-    """Of all servers together."""
-    return sum(n for name, n in taken.reports[-1].peak_memory_bytes.items() if name != "client")
+    """Of all servers together; the client here also holds the single process's volume."""
+    return sum(_server_peaks(taken))
+
+
+def bytes_beyond_base(taken: Taken) -> int:
+    """Of the servers' peaks, what is beyond BASE_BYTES each; negative where they need less."""
+    return sum(peak - BASE_BYTES for peak in _server_peaks(taken))
+
+
+def _server_peaks(taken: Taken) -> list[int]:
+    return [peak for name, peak in taken.reports[-1].peak_memory_bytes.items() if name != "client"]
 
 
 def figures_of(taken: Sequence[Taken], packed: int) -> list[Figure]:

@@ -67,7 +67,7 @@ def test_scaling_grows_one_thing_at_a_time_and_names_what_limits(person: Person)
     frames = [one.name for one in found.figures if one.name.endswith(": frame")]
     assert len(frames) == len(set(frames)) == 3 * (2 + 2 + 4)
     assert "what limits 2 servers: " in printed
-    assert "efficiency" in markdown and "| M packets |" in markdown
+    assert "efficiency" in markdown and "beyond 250 MB a server" in markdown and "| M packets |" in markdown
 
 
 def test_scaling_measures_a_cluster_that_is_already_up(person: Person) -> None:
