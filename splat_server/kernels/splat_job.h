@@ -85,7 +85,7 @@ struct SplatJob {
 
 struct SplatOutcome {
     int row_begin, row_end;  // of the rows that may have changed
-    uint64_t hidden;         // packets hidden where their first row of pixels lies in this job; other jobs may draw them
+    uint64_t hidden;         // packets left out as hidden whose first row lies here; the next job may still draw them
 };
 
 }  // namespace volsplat
