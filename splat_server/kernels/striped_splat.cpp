@@ -8,8 +8,8 @@
 namespace volsplat {
 namespace {
 
-// More stripes than threads, since a volume rarely lies evenly in the image; not many more, since what lies across their
-// ends is decoded twice.
+// More stripes than threads, since a volume rarely lies evenly in the image; not many more, since what lies across
+// their ends is decoded twice.
 constexpr int kStripesPerThread = 2;
 // Tall footprints are splatted in stripes of so many of them: then the pixels around a run that goes down the image
 // stay in the first cache while its neighbours follow.

@@ -106,8 +106,9 @@ private:
         }
         const int ahead = pixels_ahead(left);
         const float* weights = table_.weights + samples.entry[n] + int64_t(y_begin - top) * table_.pitch;
-        const bool changed = combine_box({pixel(left - ahead, y_begin), weights - ahead, y_begin - top, y_end - top, ahead},
-                                         samples.point(n));
+        const bool changed =
+            combine_box({pixel(left - ahead, y_begin), weights - ahead, y_begin - top, y_end - top, ahead},
+                        samples.point(n));
         if (kFrontToBack && !changed) closed_.examine({left, left + table_.width, y_begin, y_end});
     }
 
@@ -175,7 +176,8 @@ private:
     __attribute__((always_inline)) void combine_whole_row(Rows& rows, const Point& point, Added& added) const {
         int x = 0;
 #pragma GCC unroll 8
-        for (; x + kWidest <= 4 * kFours; x += kWidest) combine_at<Widest>(rows.pixels + x, rows.weights + x, point, added);
+        for (; x + kWidest <= 4 * kFours; x += kWidest)
+            combine_at<Widest>(rows.pixels + x, rows.weights + x, point, added);
         if (x < 4 * kFours) combine_at<Four>(rows.pixels + x, rows.weights + x, point, added);
         rows.pixels += image_.pitch, rows.weights += 4 * kFours;
     }

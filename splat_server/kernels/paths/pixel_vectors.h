@@ -120,7 +120,8 @@ struct Added {
 
 // Combines a point of opacity min(1, w A) with as many pixels as Lanes has, in the four planes of a row.
 template <bool kFrontToBack, bool kClamped, class Lanes>
-__attribute__((always_inline)) inline void combine(float* pixels, int64_t plane, const float* weights, const Point& point, Added& added) {
+__attribute__((always_inline)) inline void combine(float* pixels, int64_t plane, const float* weights,
+                                                   const Point& point, Added& added) {
     const auto part = [](Widest lanes) { return first_of(lanes, Lanes{}); };
     Lanes opacity = load<Lanes>(weights) * part(point.opacity);
     if constexpr (kClamped) opacity = at_most_1(opacity);

@@ -23,7 +23,8 @@ struct PacketRange {
     uint64_t begin, end;
 };
 
-inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const unsigned char* packets, int64_t reach) {
+inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const unsigned char* packets,
+                                   int64_t reach) {
     const auto y_at = [&](uint64_t n) {
         uint64_t packet;
         __builtin_memcpy(&packet, packets + n * 8, sizeof packet);

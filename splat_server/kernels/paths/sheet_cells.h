@@ -84,8 +84,9 @@ private:
             int32_t begin = spans.begin[n], end = spans.end[n];
             if (begin >= end) continue;
             const int32_t from = first_beyond(per_x_ < 0 ? high : low, y + n, begin, end);
-            end = per_x_ == 0 && at(begin, y + n) >= high * area_ ? begin
-                                                                  : first_beyond(per_x_ < 0 ? low : high, y + n, from, end);
+            end = per_x_ == 0 && at(begin, y + n) >= high * area_
+                      ? begin
+                      : first_beyond(per_x_ < 0 ? low : high, y + n, from, end);
             spans.begin[n] = from, spans.end[n] = end;
         }
     }
@@ -171,9 +172,11 @@ public:
         const double middle = middle_y_ + static_cast<double>(v_low + v_high) * half_sample_y_;
         const double reach = half_rows_ + static_cast<double>(v_high - v_low) * size_of(half_sample_y_);
         constexpr double kSpare = 1.0 / 1024;  // pixels, for rounding
-        const double least = (middle - reach) / kFixedOne - kSpare + 1, greatest = (middle + reach) / kFixedOne + kSpare + 1;
+        const double least = (middle - reach) / kFixedOne - kSpare + 1;
+        const double greatest = (middle + reach) / kFixedOne + kSpare + 1;
         top = least > job_.row_begin ? floor_of(least < job_.row_end ? least : job_.row_end) : job_.row_begin;
-        bottom = greatest < job_.row_end ? floor_of(greatest > job_.row_begin ? greatest : job_.row_begin) : job_.row_end;
+        bottom =
+            greatest < job_.row_end ? floor_of(greatest > job_.row_begin ? greatest : job_.row_begin) : job_.row_end;
     }
 
     // The pixels of the image rows from `y` on that lie in a cell of this row.
