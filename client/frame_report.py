@@ -71,7 +71,7 @@ class StepReport(msgspec.Struct, frozen=True):
     splat_waiting_seconds: float  # with nothing to splat
     image_seconds: float  # until the finished image was here
     accounted_share: float  # of the wall seconds, by the splat server's stages and the image
-    hidden_packets: int  # of those sent, wholly behind frozen pixels
+    hidden_packets: int  # of those sent, left out by the splat server
     held_back_seconds: float  # that connections were not read because their buffers were full, over all workers
     peak_memory_bytes: dict[str, int]  # of each process so far
     workers: dict[int, MapShadeStats]

@@ -73,8 +73,8 @@ class SplatStats(Detail, frozen=True):
 
     `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, merged,
     splatted, waited with nothing to splat, and answered requests for partial images. `held_back_seconds` tells for
-    each worker how long its connection was not read because its buffers were full. `hidden_packets` came, but lay
-    wholly behind frozen pixels.
+    each worker how long its connection was not read because its buffers were full. `hidden_packets` came, but were
+    left out as hidden.
     """
 
     packets: Count

@@ -119,7 +119,7 @@ class FrameAssembly:
 
     @property
     def hidden_packets(self) -> int:
-        """How many of them lay wholly behind frozen pixels."""
+        """How many of them were left out as hidden (see ImageBuffer.hidden_packets)."""
         return self.image.hidden_packets
 
     def published(self) -> memoryview:

@@ -1,19 +1,17 @@
 """The splat server's loop over real sockets, with the test as its client and as its map/shade servers."""
 
-import resource
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager
 from random import Random
 
 import msgspec
-import psutil
 import pytest
 import torch
 from arbitrary import plain_scene
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from little_memory import little_memory
 from phantoms import QUANTISATION, shaded_scene, shells
 from rendering import rendered
 
@@ -352,21 +350,10 @@ def test_a_frame_that_cannot_be_drawn_is_refused_and_the_next_one_drawn(bench: B
     assert bench.draws(3, of_workers).complete
 
 
-@contextmanager
-def little_memory() -> Iterator[None]:
-    """This process may map but one more GiB meanwhile."""
-    before = resource.getrlimit(resource.RLIMIT_AS)
-    resource.setrlimit(resource.RLIMIT_AS, (psutil.Process().memory_info().vms + (1 << 30), before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_AS, before)
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
 def test_an_image_beyond_the_memory_is_refused_with_the_cure(bench: Bench) -> None:
     of_workers = batches(slabs(0, 8, 16))
-    with little_memory():
+    with little_memory(1 << 30):
         bench.renders(1, msgspec.structs.replace(SCENE, image=Image(width=16384, height=16384)))
         refused = bench.hears(messages.Refused)[0]
     assert refused == messages.Refused("RenderFrame", OUT_OF_MEMORY, frame=1, assignment=1)
