@@ -104,14 +104,21 @@ def make_folder(folder: Path) -> None:
 def measured(
     renderer: Renderer, contenders: Sequence[Contender], scenes: Sequence[Scene], size: int, pictures: Path | None
 ) -> Run:
-    """Every contender draws every view once, in turns; each has drawn one before, so that all caches are warm."""
-    for contender in contenders:
-        contender.draw(scenes[0])
+    """Every contender draws every view, in turns.
+
+    What is timed is a frame among frames, as where a person turns the volume: each time the view before it is drawn
+    first, since another contender has had the caches meanwhile.
+    """
+    before = dict(zip(scenes, [scenes[-1], *scenes], strict=False))
     likeness: dict[str, list[float]] = {}
     pictured = scenes[:: -(-len(scenes) // PICTURED)]
 
     def drawing(contender: Contender) -> Callable[[Scene], float]:
-        return lambda scene: wall_seconds(lambda: contender.draw(scene))
+        def timed(scene: Scene) -> float:
+            contender.draw(before[scene])
+            return wall_seconds(lambda: contender.draw(scene))
+
+        return timed
 
     with shown_progress(f"{size} x {size} pixels", len(scenes)) as step:
 
