@@ -138,14 +138,12 @@ class Coordinator:
     # -- the volume: described, read, counted, packed
 
     def _handle_MessageReceived(self, event: MessageReceived) -> list[Instruction]:
-        if isinstance(event.message, messages.FrameFinished):
-            return self._received_FrameFinished(event.server, event.message, event.at)
         handler = getattr(self, f"_received_{type(event.message).__name__}")
-        instructions: list[Instruction] = handler(event.server, event.message, event.payload)
+        instructions: list[Instruction] = handler(event.server, event.message, event)
         return instructions
 
     def _received_VolumeDescribed(
-        self, server: int, message: messages.VolumeDescribed, payload: memoryview
+        self, server: int, message: messages.VolumeDescribed, event: MessageReceived
     ) -> list[Instruction]:
         self.description = message.description
         try:
@@ -171,12 +169,12 @@ class Coordinator:
         return [ReportProgress(f"reading the volume as {len(self.boxes)} sub-cubes"), *read]
 
     def _received_ConnectedToSplatServers(
-        self, server: int, message: messages.ConnectedToSplatServers, payload: memoryview
+        self, server: int, message: messages.ConnectedToSplatServers, event: MessageReceived
     ) -> list[Instruction]:
         return []
 
     def _received_SubCubesRead(
-        self, server: int, message: messages.SubCubesRead, payload: memoryview
+        self, server: int, message: messages.SubCubesRead, event: MessageReceived
     ) -> list[Instruction]:
         if message.assignment != self._assignment:
             return []
@@ -200,13 +198,13 @@ class Coordinator:
         return [ReportProgress("counting the histograms"), *(Send(worker, count) for worker in self.boxes)]
 
     def _received_HistogramsCounted(
-        self, server: int, message: messages.HistogramsCounted, payload: memoryview
+        self, server: int, message: messages.HistogramsCounted, event: MessageReceived
     ) -> list[Instruction]:
         if message.assignment != self._assignment:
             return []
         if message.bins != HISTOGRAM_BINS:
             return self._fail(RemoteProtocolError(f"{self.servers[server].name} counted {message.bins} bins"))
-        counts = array("q", payload.tobytes())
+        counts = array("q", event.payload.tobytes())
         density, strength = counts[: message.bins], counts[message.bins :]
         self._density_counts = _added(self._density_counts, density)
         self._strength_counts = _added(self._strength_counts, strength)
@@ -225,7 +223,7 @@ class Coordinator:
         return [ReportProgress("making voxel packets"), *(Send(worker, pack) for worker in self.boxes)]
 
     def _received_VoxelsPacked(
-        self, server: int, message: messages.VoxelsPacked, payload: memoryview
+        self, server: int, message: messages.VoxelsPacked, event: MessageReceived
     ) -> list[Instruction]:
         if message.assignment != self._assignment:
             return []
@@ -239,7 +237,7 @@ class Coordinator:
         self._pending.discard(server)
         return not self._pending
 
-    def _received_Refused(self, server: int, message: messages.Refused, payload: memoryview) -> list[Instruction]:
+    def _received_Refused(self, server: int, message: messages.Refused, event: MessageReceived) -> list[Instruction]:
         error = PeerLost(message.cause) if message.peer_lost else BadInput(message.cause)
         if not message.frame:
             return self._fail(error)
@@ -313,7 +311,7 @@ class Coordinator:
         return self._abort_everywhere(frame)
 
     def _received_FrameAborted(
-        self, server: int, message: messages.FrameAborted, payload: memoryview
+        self, server: int, message: messages.FrameAborted, event: MessageReceived
     ) -> list[Instruction]:
         frame = self._current(message.frame)
         if frame is None:
@@ -334,7 +332,7 @@ class Coordinator:
         return [Send(self._splat_server, messages.ReadImage(frame=event.frame))]
 
     def _received_FrameMapped(
-        self, server: int, message: messages.FrameMapped, payload: memoryview
+        self, server: int, message: messages.FrameMapped, event: MessageReceived
     ) -> list[Instruction]:
         frame = self._current(message.frame)
         if frame is None:
@@ -342,7 +340,9 @@ class Coordinator:
         frame.map_shade[server] = message.stats
         return self._finished(frame)
 
-    def _received_FrameFinished(self, server: int, message: messages.FrameFinished, at: float) -> list[Instruction]:
+    def _received_FrameFinished(
+        self, server: int, message: messages.FrameFinished, event: MessageReceived
+    ) -> list[Instruction]:
         frame = self._current(message.frame)
         if frame is None or frame.unacknowledged:
             return []
@@ -350,14 +350,18 @@ class Coordinator:
             self.frame = None
             names = ", ".join(self.servers[n].name if n in self.servers else f"server {n}" for n in message.lost)
             return [EndFrame(frame.frame, PeerLost(f"the image is incomplete: packets of {names} were lost"))]
-        frame.splat, frame.drawn_at = message.stats, at
+        frame.splat, frame.drawn_at = message.stats, event.at
         return []
 
-    def _received_ImageRead(self, server: int, message: messages.ImageRead, payload: memoryview) -> list[Instruction]:
+    def _received_ImageRead(
+        self, server: int, message: messages.ImageRead, event: MessageReceived
+    ) -> list[Instruction]:
         frame = self._current(message.frame)
         if frame is None:
             return []
-        image = PublishImage(frame.frame, frame.step, message.width, message.height, payload, complete=message.complete)
+        image = PublishImage(
+            frame.frame, frame.step, message.width, message.height, event.payload, complete=message.complete
+        )
         if not message.complete:
             return [image]
         frame.image = image
