@@ -8,7 +8,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING
 from volsplat.client.coordinator_events import FrameOutcome
 from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, image_tensor, refined
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -35,17 +35,6 @@ WORKER = 1  # the one map/shade "server"
 
 class Superseded(Exception):
     """Another frame was drawn since; nothing is left of this one."""
-
-
-@dataclass
-class Tally:
-    """What the walk of a frame has cost so far."""
-
-    voxels_visited: int = 0
-    batches: int = 0
-    bytes: int = 0
-    map_shade_seconds: float = 0.0
-    waiting_seconds: float = 0.0  # of the splatting thread, for the walk
 
 
 class SingleProcess:
@@ -113,9 +102,12 @@ class SingleProcess:
         """Partial images of the bare buffer, then the finished one."""
         began = shown = time.perf_counter()
         walk, assembly = self._stages(scene, step)
-        planned = time.perf_counter()
-        tally = Tally()
+        tally = FrameTally(planning_seconds=time.perf_counter() - began)
+        waiting_seconds = 0.0
+        asked = time.perf_counter()
         for batch in self._batches(walk, tally):
+            waiting_seconds += time.perf_counter() - asked
+            tally.count(batch)
             assembly.arrived(WORKER, batch.runs, batch.packets, batch.reached, batch.last)
             assembly.advance()
             if time.perf_counter() - shown > partial_interval and not assembly.complete:
@@ -123,39 +115,29 @@ class SingleProcess:
                 if assembly.frame != self._frame:
                     raise Superseded
                 shown = time.perf_counter()
+            asked = time.perf_counter()
         while not assembly.complete:
             assembly.advance()
         drawn = time.perf_counter()
         image = _tensor(assembly)
-        map_shade = messages.MapShadeStats(
-            voxels_visited=tally.voxels_visited,
-            packets=assembly.packets,
-            batches=tally.batches,
-            bytes=tally.bytes,
-            planning_seconds=planned - began,
-            map_shade_seconds=tally.map_shade_seconds,
-            sending_seconds=0.0,
-            waiting_seconds=0.0,
-            peak_memory_bytes=peak_memory(),
-        )
         splat = messages.SplatStats(
             packets=assembly.packets,
             hidden_packets=assembly.hidden_packets,
             bytes=tally.bytes,
             frame_seconds=drawn - began,
-            planning_seconds=planned - began,
+            planning_seconds=tally.planning_seconds,
             merge_seconds=assembly.seconds_in_merge,
             splat_seconds=assembly.seconds_in_splat,
-            waiting_seconds=tally.waiting_seconds,
+            waiting_seconds=waiting_seconds,
             answering_seconds=0.0,
             held_back_seconds={},
             peak_memory_bytes=peak_memory(),
         )
-        outcome = FrameOutcome({WORKER: map_shade}, splat)
+        outcome = FrameOutcome({WORKER: tally.stats()}, splat)
         now = time.perf_counter()
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, outcome))
 
-    def _batches(self, walk: FrameWalk, tally: Tally) -> Iterator[ShadedBatch]:
+    def _batches(self, walk: FrameWalk, tally: FrameTally) -> Iterator[ShadedBatch]:
         """The walk's batches; with several threads the next one is on its way while the last is splatted."""
 
         def next_batch() -> ShadedBatch | None:
@@ -166,17 +148,9 @@ class SingleProcess:
 
         walker = self._walker
         self._ahead = walker.submit(next_batch) if walker is not None else None
-        while True:
-            began = time.perf_counter()
-            batch = next_batch() if self._ahead is None else self._ahead.result()
-            tally.waiting_seconds += time.perf_counter() - began
-            if batch is None:
-                return
+        while (batch := next_batch() if self._ahead is None else self._ahead.result()) is not None:
             if walker is not None:
                 self._ahead = walker.submit(next_batch)
-            tally.voxels_visited += batch.voxels_visited
-            tally.batches += 1
-            tally.bytes += len(batch.runs) + len(batch.packets)
             yield batch
 
     def _stages(self, scene: Scene, step: Step) -> tuple[FrameWalk, FrameAssembly]:

@@ -9,9 +9,9 @@ import sys
 import threading
 import time
 from array import array
-from dataclasses import asdict, dataclass
 
 from volsplat.mapshade_server.data_link import DataLink
+from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -23,27 +23,9 @@ from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
-from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
-
-
-@dataclass
-class FrameTally:
-    """What a frame has cost so far."""
-
-    voxels_visited: int = 0
-    packets: int = 0
-    batches: int = 0
-    bytes: int = 0
-    planning_seconds: float = 0.0
-    map_shade_seconds: float = 0.0
-    sending_seconds: float = 0.0
-    waiting_seconds: float = 0.0
-
-    def stats(self) -> messages.MapShadeStats:
-        return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory())
 
 
 class MapShadeServer:
@@ -214,7 +196,4 @@ class MapShadeServer:
         link.send(message, batch.runs, batch.packets)
         tally.sending_seconds += time.perf_counter() - started
         tally.waiting_seconds += link.counters.seconds_in_send - waited
-        tally.batches += 1
-        tally.voxels_visited += batch.voxels_visited
-        tally.packets += batch.packet_count
-        tally.bytes += len(batch.runs) + len(batch.packets)
+        tally.count(batch)

@@ -1,0 +1,31 @@
+"""What a frame costs a map/shade server, counted as its batches go out."""
+
+from dataclasses import asdict, dataclass
+
+from volsplat.mapshade_server.frame_walk import ShadedBatch
+from volsplat.protocol import messages
+from volsplat.protocol.peak_memory import peak_memory
+
+
+@dataclass
+class FrameTally:
+    """What a frame has cost so far; see messages.MapShadeStats."""
+
+    voxels_visited: int = 0
+    packets: int = 0
+    batches: int = 0
+    bytes: int = 0
+    planning_seconds: float = 0.0
+    map_shade_seconds: float = 0.0
+    sending_seconds: float = 0.0
+    waiting_seconds: float = 0.0
+
+    def count(self, batch: ShadedBatch) -> None:
+        """Add a batch that has been delivered."""
+        self.batches += 1
+        self.voxels_visited += batch.voxels_visited
+        self.packets += batch.packet_count
+        self.bytes += len(batch.runs) + len(batch.packets)
+
+    def stats(self) -> messages.MapShadeStats:
+        return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory())
