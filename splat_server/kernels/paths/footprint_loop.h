@@ -40,10 +40,13 @@ public:
             const unsigned char* packets = job_.spans[s].packets;
             for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
                 const RowRun run = run_at(job_.spans[s].runs, r);
-                if (in_rows(job_, number++) && near(run)) {
-                    const PacketRange range = packets_in_rows(job_, run, packets, table_.height / 2 + 2);
+                if (in_rows(job_, number) && near(run)) {
+                    const PacketRange range = within_rows(job_, number)
+                                                  ? PacketRange{0, run.count}
+                                                  : packets_in_rows(job_, run, packets, table_.height / 2 + 2);
                     splat_packets(run, packets + range.begin * 8, range.end - range.begin);
                 }
+                ++number;
                 packets += uint64_t(run.count) * 8;
             }
         }

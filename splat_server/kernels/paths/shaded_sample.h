@@ -17,6 +17,11 @@ inline bool in_rows(const SplatJob& job, size_t number) {
     return !job.run_rows || (job.run_rows[number].begin < job.row_end && job.run_rows[number].end > job.row_begin);
 }
 
+// Whether no packet of a run reaches beyond the job's rows, as far as that is known or matters.
+inline bool within_rows(const SplatJob& job, size_t number) {
+    return !job.run_rows || (job.run_rows[number].begin >= job.row_begin && job.run_rows[number].end <= job.row_end);
+}
+
 // The packets of a run that may reach the job's rows, where each reaches so many rows up and down. The samples of a run
 // lie on a line, in order, so they are found by halving; of a run that is no line, it is some of them.
 struct PacketRange {
