@@ -11,6 +11,7 @@ from row_runs import Dot, Run, spans_of
 from torch import Tensor
 
 from reference.combining import FROZEN_ALPHA
+from volsplat.bench.cpu_paths import kernels_on
 from volsplat.protocol.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
 from volsplat.protocol.packet_layout import OPACITY_CODES
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Kernel, Order
@@ -27,10 +28,8 @@ sizes = st.integers(1, 70)
 
 @pytest.fixture(params=_kernels.cpu_paths(), autouse=True, scope="module")
 def path(request: pytest.FixtureRequest) -> Iterator[str]:
-    before = _kernels.cpu_path()
-    _kernels.set_cpu_path(request.param)
-    yield request.param
-    _kernels.set_cpu_path(before)
+    with kernels_on(_kernels, request.param):
+        yield request.param
 
 
 def footprint(half_width: float, half_height: float, amplitude: float) -> FootprintTable:

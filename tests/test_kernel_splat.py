@@ -15,6 +15,7 @@ from reference import mapping
 from reference.combining import FROZEN_ALPHA
 from reference.render import sheet_coordinates_by_dda, visit_at
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL, SPLAT_FLOAT32
+from volsplat.bench.cpu_paths import kernels_on
 from volsplat.protocol.frame_plan import FramePlan, Reach, plan_frame
 from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Kernel, Order, Scene, Step, View
@@ -34,10 +35,8 @@ Affected = list[tuple[int, int, float]]  # x, y, weight
 
 @pytest.fixture(params=PATHS)
 def path(request: pytest.FixtureRequest) -> Iterator[str]:
-    before = _kernels.cpu_path()
-    _kernels.set_cpu_path(request.param)
-    yield request.param
-    _kernels.set_cpu_path(before)
+    with kernels_on(_kernels, request.param):
+        yield request.param
 
 
 def table_of(half_width: float, half_height: float, amplitude: float, offset_bits: int) -> FootprintTable:
@@ -153,11 +152,10 @@ def test_nearest_pixels_combine_as_the_paper_says(path: str, order: Order) -> No
 @pytest.mark.parametrize("table_name", TABLES)
 def test_the_paths_agree(table_name: str, order: Order) -> None:
     runs = random_runs(11, 45, 33, count=200)
-    before, images = _kernels.cpu_path(), []
+    images = []
     for path in PATHS:
-        _kernels.set_cpu_path(path)
-        images.append(splatted(runs, table_of(*TABLES[table_name]), order, 45, 33))
-    _kernels.set_cpu_path(before)
+        with kernels_on(_kernels, path):
+            images.append(splatted(runs, table_of(*TABLES[table_name]), order, 45, 33))
     assert all((image - images[0]).abs().max() <= BETWEEN_CPU_PATHS for image in images)
 
 
@@ -245,10 +243,8 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     assume(plan.reach == Reach.CELL)
     half = OPACITY_CODES - 256  # overlapping cells would add up
     sheet, runs = sheet_of(scene, geometry, plan, half, chosen)
-    before = _kernels.cpu_path()
-    _kernels.set_cpu_path(path)
-    image = splatted(runs, cell_map(plan), scene.order, plan.width, plan.height)
-    _kernels.set_cpu_path(before)
+    with kernels_on(_kernels, path):
+        image = splatted(runs, cell_map(plan), scene.order, plan.width, plan.height)
     grid = sheet_coordinates_by_dda(plan, sheet)
     inside = (visit_at(grid[:, 0], plan, 1) >= 0) & (visit_at(grid[:, 1], plan, 2) >= 0)
     expected = torch.where(inside, torch.tensor(opacity_of_code(half), dtype=torch.float32), 0.0)
