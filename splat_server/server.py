@@ -139,13 +139,14 @@ class SplatServer:
         if assembly.hidden_packets == self._hidden_told or now < self._next_tile_news:
             return
         links = self._data_links.of_unfinished_workers()
+        if not links:
+            return
         tile_map = bytes(assembly.image.closed_tiles)
         self._hidden_told = assembly.hidden_packets
         self._next_tile_news = now + max(TILE_NEWS_SECONDS, len(tile_map) * len(links) / TILE_NEWS_RATE)
-        if links:
-            plan = assembly.plan
-            closed = messages.TilesClosed(frame=assembly.frame, width=plan.width, height=plan.height)
-            self._tile_news.post(closed, tile_map, links)
+        plan = assembly.plan
+        closed = messages.TilesClosed(frame=assembly.frame, width=plan.width, height=plan.height)
+        self._tile_news.post(closed, tile_map, links)
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
         return messages.SplatStats(
