@@ -15,14 +15,8 @@ int pixels_across(double half_extent) {
     return std::max(1, static_cast<int>(std::ceil(2 * (half_extent - kRimSlack))));
 }
 
-constexpr int kWideLead = kWidePixels - 1;  // zeros before the rows of a wide box; those of the next row end this one
-
-bool is_wide(int width) { return width > kNarrowBox && width <= kWideBox; }
-
-// The weights from one row to the next.
-int padded(int width) {
-    return is_wide(width) ? (width + kWideLead + kWidePixels - 1) & -kWidePixels : (width + 3) & -4;
-}
+// The weights from one row to the next: a box's rows are whole vectors.
+int padded(int width) { return width > kNarrowBox && width <= kWideBox ? kWideBox : (width + 3) & -4; }
 
 int checked_offsets(int offset_bits) {
     if (offset_bits < 0 || offset_bits > kSubpixelBits)
@@ -62,8 +56,7 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
     clamped_ = ellipse.amplitude * projection.at_square(0) > 1;  // P falls from its middle on
     const int offsets = 1 << offset_bits;
     weight_count_ = static_cast<std::size_t>(offsets) * offsets * height_ * pitch_;
-    memory_ = large_memory(weight_count_ + kWideLead);
-    weights_ = memory_.get() + (is_wide(width_) ? kWideLead : 0);
+    weights_ = large_memory(weight_count_);
     const std::vector<float> scaled = projection.over_half_chord(ellipse.amplitude);
     const auto intervals = static_cast<std::int32_t>(scaled.size()) - 2;
     const FootprintBox box{static_cast<float>(ellipse.qxx),
@@ -79,13 +72,13 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
                            offsets,
                            start_x_.at.data(),
                            start_y_.at.data()};
-    fill_footprints(box, weights_);
+    fill_footprints(box, weights_.get());
     find_spans();
 }
 
 void FootprintTable::find_spans() {
     spans_.assign(height_, {width_, 0});
-    const float* row = weights_;
+    const float* row = weights_.get();
     const std::size_t boxes = std::size_t(1) << 2 * offset_bits_;
     for (std::size_t box = 0; box < boxes; ++box)
         for (RowSpan& span : spans_) {
@@ -101,13 +94,13 @@ std::tuple<int, int, std::vector<float>> FootprintTable::weights_at(int fx, int 
     const int n = 1 << offset_bits_;
     if (fx < 0 || fx >= n || fy < 0 || fy >= n) throw std::invalid_argument("no such offset in the footprint table");
     std::vector<float> box;
-    const float* row = weights_ + static_cast<std::size_t>(fy * n + fx) * height_ * pitch_;
+    const float* row = weights_.get() + static_cast<std::size_t>(fy * n + fx) * height_ * pitch_;
     for (int y = 0; y < height_; ++y, row += pitch_) box.insert(box.end(), row, row + width_);
     return {start_x_.at[fx], start_y_.at[fy], std::move(box)};
 }
 
 FootprintView FootprintTable::view() const {
-    return {weights_, spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0], start_y_.step,
+    return {weights_.get(), spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0], start_y_.step,
             offset_bits_,    width_,        height_,        pitch_,        clamped_};
 }
 

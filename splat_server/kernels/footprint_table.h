@@ -46,8 +46,7 @@ private:
     bool clamped_;
     Starts start_x_, start_y_;
     std::size_t weight_count_;
-    LargeMemory memory_;
-    float* weights_;
+    LargeMemory weights_;
     std::vector<RowSpan> spans_;
 };
 

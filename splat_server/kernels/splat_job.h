@@ -17,12 +17,11 @@ constexpr float kFrozenAlpha = 1.0f - 1.0f / 1024.0f;  // front-to-back: from he
 
 constexpr int kTileSide = 4;  // of closed tiles (protocol/closed_tiles.py)
 
-// Footprints of up to so many pixels a row are splatted as one box of whole vectors. A narrow box begins at its first
-// pixel; a wide one at the vector of 8 pixels that holds it, since accesses across cache lines cost more than a vector.
+// Footprints of up to so many pixels a row are splatted as one box of whole vectors, and of a wide one each row as far
+// as the footprint may reach there.
 constexpr int kNarrowBox = 16, kWideBox = 32;
-constexpr int kWidePixels = 8;
 // An image's rows are so much longer on either side: what a box writes there is never shown.
-constexpr int kMarginPixels = kWideBox + kWidePixels;
+constexpr int kMarginPixels = kWideBox;
 
 struct RowRun {  // 24 bytes on the wire
     uint32_t sheet, row, first, count;
@@ -40,7 +39,7 @@ struct RowSpan {  // pixels of a row, or rows
 };
 
 struct FootprintView {
-    const float* weights;  // [fy][fx][height][pitch], zeros from the width on; before a wide box's row 7 zeros, too
+    const float* weights;  // [fy][fx][height][pitch], zeros from the width on
     const RowSpan* spans;  // [height]: what may be above zero at some offset
     // The box of offset f begins at pixel `start`, from offset `step` on one later.
     int start_x, step_x, start_y, step_y;

@@ -11,9 +11,9 @@ namespace {
 // More stripes than threads, since a volume rarely lies evenly in the image; not many more, since what lies across
 // their ends is decoded twice.
 constexpr int kStripesPerThread = 2;
-// Tall footprints are splatted in stripes of so many of them: then the pixels around a run that goes down the image
-// stay in the first cache while its neighbours follow.
-constexpr int kTallFootprint = 20, kStripeFootprints = 3;
+// All but low footprints are splatted in stripes of so many rows, or of so many footprints: then the pixels around a run
+// stay in the first caches while its neighbours follow. A low footprint's do so anyway.
+constexpr int kLowFootprint = 12, kStripeRows = 128, kStripeFootprints = 3;
 
 // Rows of the image that some samples may reach, whatever the run.
 RowSpan reached_rows(const std::vector<RowSpan>& run_rows, const SplatJob& job) {
@@ -28,7 +28,7 @@ void splat_into(ImageMemory& image, SplatJob job, StripePool* pool) {
     job.image = image.view();
     job.row_begin = 0, job.row_end = image.height();
     const int threads = pool ? pool->threads() : 1;
-    if (threads == 1 && job.footprint.height < kTallFootprint) {
+    if (threads == 1 && job.footprint.height < kLowFootprint) {
         image.note(splat(job));
         return;
     }
@@ -41,8 +41,10 @@ void splat_into(ImageMemory& image, SplatJob job, StripePool* pool) {
     const RowSpan rows = reached_rows(run_rows, job);
     if (rows.begin >= rows.end) return;
     const int first_tile = rows.begin / kTileSide, tiles = (rows.end - 1) / kTileSide - first_tile + 1;
-    const int tall = job.footprint.height >= kTallFootprint ? kStripeFootprints * job.footprint.height : image.height();
-    const int low_stripes = (rows.end - rows.begin - 1) / tall + 1;
+    const int height = job.footprint.height < kLowFootprint
+                           ? image.height()
+                           : std::max(kStripeRows, kStripeFootprints * job.footprint.height);
+    const int low_stripes = (rows.end - rows.begin - 1) / height + 1;
     const int stripes = std::min(std::max(threads > 1 ? threads * kStripesPerThread : 1, low_stripes), tiles);
     std::vector<SplatOutcome> outcomes(stripes);
     const auto splat_stripe = [&](int n) {

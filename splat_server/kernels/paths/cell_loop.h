@@ -30,8 +30,7 @@ private:
         int64_t v_low, v_high, top, bottom;
         cells_.cell_at(sample.x, sample.y, v_low, v_high);
         cells_.image_rows(v_low, v_high, top, bottom);
-        const Point point = {all_lanes(sample.opacity), all_lanes(sample.red), all_lanes(sample.green),
-                             all_lanes(sample.blue)};
+        const Point<Widest> point(sample.opacity, sample.red, sample.green, sample.blue);
         for (; top < bottom; top += kSpanRows) {
             const RowSpans spans = cells_.spans(top, v_low, v_high);
             const int rows = bottom - top < kSpanRows ? static_cast<int>(bottom - top) : kSpanRows;
@@ -40,18 +39,18 @@ private:
     }
 
     // Weight 1 on the pixels x..x_end of a row; what is written beyond them stays as it was.
-    void paint(int64_t y, int x, int x_end, const Point& point) {
+    void paint(int64_t y, int x, int x_end, const Point<Widest>& point) {
         const ImageView& image = job_.image;
         float* pixels = image.pixels + y * image.pitch + x;
-        Added added{};
+        Added<Widest> added;
         for (; x < x_end; x += kWidest, pixels += kWidest) {
             const float* weights = kOnesAndZeros + (x_end - x < kWidest ? kWidest - (x_end - x) : 0);
             combine<kFrontToBack, false, Widest>(pixels, image.plane, weights + kOnes - kWidest, point, added);
         }
     }
 
-    static constexpr int kOnes = 8;
-    static constexpr float kOnesAndZeros[] = {1, 1, 1, 1, 1, 1, 1, 1, 0, 0, 0, 0, 0, 0, 0, 0};
+    static constexpr int kOnes = 16;
+    static constexpr float kOnesAndZeros[2 * kOnes] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
     static_assert(kWidest <= kOnes);
 
     const SplatJob& job_;

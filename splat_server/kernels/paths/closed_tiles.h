@@ -1,6 +1,6 @@
 // The map of closed tiles (protocol/closed_tiles.py): which samples are hidden, and which tiles have become closed.
 #pragma once
-#include "../splat_job.h"
+#include "pixel_vectors.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {
@@ -42,6 +42,11 @@ private:
         const int x_end = x_begin + kTileSide < image_.width ? x_begin + kTileSide : image_.width;
         const int y_end = y_begin + kTileSide < image_.height ? y_begin + kTileSide : image_.height;
         const float* alphas = image_.pixels + y_begin * image_.pitch + 3 * image_.plane;
+        if (x_end - x_begin == kTileSide && y_end - y_begin == kTileSide) {  // without a branch for each pixel
+            FourBits open{};
+            for (int y = 0; y < kTileSide; ++y) open |= load<Four>(alphas + x_begin + y * image_.pitch) < kFrozenAlpha;
+            return !any(open);
+        }
         for (int y = y_begin; y < y_end; ++y, alphas += image_.pitch)
             for (int x = x_begin; x < x_end; ++x)
                 if (alphas[x] < kFrozenAlpha) return false;

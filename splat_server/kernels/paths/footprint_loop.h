@@ -13,12 +13,9 @@ struct Samples {
     Integers left, top;      // pixels of the footprint's box
     Integers entry;          // its first weight in the table
     Integers inside;         // all bits where the box and its tiles lie within the image
+    Integers whole;          // and the box within the job's rows
     Integers tile_place, tile_shift;  // its first tile (see ClosedBoxes)
     Numbers opacity, red, green, blue;
-
-    Point point(int n) const {
-        return {all_lanes(opacity[n]), all_lanes(red[n]), all_lanes(green[n]), all_lanes(blue[n])};
-    }
 };
 
 // kFours is how many times four pixels a row of the box takes; 0 where it is wider than kWideBox.
@@ -54,6 +51,9 @@ public:
     }
 
 private:
+    typedef typename Fitting<4 * kFours>::Lanes Lanes;
+    static constexpr int kLanes = sizeof(Lanes) / sizeof(float);
+
     bool near(const RowRun& run) const {
         const int64_t left = (int64_t(run.x0) >> kSubpixelBits) - table_.width - 2;
         const int64_t top = (int64_t(run.y0) >> kSubpixelBits) - table_.height - 2;
@@ -61,18 +61,18 @@ private:
                top + kRunPixels + 2 * (table_.height + 2) > job_.row_begin;
     }
 
-    void splat_packets(const RowRun& run, const unsigned char* packets, uint64_t total) {
-        for (uint64_t done = 0; done < total; done += kAtOnce) {
-            const uint64_t left = total - done;
-            const Samples samples = decoded(packets_at(packets + done * 8, left), run);
-            const int count = left < kAtOnce ? static_cast<int>(left) : kAtOnce;
-            for (int n = 0; n < count; ++n) {
-                if (kFours <= kFetchedFours && n + 1 < count) fetch_weights(samples.entry[n + 1]);
-                if (kFours > 0 && samples.inside[n])
-                    splat_inside(samples, n);
-                else
-                    splat_clipped(samples, n);
-            }
+    void splat_packets(const RowRun& run, const unsigned char* packets, uint64_t count) {
+        for (; count >= kAtOnce; count -= kAtOnce, packets += kAtOnce * 8)
+            splat_samples(decoded(packets_at(packets), run), kAtOnce);
+        if (count == 0) return;
+        const int last = static_cast<int>(count);
+        splat_samples(decoded(last_packets_at(packets, last), run), last);
+    }
+
+    __attribute__((always_inline)) void splat_samples(const Samples& samples, int count) {
+        for (int n = 0; n < count; ++n) {
+            if (kFours > 0 && samples.whole[n]) splat_whole(samples, n);
+            else splat_clipped(samples, n);
         }
     }
 
@@ -88,6 +88,8 @@ private:
         const int last_top = image_.height - kTileSide * closed_boxes_.rows;
         samples.inside = (samples.left >= 0) & (samples.left <= last_left) & (samples.top >= 0) &
                          (samples.top <= last_top);
+        samples.whole =
+            samples.inside & (samples.top >= job_.row_begin) & (samples.top <= job_.row_end - table_.height);
         samples.tile_place = (samples.top >> 2) * closed_boxes_.row_bytes + (samples.left >> 5);
         samples.tile_shift = samples.left >> 2 & 7;
         samples.opacity = packets.opacity();
@@ -97,25 +99,18 @@ private:
         return samples;
     }
 
-    void splat_inside(const Samples& samples, int n) {
-        const int left = samples.left[n], top = samples.top[n];
-        const int y_begin = top > job_.row_begin ? top : job_.row_begin;
-        const int y_end = top + table_.height < job_.row_end ? top + table_.height : job_.row_end;
-        if (y_begin >= y_end) return;
-        // Tiles of the neighbouring stripes may be closing meanwhile: that costs time, never bits.
-        if (kFrontToBack && closed_boxes_.hide(samples.tile_place[n], samples.tile_shift[n])) {
-            hidden_ += y_begin == top;
+    __attribute__((always_inline)) void splat_whole(const Samples& samples, int n) {
+        if (kFrontToBack && hidden_inside(samples, n)) {
+            ++hidden_;
             return;
         }
-        const int ahead = pixels_ahead(left);
-        const float* weights = table_.weights + samples.entry[n] + int64_t(y_begin - top) * table_.pitch;
-        const bool changed =
-            combine_box({pixel(left - ahead, y_begin), weights - ahead, y_begin - top, y_end - top, ahead},
-                        samples.point(n));
-        if (kFrontToBack && !changed) closed_.examine({left, left + table_.width, y_begin, y_end});
+        const int left = samples.left[n], top = samples.top[n];
+        const float* const weights = table_.weights + samples.entry[n];
+        const bool changed = combine_box(pixel(left, top), weights, {0, table_.height}, point_of(samples, n));
+        if (kFrontToBack && !changed) examine_once(left, top);
     }
 
-    // At the rim of the image.
+    // At the rim of the image, or of the job's rows.
     __attribute__((noinline)) void splat_clipped(const Samples& samples, int n) {
         const int left = samples.left[n], top = samples.top[n];
         const PixelBox box = {left > 0 ? left : 0,
@@ -123,86 +118,85 @@ private:
                               top > job_.row_begin ? top : job_.row_begin,
                               top + table_.height < job_.row_end ? top + table_.height : job_.row_end};
         if (box.y_begin >= box.y_end || box.x_begin >= box.x_end) return;
-        if (kFrontToBack && closed_.hide(box)) {
+        if (kFrontToBack && (kFours > 0 && samples.inside[n] ? hidden_inside(samples, n) : closed_.hide(box))) {
             hidden_ += box.y_begin == (top > 0 ? top : 0);
             return;
         }
-        const float* weights = table_.weights + samples.entry[n] + int64_t(box.y_begin - top) * table_.pitch;
-        const Point point = samples.point(n);
-        const int ahead = pixels_ahead(left);
-        const bool changed =
-            kFours > 0 ? combine_box({pixel(left - ahead, box.y_begin), weights - ahead, box.y_begin - top,
-                                      box.y_end - top, ahead}, point)
-                       : combine_rows(left, top, box, weights, point);
+        const RowSpan rows = {box.y_begin - top, box.y_end - top};
+        const float* const weights = table_.weights + samples.entry[n] + int64_t(rows.begin) * table_.pitch;
+        const Point<Lanes> point = point_of(samples, n);
+        const bool changed = kFours > 0 ? combine_box(pixel(left, box.y_begin), weights, rows, point)
+                                        : combine_rows(left, top, box, weights, point);
         if (kFrontToBack && !changed) closed_.examine(box);
     }
 
-    static constexpr int kFetchedFours = 2;
-
-    // Asks for a small box's weights ahead of time: the table lies in the second cache.
-    void fetch_weights(int entry) const {
-        const float* const begin = table_.weights + entry;
-        for (int n = 0, end = 4 * kFours * table_.height; n < end; n += 16) __builtin_prefetch(begin + n);
+    static Point<Lanes> point_of(const Samples& samples, int n) {
+        return Point<Lanes>(samples.opacity[n], samples.red[n], samples.green[n], samples.blue[n]);
     }
 
-    // How many pixels before its own first one the rows of a box begin.
-    static int pixels_ahead(int left) { return 4 * kFours > kNarrowBox ? left & (kWidePixels - 1) : 0; }
+    // Tiles of the neighbouring stripes may be closing meanwhile: that costs time, never bits.
+    bool hidden_inside(const Samples& samples, int n) const {
+        return closed_boxes_.hide(samples.tile_place[n], samples.tile_shift[n]);
+    }
+
+    // Looks for closed tiles, unless the sample before has looked at the same.
+    __attribute__((always_inline)) void examine_once(int left, int top) {
+        const int tile_x = (left + table_.width / 2) / kTileSide, tile_y = (top + table_.height / 2) / kTileSide;
+        if (tile_x == examined_x_ && tile_y == examined_y_) return;
+        examined_x_ = tile_x, examined_y_ = tile_y;
+        examine(left, top);
+    }
+
+    // Under a small box only the tile in the middle: every tile lies there for some sample.
+    __attribute__((noinline)) void examine(int left, int top) const {
+        const int x = left + table_.width / 2, y = top + table_.height / 2;
+        if (4 * kFours <= 2 * kTileSide) closed_.examine({x, x + 1, y, y + 1});
+        else closed_.examine({left, left + table_.width, top, top + table_.height});
+    }
 
     float* pixel(int x, int y) const { return image_.pixels + y * image_.pitch + x; }
 
-    template <class Lanes>
-    void combine_at(float* pixels, const float* weights, const Point& point, Added& added) const {
-        combine<kFrontToBack, kClamped, Lanes>(pixels, image_.plane, weights, point, added);
-    }
-
-    struct Rows {
-        float* pixels;
-        const float* weights;
-        int begin, end;  // of the footprint's rows
-        int ahead;       // pixels before the footprint's own first one
-    };
-
     // Rows as long for every sample, so that hardly a branch is mispredicted. Says whether alpha changed.
-    __attribute__((always_inline)) bool combine_box(Rows rows, const Point& point) const {
-        Added added{};
-        if constexpr (4 * kFours > kNarrowBox) {
-            for (; rows.begin < rows.end; ++rows.begin) combine_trimmed_row(rows, point, added);
-        } else {
-            for (; rows.end - rows.begin >= 4; rows.begin += 4)
+    __attribute__((always_inline)) bool combine_box(float* pixels, const float* weights, RowSpan rows,
+                                                    const Point<Lanes>& point) const {
+        const int64_t plane = image_.plane, pitch = image_.pitch;  // kept in registers, whatever is written meanwhile
+        Added<Lanes> added;
+        const auto combine_row = [&](int row) __attribute__((always_inline)) {
+            if constexpr (4 * kFours > kNarrowBox)
+                combine_reached(pixels, plane, weights, table_.spans[row], point, added);
+            else
+                combine_pixels<kFrontToBack, kClamped, 4 * kFours>(pixels, plane, weights, point, added);
+            pixels += pitch, weights += 4 * kFours;
+        };
+        for (; rows.end - rows.begin >= 4; rows.begin += 4)
 #pragma GCC unroll 4
-                for (int row = 0; row < 4; ++row) combine_whole_row(rows, point, added);
-            for (; rows.begin < rows.end; ++rows.begin) combine_whole_row(rows, point, added);
-        }
+            for (int row = 0; row < 4; ++row) combine_row(rows.begin + row);
+        for (; rows.begin < rows.end; ++rows.begin) combine_row(rows.begin);
         return added.any_at_all();
     }
 
-    __attribute__((always_inline)) void combine_whole_row(Rows& rows, const Point& point, Added& added) const {
-        int x = 0;
-#pragma GCC unroll 8
-        for (; x + kWidest <= 4 * kFours; x += kWidest)
-            combine_at<Widest>(rows.pixels + x, rows.weights + x, point, added);
-        if (x < 4 * kFours) combine_at<Four>(rows.pixels + x, rows.weights + x, point, added);
-        rows.pixels += image_.pitch, rows.weights += 4 * kFours;
-    }
-
     // Without the corners of the box that the footprint never reaches.
-    __attribute__((always_inline)) void combine_trimmed_row(Rows& rows, const Point& point, Added& added) const {
-        const RowSpan span = table_.spans[rows.begin];
-        for (int x = (rows.ahead + span.begin) & -kWidest; x < rows.ahead + span.end; x += kWidest)
-            combine_at<Widest>(rows.pixels + x, rows.weights + x, point, added);
-        rows.pixels += image_.pitch, rows.weights += 4 * kFours;
+    __attribute__((always_inline)) static void combine_reached(float* pixels, int64_t plane, const float* weights,
+                                                               RowSpan span, const Point<Lanes>& point, Added<Lanes>& added) {
+        int vectors = (span.end - span.begin + kLanes - 1) / kLanes;
+        const int last_begin = 4 * kFours - vectors * kLanes;
+        for (int x = span.begin < last_begin ? span.begin : last_begin; vectors > 0; --vectors, x += kLanes)
+            combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point, added);
     }
 
-    // Of each row what the footprint reaches.
-    bool combine_rows(int left, int top, const PixelBox& box, const float* weights, const Point& point) const {
-        Added added{};
+    // Of each row what the footprint reaches, within the image.
+    bool combine_rows(int left, int top, const PixelBox& box, const float* weights, const Point<Lanes>& point) const {
+        const int64_t plane = image_.plane;
+        Added<Lanes> added;
         for (int y = box.y_begin; y < box.y_end; ++y, weights += table_.pitch) {
             const RowSpan span = table_.spans[y - top];
             int x = (box.x_begin - left > span.begin ? box.x_begin - left : span.begin) & -4;
             const int end = box.x_end - left < span.end ? box.x_end - left : span.end;
-            for (; end - x > kWidest - 4; x += kWidest)
-                combine_at<Widest>(pixel(left + x, y), weights + x, point, added);
-            for (; x < end; x += 4) combine_at<Four>(pixel(left + x, y), weights + x, point, added);
+            float* const pixels = pixel(left, y);
+            for (; end - x > kLanes - 4; x += kLanes)
+                combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point, added);
+            for (; x < end; x += 4)
+                combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point, added);
         }
         return added.any_at_all();
     }
@@ -223,6 +217,7 @@ private:
     const ClosedTiles closed_;
     const ClosedBoxes closed_boxes_;
     Integers least_top_, greatest_top_;
+    int examined_x_ = -1, examined_y_ = -1;  // the tile under the middle of the last box that was looked at
     uint64_t hidden_ = 0;
 };
 
@@ -234,9 +229,7 @@ SplatOutcome splat_footprints(const SplatJob& job) {
         case 8: return FootprintLoop<kFrontToBack, kClamped, 2>(job).run();
         case 12: return FootprintLoop<kFrontToBack, kClamped, 3>(job).run();
         case 16: return FootprintLoop<kFrontToBack, kClamped, 4>(job).run();
-        case 24: return FootprintLoop<kFrontToBack, kClamped, 6>(job).run();
-        case 32: return FootprintLoop<kFrontToBack, kClamped, 8>(job).run();
-        default: return FootprintLoop<kFrontToBack, kClamped, 10>(job).run();
+        default: return FootprintLoop<kFrontToBack, kClamped, 8>(job).run();
     }
 }
 

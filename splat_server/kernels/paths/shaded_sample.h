@@ -96,15 +96,23 @@ private:
     static Numbers channel(Words bytes) { return __builtin_convertvector((Integers)bytes, Numbers) / 255.0f; }
 };
 
-// The first `count` packets, and zeros where these are fewer than eight.
-inline Packets packets_at(const unsigned char* address, uint64_t count) {
-    Words words[2] = {};
-    if (count >= kAtOnce)
-        __builtin_memcpy(words, address, sizeof words);
-    else
-        __builtin_memcpy(words, address, count * 8);
+inline Packets packets_of(Words first, Words second) {
     const Words even = {0, 2, 4, 6, 8, 10, 12, 14}, odd = {1, 3, 5, 7, 9, 11, 13, 15};
-    return {__builtin_shuffle(words[0], words[1], even), __builtin_shuffle(words[0], words[1], odd)};
+    return {__builtin_shuffle(first, second, even), __builtin_shuffle(first, second, odd)};
+}
+
+inline Packets packets_at(const unsigned char* address) {
+    Words first, second;
+    __builtin_memcpy(&first, address, sizeof first);
+    __builtin_memcpy(&second, address + sizeof first, sizeof second);
+    return packets_of(first, second);
+}
+
+// Fewer than eight, and zeros behind them.
+inline Packets last_packets_at(const unsigned char* address, int count) {
+    Words words[2] = {};
+    __builtin_memcpy(words, address, count * 8);
+    return packets_of(words[0], words[1]);
 }
 
 }  // namespace
