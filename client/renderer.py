@@ -53,15 +53,21 @@ class Renderer(Protocol):
         """As `render`, with what it took."""
 
     def refine(
-        self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
+        self,
+        scene: Scene,
+        last: Step = Step.F,
+        partial_interval: float = PARTIAL_INTERVAL,
+        first: Step = Step.A,
     ) -> Iterator[Refinement]:
-        """The steps A to `last`, each finished image and the partial images between."""
+        """The steps `first` to `last`, each finished image and the partial images between."""
 
 
-def refined(drawn: Callable[[Step], Iterator[Refinement]], scene: Scene, last: Step) -> Iterator[Refinement]:
-    """The steps A to `last`, each as `drawn` gives it: partial images of the bare buffer, then the finished one."""
+def refined(
+    drawn: Callable[[Step], Iterator[Refinement]], scene: Scene, first: Step, last: Step
+) -> Iterator[Refinement]:
+    """The steps `first` to `last`, as `drawn` gives each: partial images of the bare buffer, then the finished one."""
     under: Tensor | None = None
-    for step in [step for step in Step if step <= last]:
+    for step in [step for step in Step if first <= step <= last]:
         for refinement in drawn(step):
             if refinement.complete:
                 under = None if scene.refine.bare_buffer else refinement.image

@@ -170,9 +170,13 @@ class Session:
         return finished
 
     def refine(
-        self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
+        self,
+        scene: Scene,
+        last: Step = Step.F,
+        partial_interval: float = PARTIAL_INTERVAL,
+        first: Step = Step.A,
     ) -> Iterator[Refinement]:
-        """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds.
+        """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
 
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
@@ -185,7 +189,7 @@ class Session:
             return self._drawn(frame, answers, step, partial_interval)
 
         try:
-            yield from refined(drawn, scene, last)
+            yield from refined(drawn, scene, first, last)
         except FrameAborted:
             return
 

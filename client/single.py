@@ -78,9 +78,13 @@ class SingleProcess:
         return finished
 
     def refine(
-        self, scene: Scene, last: Step = Step.F, partial_interval: float = PARTIAL_INTERVAL
+        self,
+        scene: Scene,
+        last: Step = Step.F,
+        partial_interval: float = PARTIAL_INTERVAL,
+        first: Step = Step.A,
     ) -> Iterator[Refinement]:
-        """The steps A to `last`: each finished image, and partial images every `partial_interval` seconds.
+        """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
 
         Ends early, without an error, when something else is drawn meanwhile.
         """
@@ -94,7 +98,7 @@ class SingleProcess:
             return self._drawn(scene, step, partial_interval)
 
         try:
-            yield from refined(drawn, scene, last)
+            yield from refined(drawn, scene, first, last)
         except Superseded:
             return
 

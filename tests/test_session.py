@@ -77,6 +77,14 @@ def test_refinement_yields_the_finished_steps_in_order(session: Session) -> None
         assert refinement.outcome is not None and len(refinement.outcome.servers.map_shade) == 3
 
 
+def test_refinement_may_begin_and_end_at_any_step(session: Session, single: SingleProcess) -> None:
+    renderers: list[Session | SingleProcess] = [session, single]
+    for renderer in renderers:
+        drawn = list(renderer.refine(skin(renderer), first=Step.C, last=Step.D, partial_interval=1e9))
+        assert [refinement.step for refinement in drawn] == [Step.C, Step.D]
+        assert torch.equal(drawn[0].image, single.render(skin(single), Step.C))
+
+
 def test_a_partial_image_lies_over_the_finished_step_before(single: SingleProcess) -> None:
     big = skin(single, Image(width=700, height=700))
     under = {}
