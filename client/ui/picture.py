@@ -1,0 +1,35 @@
+"""What the drawing loop gives to the tabs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from volsplat.client.renderer import StepOutcome
+from volsplat.client.ui.scene_model import SceneState
+from volsplat.protocol.scene import Step
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One image for the page, and what is to be told with it."""
+
+    number: int  # rises with every picture; an older one never follows a newer one
+    state: SceneState  # what it shows
+    step: Step
+    image: Tensor  # (H, W, 4) float32, associated, without the background
+    outcome: StepOutcome | None  # None while the step is still being drawn
+    data: bytes  # the image as JPEG or PNG over the background
+    lossless: bool
+
+    @property
+    def complete(self) -> bool:
+        return self.outcome is not None
+
+    @property
+    def last(self) -> bool:
+        """Nothing finer will follow for this scene."""
+        return self.complete and self.state.settled and self.step == max(Step)
