@@ -1,6 +1,7 @@
 """A real browser for tests of the page: Debian's chromium, driven by Playwright, and a server for what it loads.
 
-A test module that wants its fixtures says `pytest_plugins = ["browser"]`.
+A test module imports the fixtures that it wants by name, `browser` among them since `browser_page` needs it, and says
+`__all__ = ["browser", "browser_page"]`, which tells ruff that they are used.
 """
 
 from __future__ import annotations
