@@ -1,0 +1,114 @@
+"""The web application behind the page: what is served where, and for how long."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+from starlette.requests import Request
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket
+
+from volsplat.client.ui.gate import Gate
+from volsplat.client.ui.page import page
+from volsplat.client.ui.saving import scene_from_link
+from volsplat.client.ui.viewing import Viewing
+from volsplat.client.ui.viewport_link import ViewportLink
+from volsplat.protocol.errors import BadInput
+
+STATIC = Path(__file__).parent / "static"
+SCENE_PARAMETER = "scene"  # of a copied link
+SHUTDOWN_SECONDS = 1  # for open sockets, at the end
+CHECK_SECONDS = 1.0  # between looks at whether a page is open
+
+
+class OpenPages:
+    """How many viewports are open, and since when none is."""
+
+    def __init__(self) -> None:
+        self._open = 0
+        self._none_since = time.monotonic()
+
+    @asynccontextmanager
+    async def one_more(self) -> AsyncIterator[None]:
+        self._open += 1
+        try:
+            yield
+        finally:
+            self._open -= 1
+            self._none_since = time.monotonic()
+
+    def none_for(self, seconds: float) -> bool:
+        return self._open == 0 and time.monotonic() - self._none_since >= seconds
+
+
+class Application:
+    """Serves one Viewing on one port until told to stop, or until no page has been open for `grace` seconds."""
+
+    def __init__(self, viewing: Viewing, token: str, host: str, port: int, grace: float) -> None:
+        self._viewing = viewing
+        self._pages = OpenPages()
+        self._grace = grace
+        application = FastAPI(lifespan=self._lifespan)
+        application.mount("/volsplat/static", StaticFiles(directory=STATIC))
+        application.add_api_websocket_route("/viewport", self._viewport)
+        ui.page("/")(self._page)
+        ui.run_with(application, title="volsplat", dark=None, tailwind=False, show_welcome_message=False)
+        self._server = uvicorn.Server(
+            uvicorn.Config(
+                Gate(application, token, port),
+                host=host,
+                port=port,
+                log_level="warning",
+                timeout_graceful_shutdown=SHUTDOWN_SECONDS,
+                ws_max_size=1 << 16,  # a page says little
+            )
+        )
+        self.ended_by_grace = False
+
+    def run(self, on_ready: Callable[[], None]) -> None:
+        """Serve; `on_ready` is called once the port is open. Raises KeyboardInterrupt on Ctrl-C."""
+        self._on_ready = on_ready
+        self._server.run()
+
+    @asynccontextmanager
+    async def _lifespan(self, application: FastAPI) -> AsyncIterator[None]:
+        loop = asyncio.get_running_loop()
+        self._viewing.pictures.attach(loop)
+        self._viewing.troubles.attach(loop)
+        self._viewing.loop.start()
+        watch = asyncio.create_task(self._watch())
+        try:
+            yield
+        finally:
+            watch.cancel()
+            await asyncio.to_thread(self._viewing.loop.close)
+
+    async def _watch(self) -> None:
+        while not self._server.started:
+            await asyncio.sleep(0.01)
+        self._on_ready()
+        while not self._pages.none_for(self._grace):
+            await asyncio.sleep(CHECK_SECONDS)
+        self.ended_by_grace = True
+        self._server.should_exit = True
+
+    async def _viewport(self, socket: WebSocket, tab: str) -> None:
+        async with self._pages.one_more():
+            await ViewportLink(self._viewing, socket, tab).run()
+
+    def _page(self, request: Request) -> None:
+        link = request.query_params.get(SCENE_PARAMETER)
+        if link is not None:
+            try:
+                scene = scene_from_link(link, self._viewing.default_scene)
+                self._viewing.model.change(lambda _: scene)
+            except (BadInput, ValueError) as error:
+                ui.notify(str(error), type="warning", timeout=0, close_button=True)
+        page(self._viewing)

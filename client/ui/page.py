@@ -1,0 +1,47 @@
+"""The page: where each panel stands."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from volsplat.client.ui.save_panel import save_panel
+from volsplat.client.ui.servers_panel import servers_panel
+from volsplat.client.ui.shading_panel import shading_panel
+from volsplat.client.ui.steps_bar import steps_bar
+from volsplat.client.ui.tables_panel import tables_panel
+from volsplat.client.ui.view_panel import view_panel
+from volsplat.client.ui.viewing import Viewing
+from volsplat.client.ui.viewport_element import viewport_element
+
+THEME = "/volsplat/static/theme.css"
+
+
+def page(viewing: Viewing) -> None:
+    """Build the page for one tab."""
+    description = viewing.volume.description
+    ui.add_head_html(f'<link rel="stylesheet" href="{THEME}">')
+    ui.page_title(f"{description.name} – volsplat")
+    with ui.element("main").classes("vs-page"):
+        with ui.element("header").classes("vs-head"):
+            ui.label(description.name).classes("vs-name").tooltip(description.name)
+            ui.label(" × ".join(str(n) for n in description.geometry.dims)).classes("vs-muted")
+            steps_bar(viewing)
+            ui.element("div").classes("vs-spread")
+            save_panel(viewing)
+            _theme_button()
+        with ui.element("aside").classes("vs-left"):
+            shading_panel(viewing)
+            view_panel(viewing)
+        with ui.element("section").classes("vs-view"):
+            viewport_element()
+        with ui.element("aside").classes("vs-right"):
+            tables_panel(viewing)
+        with ui.element("footer").classes("vs-foot"):
+            servers_panel(viewing)
+
+
+def _theme_button() -> None:
+    dark = ui.dark_mode(None)
+    button = ui.button(icon="contrast").props("flat dense round aria-label='light or dark'")
+    button.tooltip("light or dark")
+    button.on_click(lambda: dark.set_value(not dark.value))

@@ -1,0 +1,121 @@
+"""`volsplat view`: a volume in the browser, with every control of the scene."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import socket
+import webbrowser
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+import msgspec
+from rich.console import Console
+
+from volsplat.client.interrupts import interrupts_held
+from volsplat.client.presets import PRESETS
+from volsplat.client.render_command import Servers, opened, shared_token
+from volsplat.client.render_options import SceneOptions
+from volsplat.client.session import Session
+from volsplat.protocol.addresses import LOOPBACK, parse_address
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Refine, Step
+
+TOKEN_BYTES = 24
+GRACE_SECONDS = 600
+LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not wait for light until E
+
+
+@click.command()
+@click.argument("volume")
+@click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
+@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
+@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine (any free).")
+@click.option("--no-browser", is_flag=True, help="Print the page's address only.")
+@click.option(
+    "--grace",
+    type=click.FloatRange(min=0),
+    default=GRACE_SECONDS,
+    metavar="SECONDS",
+    help="End when no page has been open for so long (600).",
+)
+@click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
+@click.option(
+    "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
+)
+def view(
+    volume: str,
+    workers: int,
+    scene: Path | None,
+    preset: str | None,
+    port: int,
+    no_browser: bool,
+    grace: float,
+    listen: str | None,
+    token_file: Path | None,
+) -> None:
+    """Show VOLUME in the browser: turn, cut and re-colour it while it refines.
+
+    The page is served to this machine alone, at an address with a token; from elsewhere, forward its port:
+    ssh -L PORT:localhost:PORT machine. Ctrl-C ends everything.
+    """
+    _need_extra()
+    options = SceneOptions(scene=scene, preset=preset)
+    options.scene_of(None)
+    if listen is None and not Path(volume).exists():
+        raise BadInput(f"{volume}: no such file or folder")
+    free_port = _free_port(port)
+    servers = Servers(
+        workers=workers,
+        single=False,
+        listen=parse_address(listen) if listen else None,
+        token=shared_token(token_file, makes=listen is not None),
+    )
+    console = Console(stderr=True)
+    with opened(volume, servers, listen is None, console) as session:
+        assert isinstance(session, Session)
+        _serve(session, options, free_port, grace, no_browser, console)
+
+
+def _serve(
+    session: Session, options: SceneOptions, port: int, grace: float, no_browser: bool, console: Console
+) -> None:
+    with interrupts_held():
+        from volsplat.client.ui.application import Application
+        from volsplat.client.ui.opened_viewing import opened_viewing
+
+    token = secrets.token_urlsafe(TOKEN_BYTES)
+    url = f"http://{LOOPBACK}:{port}/?token={token}"
+    first = options.scene_of(session.volume)
+    if options.scene is None:
+        first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
+    viewing = opened_viewing(session, first, url)
+    application = Application(viewing, token, LOOPBACK, port, grace)
+
+    def ready() -> None:
+        console.print(f"{session.volume.description.name} is at\n\n    {url}\n", soft_wrap=True, highlight=False)
+        if not no_browser:
+            webbrowser.open(url)
+
+    application.run(ready)
+    if application.ended_by_grace:
+        console.print(f"no page was open for {grace:g} s: everything has ended", highlight=False)
+
+
+def _need_extra() -> None:
+    for package in ("nicegui", "PIL"):
+        if find_spec(package) is None:
+            raise BadInput(f"the page needs {package}, which is not installed: pip install 'volsplat[ui]'")
+
+
+def _free_port(port: int) -> int:
+    """The port itself, or any free one for 0. Raises BadInput where it is taken."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((LOOPBACK, port))
+        except OSError as error:
+            raise BadInput(f"--port {port}: {error.strerror}; choose another, or leave it out") from error
+        return int(probe.getsockname()[1])
