@@ -3,10 +3,11 @@
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
 list of instructions that the session carries out. Handlers are found by name: `_handle_<event>` for events,
 `_received_<message>` for messages of servers. Servers may join at any time; those that join after the sub-cubes
-were handed out stay idle.
+were handed out stay idle. Where a map/shade server is lost, the others draw what is left.
 """
 
 from array import array
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
@@ -31,6 +32,7 @@ from volsplat.client.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
+from volsplat.client.server_states import ServerState, incomplete, missing_boxes
 from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
@@ -57,6 +59,7 @@ class RunningFrame:
     frame: int
     scene: Scene
     step: Step
+    whole: bool  # or not at all
     started: bool = False  # sent to the servers
     partial_wanted: bool = False  # as soon as it has started
     unacknowledged: set[int] = field(default_factory=set)  # servers that were told to abort and have not said so
@@ -71,8 +74,9 @@ class Coordinator:
 
     def __init__(self) -> None:
         self.phase = Phase.GATHERING
-        self.servers: dict[int, ServerJoined] = {}
-        self.boxes: dict[int, list[Box]] = {}  # by map/shade server
+        self.servers: dict[int, ServerJoined] = {}  # those that are there
+        self.server_states: dict[int, ServerState] = {}  # all that ever joined; replaced whole, for other threads
+        self.boxes: dict[int, list[Box]] = {}  # by map/shade server; of those that are there
         self.description: VolumeDescription | None = None
         self.survey: Survey | None = None
         self.volume: SurveyedVolume | None = None
@@ -100,12 +104,29 @@ class Coordinator:
 
     def _handle_ServerJoined(self, event: ServerJoined) -> list[Instruction]:
         self.servers[event.server] = event
+        self._note([ServerState(event.server, event.role, event.host)])
         return self._gathered()
 
     def _handle_ServerLost(self, event: ServerLost) -> list[Instruction]:
-        server = self.servers.pop(event.server, None)
-        needed = event.server == self._splat_server or event.server in self._enlisted_workers
-        return self._fail(PeerLost(event.cause)) if server is not None and needed else []
+        return self._lose(event.server, event.cause)
+
+    def _lose(self, number: int, cause: str) -> list[Instruction]:
+        """Go on without this server where others hold parts of the volume; else the session fails."""
+        if self.servers.pop(number, None) is None:
+            return []
+        lost = replace(self.server_states[number], lost=True, cause=cause)
+        self._note([lost])
+        if number != self._splat_server and number not in self._enlisted_workers:
+            return []
+        if self.volume is None or number == self._splat_server or len(self.boxes) == 1:
+            return self._fail(PeerLost(cause))
+        del self.boxes[number]
+        self._pending.discard(number)
+        error = incomplete([lost])
+        return [ReportProgress(str(error)), *self._end_frame(error), *self._prepared()]
+
+    def _note(self, states: Iterable[ServerState]) -> None:
+        self.server_states = self.server_states | {state.id: state for state in states}
 
     def _handle_ServerProcessEnded(self, event: ServerProcessEnded) -> list[Instruction]:
         if self.phase != Phase.GATHERING:
@@ -138,6 +159,8 @@ class Coordinator:
     # -- the volume: described, read, counted, packed
 
     def _handle_MessageReceived(self, event: MessageReceived) -> list[Instruction]:
+        if event.server not in self.servers:
+            return []  # it counts as lost
         handler = getattr(self, f"_received_{type(event.message).__name__}")
         instructions: list[Instruction] = handler(event.server, event.message, event)
         return instructions
@@ -151,6 +174,7 @@ class Coordinator:
         except BadInput as error:
             return self._fail(error)
         self.boxes = {worker: [box] for worker, box in zip(self._enlisted_workers, boxes, strict=True)}
+        self._note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in self.boxes.items())
         data = self.servers[self._splat_server].data
         routes = [messages.Route(server=self._splat_server, host=data.host, port=data.port)]
         connect: list[Instruction] = [
@@ -184,8 +208,7 @@ class Coordinator:
         if not self._answered(server):
             return []
         if not first_reading:
-            self.phase, self.quantisation = Phase.SURVEYED, None
-            return self._begin_frame()
+            return self._prepared()
         assert self.survey is not None
         self.phase = Phase.COUNTING
         self._pending = set(self.boxes)
@@ -227,9 +250,18 @@ class Coordinator:
     ) -> list[Instruction]:
         if message.assignment != self._assignment:
             return []
-        if not self._answered(server):
+        self._answered(server)
+        return self._prepared()
+
+    def _prepared(self) -> list[Instruction]:
+        """Go on to the waiting frame once every server has read again, or packed."""
+        if self._pending:
             return []
-        self.phase = Phase.READY
+        match self.phase:
+            case Phase.READING:
+                self.phase, self.quantisation = Phase.SURVEYED, None
+            case Phase.PACKING:
+                self.phase = Phase.READY
         return self._begin_frame()
 
     def _answered(self, server: int) -> bool:
@@ -241,17 +273,13 @@ class Coordinator:
         error = PeerLost(message.cause) if message.peer_lost else BadInput(message.cause)
         if not message.frame:
             return self._fail(error)
-        frame = self._current(message.frame)
-        if frame is None:
-            return []
-        self.frame = None
-        return [*self._abort_everywhere(frame), EndFrame(frame.frame, error)]
+        return self._end_frame(error) if self._current(message.frame) else []
 
     # -- frames
 
     def _handle_FrameAsked(self, event: FrameAsked) -> list[Instruction]:
         replaced = self.frame
-        self.frame = RunningFrame(event.frame, event.scene, event.step)
+        self.frame = RunningFrame(event.frame, event.scene, event.step, event.whole)
         begun = self._begin_frame()
         if replaced is None:
             return begun
@@ -263,12 +291,24 @@ class Coordinator:
     def _abort_everywhere(self, frame: RunningFrame) -> list[Instruction]:
         return [Send(server, messages.AbortFrame(frame=frame.frame)) for server in self._drawing()]
 
+    def _end_frame(self, error: VolsplatError) -> list[Instruction]:
+        """End the frame that runs or waits, if any: because of this error, unless it was being aborted."""
+        frame, self.frame = self.frame, None
+        if frame is None:
+            return []
+        if frame.unacknowledged:
+            return [EndFrame(frame.frame)]
+        stop = self._abort_everywhere(frame) if frame.started else []
+        return [*stop, EndFrame(frame.frame, error)]
+
     def _begin_frame(self) -> list[Instruction]:
         """Send the waiting frame, after packing for its quantisation where that is still to be done."""
         frame = self.frame
         if frame is None or frame.started or self.phase not in (Phase.SURVEYED, Phase.READY):
             return []
         assert self.volume is not None
+        if frame.whole and missing_boxes(self.server_states.values()):
+            return self._end_frame(incomplete(self.server_states.values()))
         quantisation = self.volume.quantisation(frame.scene.quantise)
         if quantisation != self.quantisation:
             return self._pack(quantisation) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
@@ -276,8 +316,7 @@ class Coordinator:
         try:
             plan_frame(frame.scene, geometry, frame.step)
         except ValueError as error:
-            self.frame = None
-            return [EndFrame(frame.frame, BadInput(str(error)))]
+            return self._end_frame(BadInput(str(error)))
         frame.started = True
         render = messages.RenderFrame(
             frame=frame.frame,
@@ -347,11 +386,16 @@ class Coordinator:
         if frame is None or frame.unacknowledged:
             return []
         if not message.complete:
-            self.frame = None
-            names = ", ".join(self.servers[n].name if n in self.servers else f"server {n}" for n in message.lost)
-            return [EndFrame(frame.frame, PeerLost(f"the image is incomplete: packets of {names} were lost"))]
+            return [instruction for worker in message.lost for instruction in self._cut_off(worker)]
         frame.splat, frame.drawn_at = message.stats, event.at
         return []
+
+    def _cut_off(self, worker: int) -> list[Instruction]:
+        """A worker from which the splat server hears no more counts as lost, whether or not it lives."""
+        if worker not in self.servers:
+            return []
+        cause = f"{self.servers[worker].name} has lost its connection to the splat server"
+        return [Send(worker, messages.EndSession()), *self._lose(worker, cause)]
 
     def _received_ImageRead(
         self, server: int, message: messages.ImageRead, event: MessageReceived
@@ -372,7 +416,9 @@ class Coordinator:
         if frame.image is None or frame.splat is None or set(frame.map_shade) != set(self.boxes):
             return []
         self.frame = None
-        return [replace(frame.image, outcome=FrameOutcome(frame.map_shade, frame.splat), drawn_at=frame.drawn_at)]
+        missing = missing_boxes(self.server_states.values())
+        outcome = FrameOutcome(frame.map_shade, frame.splat, missing)
+        return [replace(frame.image, outcome=outcome, drawn_at=frame.drawn_at)]
 
     def _current(self, frame: int) -> RunningFrame | None:
         """The running frame if it has this id; messages of older frames are of no use any more."""

@@ -8,14 +8,16 @@ from volsplat.protocol.addresses import Address
 from volsplat.protocol.errors import VolsplatError
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import Box
 
 
 @dataclass(frozen=True)
 class FrameOutcome:
-    """What the servers report of a finished frame."""
+    """What the servers report of a finished frame, and the parts of the volume that no server holds any more."""
 
     map_shade: dict[int, messages.MapShadeStats]
     splat: messages.SplatStats
+    missing: tuple[Box, ...] = ()
 
 
 # -- events -----------------------------------------------------------------------------------------------------
@@ -26,6 +28,7 @@ class ServerJoined:
     server: int
     role: Role
     name: str  # for a person: role, number and address
+    host: str  # where it dials from
     data: Address  # where a splat server takes data links
 
 
@@ -58,9 +61,12 @@ class VolumeAsked:
 
 @dataclass(frozen=True)
 class FrameAsked:
+    """An image is wanted; where `whole`, only one that shows the whole volume."""
+
     frame: int  # rises with every request
     scene: Scene
     step: Step
+    whole: bool
 
 
 @dataclass(frozen=True)

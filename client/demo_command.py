@@ -12,6 +12,7 @@ from volsplat.client.image_file import write_image
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.presets import preset_scene
 from volsplat.client.render_outputs import step_image_path
+from volsplat.client.renderer import finished_whole
 from volsplat.client.session import Session
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.view_rotation import rotation_from_angles
@@ -42,7 +43,7 @@ def demo(output: Path) -> None:
         write_volume(volume, *make_phantom("head"))
         with Session(volume, workers=DEMO_WORKERS, on_progress=status.update) as session:
             scene = demo_scene(session.volume)
-            finished = [refinement for refinement in session.refine(scene) if refinement.complete]
+            finished = list(finished_whole(session.refine(scene)))
             outcomes = [refinement.outcome for refinement in finished if refinement.outcome is not None]
             report = report_of(session.volume, scene, outcomes)
     for refinement in finished:

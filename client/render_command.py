@@ -23,7 +23,7 @@ from volsplat.client.render_options import (
     triple_from_option,
 )
 from volsplat.client.render_outputs import Outputs, step_image_path
-from volsplat.client.renderer import Refinement, Renderer
+from volsplat.client.renderer import Refinement, Renderer, finished_whole
 from volsplat.client.session import ANY_LOOPBACK_PORT, Session
 from volsplat.protocol.addresses import Address, parse_address
 from volsplat.protocol.errors import BadInput
@@ -182,9 +182,7 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
 
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
-    for refinement in steps:
-        if not refinement.complete:
-            continue
+    for refinement in finished_whole(steps):
         finished.append(refinement)
         if outputs.steps_dir is not None:
             outputs.make_folder()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from volsplat.client.coordinator_events import FrameOutcome
+from volsplat.client.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.scene import Scene, Step
 
@@ -74,6 +75,16 @@ def refined(
                 yield refinement
             else:
                 yield Refinement(step, laid_over(refinement.image, under), None)
+
+
+def finished_whole(refinements: Iterable[Refinement]) -> Iterator[Refinement]:
+    """The finished ones, for files. Raises PeerLost for one that does not show the whole volume."""
+    for refinement in refinements:
+        if refinement.outcome is None:
+            continue
+        if missing := refinement.outcome.servers.missing:
+            raise VolumeIncomplete(f"a map/shade server was lost: {part_of_volume(missing)} of the volume are missing")
+        yield refinement
 
 
 def image_tensor(pixels: bytearray | memoryview, width: int, height: int) -> Tensor:

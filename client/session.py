@@ -47,6 +47,7 @@ from volsplat.client.renderer import (
     image_tensor,
     refined,
 )
+from volsplat.client.server_states import ServerState, VolumeIncomplete
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.deploy.local import LocalServers
 from volsplat.deploy.server_command import Program
@@ -94,6 +95,7 @@ class Session:
     ) -> None:
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._connections: dict[int, Connection] = {}  # touched by the coordinator's and the receiving threads
         self._connections_lock = threading.Lock()  # guards _connections
         self._frames: dict[int, Answers] = {}
@@ -144,6 +146,11 @@ class Session:
         return self._servers.process_ids
 
     @property
+    def servers(self) -> list[ServerState]:
+        """Every server that has joined, as it stands, those that were lost included."""
+        return list(self._coordinator.server_states.values())
+
+    @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume; waits until every server has read its sub-cube."""
         self._volume_known.wait()
@@ -158,14 +165,14 @@ class Session:
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
 
-        Raises BadInput where the scene does not fit the volume, PeerLost where a server is gone, and FrameAborted
-        where a newer frame took its place.
+        Raises BadInput where the scene does not fit the volume, PeerLost where a server is gone and with it a part
+        of the volume, and FrameAborted where a newer frame took its place.
         """
         return self.finish(scene, step).image
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
-        frame, answers = self._ask(scene, step)
+        frame, answers = self._ask(scene, step, whole=True)
         *_, finished = self._drawn(frame, answers, step, partial_interval=None)
         return finished
 
@@ -180,13 +187,21 @@ class Session:
 
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
+
+        Goes on where a map/shade server is lost while others hold parts of the volume: then the outcome of each
+        finished image tells what is missing from it. Raises PeerLost where nothing can be drawn any more.
         """
         asked: list[int] = []  # the newest frame of this refinement
 
         def drawn(step: Step) -> Iterator[Refinement]:
-            frame, answers = self._ask(scene, step, after=asked[-1] if asked else None)
-            asked.append(frame)
-            return self._drawn(frame, answers, step, partial_interval)
+            while True:
+                frame, answers = self._ask(scene, step, whole=False, after=asked[-1] if asked else None)
+                asked.append(frame)
+                try:
+                    yield from self._drawn(frame, answers, step, partial_interval)
+                    return
+                except VolumeIncomplete:  # lost while it was drawn: once more, with what is left
+                    continue
 
         try:
             yield from refined(drawn, scene, first, last)
@@ -247,7 +262,7 @@ class Session:
 
     # -- frames
 
-    def _ask(self, scene: Scene, step: Step, after: int | None = None) -> tuple[int, Answers]:
+    def _ask(self, scene: Scene, step: Step, whole: bool, after: int | None = None) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameAborted where something else was asked since frame `after`."""
         answers: Answers = queue.SimpleQueue()
         with self._frames_lock:
@@ -258,7 +273,7 @@ class Session:
             self._newest_frame += 1
             frame = self._newest_frame
             self._frames[frame] = answers
-        self._events.put(FrameAsked(frame, scene, step))
+        self._events.put(FrameAsked(frame, scene, step, whole))
         return frame, answers
 
     def _answer(self, answers: Answers, patience: float | None) -> PublishImage | None:
@@ -283,7 +298,8 @@ class Session:
         peer = connection.peer
         with self._connections_lock:
             self._connections[peer.id] = connection
-        self._events.put(ServerJoined(peer.id, peer.role, str(peer), Address(peer.data_host, peer.data_port)))
+        data = Address(peer.data_host, peer.data_port)
+        self._events.put(ServerJoined(peer.id, peer.role, str(peer), peer.host, data))
         cause = "this side closed the connection"
         try:
             while (received := connection.receive()) is not None:
@@ -296,10 +312,9 @@ class Session:
         self._events.put(ServerLost(peer.id, cause))
 
     def _coordinate(self) -> None:
-        coordinator = Coordinator()
         try:
             while (event := self._events.get()) is not None:
-                for instruction in coordinator.handle(event):
+                for instruction in self._coordinator.handle(event):
                     self._carry_out(instruction)
         except Exception as error:  # a mistake of ours, or in `on_progress`: whoever waits must hear of it
             log.exception("the session cannot go on")

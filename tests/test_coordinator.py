@@ -18,6 +18,7 @@ from volsplat.client.coordinator_events import (
     PartialImageAsked,
     PublishImage,
     PublishVolume,
+    ReportProgress,
     Send,
     ServerJoined,
     ServerLost,
@@ -31,14 +32,15 @@ from volsplat.protocol.errors import BadInput, PeerLost
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step
-from volsplat.protocol.volume import Geometry, VolumeDescription
+from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 
 SPLAT, FIRST, SECOND = 1, 2, 3
 DATA = Address("127.0.0.1", 4000)
+NO_DATA = Address("", 0)
 JOINS: list[Event] = [
-    ServerJoined(SPLAT, Role.SPLAT_SERVER, "splat server 1", DATA),
-    ServerJoined(FIRST, Role.MAPSHADE_SERVER, "map/shade server 2", Address("", 0)),
-    ServerJoined(SECOND, Role.MAPSHADE_SERVER, "map/shade server 3", Address("", 0)),
+    ServerJoined(SPLAT, Role.SPLAT_SERVER, "splat server 1", "node1", DATA),
+    ServerJoined(FIRST, Role.MAPSHADE_SERVER, "map/shade server 2", "node2", NO_DATA),
+    ServerJoined(SECOND, Role.MAPSHADE_SERVER, "map/shade server 3", "node3", NO_DATA),
 ]
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
 SCENE = preset_scene("ct-skin")
@@ -83,7 +85,7 @@ def packed(coordinator: Coordinator, assignment: int = 1) -> list[Instruction]:
 
 def drawing(frame: int = 1, scene: Scene = SCENE) -> Coordinator:
     coordinator = surveyed()
-    coordinator.handle(FrameAsked(frame, scene, Step.F))
+    coordinator.handle(FrameAsked(frame, scene, Step.F, whole=True))
     packed(coordinator)
     return coordinator
 
@@ -108,7 +110,7 @@ def test_the_surveys_of_all_sub_cubes_become_one() -> None:
 
 def test_a_frame_waits_until_the_voxels_are_packed_and_goes_to_the_splat_server_first() -> None:
     coordinator = surveyed()
-    asked = coordinator.handle(FrameAsked(1, SCENE, Step.A))
+    asked = coordinator.handle(FrameAsked(1, SCENE, Step.A, whole=True))
     assert sent(asked) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
     assert sent(packed(coordinator)) == [
         (SPLAT, messages.RenderFrame),
@@ -140,7 +142,7 @@ def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[in
 
 def test_servers_are_told_an_order_and_need_not_choose() -> None:
     coordinator = surveyed()
-    coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F))
+    coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, whole=True))
     told = [i.message for i in packed(coordinator) if isinstance(i, Send)]
     orders = {message.scene.order for message in told if isinstance(message, messages.RenderFrame)}
     assert len(orders) == 1 and orders <= set(TRAVERSAL_ORDERS)
@@ -148,7 +150,7 @@ def test_servers_are_told_an_order_and_need_not_choose() -> None:
 
 def test_a_newer_frame_ends_the_older_one_and_nothing_of_it_is_published() -> None:
     coordinator = drawing()
-    newer = coordinator.handle(FrameAsked(2, SCENE, Step.F))
+    newer = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True))
     assert EndFrame(1) in newer
     assert (SPLAT, messages.RenderFrame) in sent(newer)
     late = coordinator.handle(said(SPLAT, messages.ImageRead(1, Step.F, True, 1, 1), bytes(16)))
@@ -175,7 +177,7 @@ def test_partial_images_are_asked_for_only_while_the_frame_is_drawn() -> None:
 def test_another_window_makes_the_servers_read_and_pack_again() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    assert sent(coordinator.handle(FrameAsked(2, narrow, Step.F)))[-2:] == [
+    assert sent(coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True)))[-2:] == [
         (FIRST, messages.ReadSubCubes),
         (SECOND, messages.ReadSubCubes),
     ]
@@ -187,19 +189,18 @@ def test_another_window_makes_the_servers_read_and_pack_again() -> None:
     assert isinstance(render, messages.RenderFrame) and render.quantisation.window == (0.0, 9.0)
 
 
-@pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
-def test_a_lost_server_that_draws_fails_the_frame_and_the_session(server: int) -> None:
+def test_a_lost_splat_server_fails_the_frame_and_the_session() -> None:
     coordinator = drawing()
-    ended, failed = coordinator.handle(ServerLost(server, f"server {server} is gone"))
+    ended, failed = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, PeerLost) and ended.frame == 1
-    assert isinstance(failed, FailSession) and f"server {server} is gone" == str(failed.error)
-    (again,) = coordinator.handle(FrameAsked(2, SCENE, Step.F))
+    assert isinstance(failed, FailSession) and "the splat server is gone" == str(failed.error)
+    (again,) = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
     assert isinstance(again, EndFrame) and again.error is failed.error
 
 
 def test_a_server_that_joins_late_or_leaves_idle_changes_nothing() -> None:
     coordinator = drawing()
-    late = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", Address("", 0))
+    late = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
     assert coordinator.handle(late) == []
     assert coordinator.handle(ServerLost(4, "left")) == []
     assert coordinator.phase == Phase.READY
@@ -224,9 +225,9 @@ def test_what_a_server_refuses_is_bad_input_with_its_cause() -> None:
 def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
     coordinator = drawing()
     outside = Scene(tables=SCENE.tables, bounds=Bounds(low=(0, 0, 0), high=(9, 9, 9)))
-    (*_, ended) = coordinator.handle(FrameAsked(2, outside, Step.F))
+    (*_, ended) = coordinator.handle(FrameAsked(2, outside, Step.F, whole=True))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "bounds on i" in str(ended.error)
-    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(3, SCENE, Step.F)))
+    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(3, SCENE, Step.F, whole=True)))
 
 
 @pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
@@ -240,14 +241,14 @@ def test_a_server_that_is_lost_while_the_volume_is_described_fails_the_session(s
 
 def test_an_idle_splat_server_may_leave() -> None:
     coordinator = drawing()
-    coordinator.handle(ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", DATA))
+    coordinator.handle(ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", "node9", DATA))
     assert coordinator.handle(ServerLost(9, "left")) == []
 
 
 def test_a_frame_that_must_wait_stops_the_running_one_at_once() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    asked = coordinator.handle(FrameAsked(2, narrow, Step.F))
+    asked = coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True))
     assert sent(asked)[:3] == [(n, messages.AbortFrame) for n in (SPLAT, FIRST, SECOND)]
     assert EndFrame(1) in asked
 
@@ -257,14 +258,134 @@ def test_a_refused_frame_ends_alone_and_is_aborted_everywhere() -> None:
     *aborts, ended = coordinator.handle(said(SPLAT, messages.Refused("RenderFrame", "no memory", frame=1)))
     assert sent(aborts) == [(n, messages.AbortFrame) for n in (SPLAT, FIRST, SECOND)]
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput)
-    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F)))
+    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True)))
 
 
 def test_answers_of_an_older_assignment_count_for_nothing() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    coordinator.handle(FrameAsked(2, narrow, Step.F))
+    coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True))
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
     for server in (FIRST, SECOND):
         assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
     assert coordinator.phase == Phase.READING
+
+
+# -- a map/shade server is lost: the volume is 8 x 9 x 10, and the halves meet at k = 5
+
+LOWER, UPPER = Box((0, 0, 0), (8, 9, 5)), Box((0, 0, 5), (8, 9, 10))
+GONE = "map/shade server 2 at node2:40123 is gone"
+MISSING = f"{GONE}; i 0-7, j 0-8, k 0-4 of the volume are missing"
+
+
+def ended_by(instructions: list[Instruction]) -> str:
+    """The line with which a frame ends."""
+    (ended,) = [i for i in instructions if isinstance(i, EndFrame)]
+    assert isinstance(ended.error, PeerLost)
+    return str(ended.error)
+
+
+def finished(coordinator: Coordinator, frame: int, workers: list[int]) -> PublishImage:
+    """What is published once these workers and the splat server are done."""
+    for worker in workers:
+        coordinator.handle(said(worker, messages.FrameMapped(frame, MAP_STATS)))
+    coordinator.handle(said(SPLAT, messages.FrameFinished(frame, True, [], SPLAT_STATS)))
+    (image,) = coordinator.handle(said(SPLAT, messages.ImageRead(frame, Step.F, True, 1, 1), bytes(16)))
+    assert isinstance(image, PublishImage) and image.outcome is not None
+    return image
+
+
+def test_a_lost_map_shade_server_ends_the_running_frame_and_stops_it_everywhere() -> None:
+    told = drawing().handle(ServerLost(FIRST, GONE))
+    assert told[0] == ReportProgress(MISSING)
+    assert ended_by(told) == MISSING
+    assert sent(told) == [(SPLAT, messages.AbortFrame), (SECOND, messages.AbortFrame)]
+    assert not any(isinstance(i, FailSession) for i in told)
+
+
+def test_later_frames_are_drawn_by_those_that_are_left_and_say_what_is_missing() -> None:
+    coordinator = drawing()
+    whole = finished(coordinator, 1, [FIRST, SECOND])
+    assert whole.outcome is not None and whole.outcome.missing == ()
+    coordinator.handle(ServerLost(FIRST, GONE))
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    renders = [i for i in asked if isinstance(i, Send)]
+    assert [render.server for render in renders] == [SPLAT, SECOND]
+    for render in renders:
+        assert isinstance(render.message, messages.RenderFrame) and render.message.workers == [SECOND]
+    image = finished(coordinator, 2, [SECOND])
+    assert image.outcome is not None and image.outcome.missing == (LOWER,)
+
+
+def test_who_wants_the_whole_volume_is_told_at_once_that_it_is_not_there() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerLost(FIRST, GONE))
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True))
+    assert ended_by(asked) == MISSING and sent(asked) == []
+
+
+def test_the_last_map_shade_server_takes_the_session_with_it() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerLost(FIRST, GONE))
+    (failed,) = coordinator.handle(ServerLost(SECOND, "map/shade server 3 is gone"))
+    assert isinstance(failed, FailSession) and str(failed.error) == "map/shade server 3 is gone"
+
+
+def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_one_goes_on() -> None:
+    coordinator = surveyed()
+    coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=True))
+    coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 1440, 0.1)))
+    assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
+    assert coordinator.phase == Phase.READY
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    assert sent(asked) == [(SPLAT, messages.RenderFrame), (SECOND, messages.RenderFrame)]
+
+
+@pytest.mark.parametrize("already_read", [False, True])
+def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already_read: bool) -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    coordinator.handle(FrameAsked(2, narrow, Step.F, whole=False))
+    read = said(SECOND, messages.SubCubesRead(2, Survey(0.0, 1.0, 1.0, 360, 0), 720, 0.1))
+    if already_read:
+        coordinator.handle(read)
+    assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
+    asked = coordinator.handle(FrameAsked(3, narrow, Step.F, whole=False))
+    assert sent(asked if already_read else coordinator.handle(read)) == [(SECOND, messages.PackVoxels)]
+    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 1440, 0.1)))
+    assert sent(drawn) == [(SPLAT, messages.RenderFrame), (SECOND, messages.RenderFrame)]
+
+
+def test_a_worker_that_the_splat_server_lost_first_counts_as_lost_once() -> None:
+    coordinator = drawing()
+    told = coordinator.handle(said(SPLAT, messages.FrameFinished(1, False, [FIRST], SPLAT_STATS)))
+    assert "map/shade server 2 has lost its connection to the splat server; i 0-7" in ended_by(told)
+    assert sent(told)[0] == (FIRST, messages.EndSession)
+    assert coordinator.handle(said(FIRST, messages.FrameMapped(1, MAP_STATS))) == []
+    assert coordinator.handle(ServerLost(FIRST, GONE)) == []
+
+
+def test_a_loss_while_a_frame_is_aborted_lets_it_end_as_aborted() -> None:
+    coordinator = drawing()
+    coordinator.handle(AbortAsked(1))
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    assert EndFrame(1) in told and sent(told) == []
+
+
+def test_the_states_of_all_servers_are_known_and_those_lost_are_kept() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA))
+    before = coordinator.server_states
+    coordinator.handle(ServerLost(FIRST, GONE))
+    splat, first, second, idle = coordinator.server_states.values()
+    assert (splat.name, splat.host, splat.boxes, splat.lost) == ("splat server 1", "node1", (), False)
+    assert (first.name, first.boxes, first.voxels, first.lost, first.cause) == (
+        "map/shade server 2",
+        (LOWER,),
+        360,
+        True,
+        GONE,
+    )
+    assert (second.boxes, second.lost) == ((UPPER,), False)
+    assert (idle.host, idle.boxes, idle.lost) == ("node4", (), False)
+    assert not before[FIRST].lost, "who looks from another thread keeps what it saw"

@@ -146,7 +146,7 @@ def test_bounds_outside_the_volume_are_refused_and_the_session_goes_on(session: 
 
 @pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])
 def test_a_killed_server_ends_the_session_with_one_clear_line(head: Path, victim: str) -> None:
-    with Session(head, workers=2) as session:
+    with Session(head, workers=1) as session:
         scene = skin(session)
         session.render(scene)
         servers = [psutil.Process(pid) for pid in session.server_processes]
