@@ -26,7 +26,17 @@ demo: $(READY) ## render the head phantom with two map/shade servers and a splat
 PROPERTIES := $(addprefix tests/test_,order_independence.py reference.py closed_forms.py visibility.py handedness.py \
 	known_light.py volume_edges.py classified_rows.py closed_tiles.py splat_server.py session.py)
 
-test: $(READY) ## lint, type-check and test, the properties on the baseline CPU path as well
+# The page is tested in a real browser, and movies with ffmpeg; where they cannot be installed, those tests say so.
+TOOLS := chromium ffmpeg
+.PHONY: tools
+tools:
+	@for tool in $(TOOLS); do command -v $$tool > /dev/null || missing="$$missing $$tool"; done; \
+	if [ -z "$$missing" ]; then exit 0; fi; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
+		apt-get update -qq && apt-get install -qq -y --no-install-recommends $$missing > /dev/null; \
+	else echo "not found:$$missing; tests that need them will be skipped"; fi
+
+test: $(READY) tools ## lint, type-check and test, the properties on the baseline CPU path as well
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy

@@ -12,6 +12,7 @@ SUMMARIES = {
     "kernels": "Voxels, splats and pixels a second on one core, beside the machine's floors.",
     "peers": "volsplat and VTK's CPU ray caster draw the same pictures.",
     "aborts": "How long an abort takes to reach every server.",
+    "page": "How soon the page follows the hand, in a real browser.",
     "compare": "What moved between two records.",
 }
 
