@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -41,10 +41,16 @@ class SceneOptions:
         Without a volume the preset's own numbers stand in for what the data would decide: good for checking a
         scene file before anything is started.
         """
+        return self._changed(self._under_options(volume))
+
+    def key_scenes(self, volume: SurveyedVolume | None, keys: Sequence[Path]) -> list[Scene]:
+        """As `scene_of`, with each of these scene files in its turn over the scene, and under the options."""
+        under = self._under_options(volume)
+        return [self._changed(_scene_in(key, under)) for key in keys]
+
+    def _under_options(self, volume: SurveyedVolume | None) -> Scene:
         base = self._base(volume)
-        if self.scene is not None:
-            base = _stored_scene(self.scene) if _is_image(self.scene) else read_scene_file(self.scene, base)
-        return self._changed(base)
+        return base if self.scene is None else _scene_in(self.scene, base)
 
     def _base(self, volume: SurveyedVolume | None) -> Scene:
         if volume is None:
@@ -77,8 +83,9 @@ class SceneOptions:
         )
 
 
-def _is_image(path: Path) -> bool:
-    return path.suffix.lower() in DEPTHS
+def _scene_in(path: Path, base: Scene) -> Scene:
+    """The scene of a TOML file over `base`, or the whole one that an image stores."""
+    return _stored_scene(path) if path.suffix.lower() in DEPTHS else read_scene_file(path, base)
 
 
 def _stored_scene(image: Path) -> Scene:

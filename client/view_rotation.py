@@ -37,9 +37,9 @@ def rotation_from_angles(azimuth: float, elevation: float, roll: float = 0.0) ->
     Azimuth turns the volume about the physical +z axis, counter-clockwise as seen from above; elevation then tips
     its top towards the viewer; roll turns the picture counter-clockwise.
     """
-    turned = _product(_FRONT, _about(2, azimuth))
-    tipped = _product(_about(0, elevation), turned)
-    return _product(_about(2, roll), tipped)
+    turned = product(_FRONT, _about(2, azimuth))
+    tipped = product(_about(0, elevation), turned)
+    return product(_about(2, roll), tipped)
 
 
 def rotation_from_option(text: str) -> Quaternion:
@@ -78,7 +78,7 @@ def _about(axis: int, degrees: float) -> Quaternion:
     return (parts[0], parts[1], parts[2], cosine)
 
 
-def _product(a: Quaternion, b: Quaternion) -> Quaternion:
+def product(a: Quaternion, b: Quaternion) -> Quaternion:
     """Hamilton's product: b is applied first."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
