@@ -85,6 +85,7 @@ def _serve(
     with interrupts_held():
         from volsplat.client.ui.application import Application
         from volsplat.client.ui.opened_viewing import opened_viewing
+        from volsplat.client.ui.page import page
 
     token = secrets.token_urlsafe(TOKEN_BYTES)
     url = f"http://{LOOPBACK}:{port}/?token={token}"
@@ -92,7 +93,7 @@ def _serve(
     if options.scene is None:
         first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
     viewing = opened_viewing(session, first, url)
-    application = Application(viewing, token, LOOPBACK, port, grace)
+    application = Application(viewing, page, token, LOOPBACK, port, grace)
 
     def ready() -> None:
         console.print(f"{session.volume.description.name} is at\n\n    {url}\n", soft_wrap=True, highlight=False)

@@ -16,7 +16,6 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from volsplat.client.ui.gate import Gate
-from volsplat.client.ui.page import page
 from volsplat.client.ui.saving import scene_from_link
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.ui.viewport_link import ViewportLink
@@ -51,8 +50,11 @@ class OpenPages:
 class Application:
     """Serves one Viewing on one port until told to stop, or until no page has been open for `grace` seconds."""
 
-    def __init__(self, viewing: Viewing, token: str, host: str, port: int, grace: float) -> None:
+    def __init__(
+        self, viewing: Viewing, build_page: Callable[[Viewing], None], token: str, host: str, port: int, grace: float
+    ) -> None:
         self._viewing = viewing
+        self._build_page = build_page
         self._pages = OpenPages()
         self._grace = grace
         application = FastAPI(lifespan=self._lifespan)
@@ -111,4 +113,4 @@ class Application:
                 self._viewing.model.change(lambda _: scene)
             except (BadInput, ValueError) as error:
                 ui.notify(str(error), type="warning", timeout=0, close_button=True)
-        page(self._viewing)
+        self._build_page(self._viewing)

@@ -6,6 +6,7 @@ settled, the image refines from there to step F. A newer scene takes the place o
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable
@@ -18,6 +19,10 @@ from volsplat.client.ui.picture_encoding import encoded, levels_over
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.protocol.errors import VolsplatError
 from volsplat.protocol.scene import Scene, Step
+
+log = logging.getLogger(__name__)
+
+NO_PARTIAL_IMAGES = threading.TIMEOUT_MAX  # seconds between them
 
 
 class DrawingLoop:
@@ -91,13 +96,16 @@ class DrawingLoop:
                     self._draw_moving(state)
             except VolsplatError as error:
                 self._tell(error)
+            except Exception as error:  # a mistake of ours: the person must hear of it, and the page must live on
+                log.exception("this scene could not be drawn")
+                self._tell(VolsplatError(f"this scene could not be drawn: {type(error).__name__}: {error}"))
             finally:
                 with self._changed:
                     self._refining = False
 
     def _draw_moving(self, state: SceneState) -> None:
         step = self.pacing.step_while_moving()
-        for refinement in self._session.refine(state.scene, step, float("inf"), first=step):
+        for refinement in self._session.refine(state.scene, step, NO_PARTIAL_IMAGES, first=step):
             self._publish(state, refinement)
 
     def _refine(self, state: SceneState) -> None:
