@@ -16,6 +16,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from volsplat.client.ui.gate import Gate
+from volsplat.client.ui.loss_watch import watch_for_losses
 from volsplat.client.ui.saving import scene_from_link
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.ui.viewport_link import ViewportLink
@@ -85,11 +86,12 @@ class Application:
         self._viewing.pictures.attach(loop)
         self._viewing.troubles.attach(loop)
         self._viewing.loop.start()
-        watch = asyncio.create_task(self._watch())
+        watches = [asyncio.create_task(self._watch()), asyncio.create_task(watch_for_losses(self._viewing))]
         try:
             yield
         finally:
-            watch.cancel()
+            for watch in watches:
+                watch.cancel()
             await asyncio.to_thread(self._viewing.loop.close)
 
     async def _watch(self) -> None:

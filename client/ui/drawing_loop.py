@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable
 
 from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, laid_over
+from volsplat.client.server_states import VolumeIncomplete
 from volsplat.client.session import Session
 from volsplat.client.ui.pacing import StepPacing
 from volsplat.client.ui.picture import Picture
@@ -94,6 +95,8 @@ class DrawingLoop:
                     self._refine(state)
                 else:
                     self._draw_moving(state)
+            except VolumeIncomplete:
+                log.info("a server was lost amid this picture")  # loss_watch tells of it, and has it drawn again
             except VolsplatError as error:
                 self._tell(error)
             except Exception as error:  # a mistake of ours: the person must hear of it, and the page must live on

@@ -53,6 +53,7 @@ class ImageSize:
     """Whether the image is as large as the window of whoever used it last, or what the scene says."""
 
     follows_window: bool = True
+    window: tuple[int, int] | None = None  # width and height of the viewport that was sized last, in pixels
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from volsplat.client.ui import viewport_messages as said
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneState
 from volsplat.client.ui.viewing import Viewing
-from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.scene import Bounds, Scene, View
 
 log = logging.getLogger(__name__)
@@ -47,6 +47,8 @@ class ViewportLink:
         await self._socket.accept()
         self._say(said.volume_message(self._viewing.volume.description))
         self._on_scene(self._viewing.model.now)
+        if isinstance(self._viewing.troubles.newest, PeerLost):
+            self._on_trouble(self._viewing.troubles.newest)
         with contextlib.ExitStack() as subscriptions:
             subscriptions.callback(self._viewing.model.subscribe(self._on_scene))
             subscriptions.callback(self._viewing.pictures.subscribe(self._on_picture))
@@ -79,7 +81,7 @@ class ViewportLink:
         self._ready.set()
 
     def _on_trouble(self, trouble: VolsplatError) -> None:
-        self._say(said.trouble_message(str(trouble)))
+        self._say(said.trouble_message(str(trouble), lasting=isinstance(trouble, PeerLost)))
 
     async def _send(self) -> None:
         while True:
@@ -114,6 +116,7 @@ class ViewportLink:
                 self._under_way = {sent for sent in self._under_way if sent > number}
                 self._ready.set()
             case said.Size(width=width, height=height):
+                self._viewing.image_size.window = (width, height)
                 if self._viewing.image_size.follows_window:
                     model.change(lambda s: _sized(s, width, height), by=self._tab, undoable=False)
             case said.ViewTurned(settled=settled, event=event):
