@@ -144,7 +144,7 @@ def dragged(tab: Page, moves: int) -> Drag:
 
 
 @contextmanager
-def _viewed(path: Path, workers: int) -> Iterator[str]:
+def _viewed(path: str, workers: int) -> Iterator[str]:
     """The address of a page that `volsplat view` serves."""
     command = [
         str(Path(sys.executable).with_name("volsplat")),

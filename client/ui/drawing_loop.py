@@ -45,8 +45,9 @@ class DrawingLoop:
         self._number = 0
         self._drawn_revision = 0
         self._refining = False
+        self._paused = False
         self._closed = False
-        self._changed = threading.Condition()  # guards _refining and _closed, and tells of a newer scene
+        self._changed = threading.Condition()  # guards the three above, and tells of a newer scene
         self._unsubscribe = model.subscribe(self._on_change)
         self._thread = threading.Thread(target=self._run, name="draw", daemon=True)
 
@@ -62,6 +63,17 @@ class DrawingLoop:
             self._abort_refinement()
         if self._thread.is_alive():
             self._thread.join()
+
+    def pause(self) -> None:
+        """Draw nothing until `resume`, so that others may draw."""
+        with self._changed:
+            self._paused = True
+            self._abort_refinement()
+
+    def resume(self) -> None:
+        """Draw again, the present scene from its first step on."""
+        self._paused = False
+        self.draw_again()
 
     def draw_again(self) -> None:
         """Draw the scene anew although it is the same, since what holds the volume has changed."""
@@ -84,7 +96,7 @@ class DrawingLoop:
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._closed or self._model.now.revision != self._drawn_revision)
+                self._changed.wait_for(self._something_to_do)
                 if self._closed:
                     return
                 state = self._model.now
@@ -105,6 +117,9 @@ class DrawingLoop:
             finally:
                 with self._changed:
                     self._refining = False
+
+    def _something_to_do(self) -> bool:
+        return self._closed or (not self._paused and self._model.now.revision != self._drawn_revision)
 
     def _draw_moving(self, state: SceneState) -> None:
         step = self.pacing.step_while_moving()

@@ -20,6 +20,7 @@ from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneState
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol.errors import PeerLost, VolsplatError
+from volsplat.protocol.frame_plan import resolved_bounds
 from volsplat.protocol.scene import Bounds, Scene, View
 
 log = logging.getLogger(__name__)
@@ -139,7 +140,7 @@ class ViewportLink:
     def _cut(self, scene: Scene, bounds: Bounds) -> Scene:
         """Raises ValueError where the volume has no such bounds."""
         cut = msgspec.structs.replace(scene, bounds=bounds)
-        said.resolved_bounds(cut, self._geometry)
+        resolved_bounds(cut, self._geometry)
         return cut
 
     def _in_background(self, work: Any) -> None:
