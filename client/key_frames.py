@@ -49,15 +49,20 @@ def key_framed(keys: Sequence[Scene], geometry: Geometry, frames: int) -> list[S
     points of tables that have equally many go in straight lines; all else is the earlier key's until the later one
     is reached. Raises BadInput where that cannot be.
     """
-    if not 2 <= len(keys) <= frames:
-        raise BadInput(
-            f"{frames} frames cannot pass through {len(keys)} key scenes; give 2 keys or more, and as many frames"
-        )
+    check_key_count(len(keys), frames)
     places = [Fraction(n * (len(keys) - 1), frames - 1) for n in range(frames)]
     try:
         return [_at(keys, geometry, place) for place in places]
     except ValueError as error:
         raise BadInput(f"no scene lies between these keys: {error}") from error
+
+
+def check_key_count(keys: int, frames: int) -> None:
+    """Raise BadInput where so many frames cannot pass through so many keys."""
+    if not 2 <= keys <= frames:
+        raise BadInput(
+            f"{frames} frames cannot pass through {keys} key scenes; give 2 keys or more, and as many frames"
+        )
 
 
 def _turned(scene: Scene, geometry: Geometry, axis: TurningAxis, turn: Fraction) -> Scene:

@@ -130,3 +130,6 @@ ALIKE_SMOOTH = 0.97
 
 UNLIKE_MIRRORED = 0.93
 """SSIM of an asymmetric body and its mirror image stays below."""
+
+VIDEO_LEVELS = 4 / 255
+"""A flat colour, or the mean over a frame, after 8-bit YCbCr of limited range and a codec of high quality."""

@@ -1,0 +1,131 @@
+"""`volsplat movie`: a volume once around, or from key scene to key scene, as a film or as numbered images."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import get_args
+
+import click
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from volsplat.client.interrupts import interrupts_held
+from volsplat.client.key_frames import TurningAxis, check_key_count, key_framed, turntable
+from volsplat.client.movie_formats import check_movie_writable
+from volsplat.client.presets import PRESETS
+from volsplat.client.render_options import SceneOptions, size_from_option
+from volsplat.client.renderer import Renderer
+from volsplat.client.session import Session
+from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.tokens import find_token
+
+
+@click.command()
+@click.argument("volume")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Film (.mp4 or .webm, by ffmpeg), or a folder for numbered PNG images.",
+)
+@click.option("--frames", type=click.IntRange(min=1), default=120, help="How many images make the movie (120).")
+@click.option("--rate", type=click.IntRange(1, 240), default=30, help="Images a second, in a film (30).")
+@click.option("--axis", type=click.Choice(get_args(TurningAxis)), help="What the volume turns about (screen-y).")
+@click.option(
+    "--key",
+    "keys",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="SCENE",
+    help="Move from key to key instead, evenly in time; give it twice or more. Scene TOML, or an image of volsplat's.",
+)
+@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
+@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
+@click.option("--size", metavar="WxH", help="Image size in pixels (512x512).")
+@click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
+@click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
+@click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
+@click.option("--single", is_flag=True, help="One process, no servers: the same images.")
+def movie(
+    volume: str,
+    output: Path,
+    frames: int,
+    rate: int,
+    axis: TurningAxis | None,
+    keys: tuple[Path, ...],
+    scene: Path | None,
+    preset: str | None,
+    size: str | None,
+    rotate: str | None,
+    step: str,
+    workers: int,
+    single: bool,
+) -> None:
+    """Turn VOLUME once around, or move through key scenes, into a movie.
+
+    VOLUME is a NRRD, MetaImage, NIfTI or TIFF file or a folder of DICOM slices. Without --scene and --preset the
+    scene is chosen from the data; what a key leaves out is taken from that scene, and the other options hold for
+    every key. A turn can be looped. Until the movie is whole, nothing lies at its name.
+    """
+    options = SceneOptions(scene=scene, preset=preset, size=size_from_option(size) if size else None, rotate=rotate)
+    if keys and axis is not None:
+        raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
+    if not Path(volume).exists():
+        raise BadInput(f"{volume}: no such file or folder")
+    if output.exists() and output.samefile(volume):
+        raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
+    if keys:
+        check_key_count(len(keys), frames)
+    options.key_scenes(None, keys)
+    options.scene_of(None)
+    check_movie_writable(output)
+
+    def scenes_of(known: SurveyedVolume) -> list[Scene]:
+        geometry = known.description.geometry
+        if keys:
+            return key_framed(options.key_scenes(known, keys), geometry, frames)
+        return turntable(options.scene_of(known), geometry, frames, axis or "screen-y")
+
+    console = Console(stderr=True)
+    began = time.perf_counter()
+    with shown_progress(frames, console) as (say, done):
+        with opened(volume, workers, single, say) as renderer:
+            scenes = scenes_of(renderer.volume)
+            with interrupts_held():  # takes a second to import; by now every server works
+                from volsplat.client.movie import write_movie
+            write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step))
+    image = scenes[0].image
+    seconds = time.perf_counter() - began
+    console.print(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s", highlight=False)
+
+
+@contextmanager
+def opened(volume: str, workers: int, single: bool, say: Callable[[str], None]) -> Iterator[Renderer]:
+    """The volume, ready to be drawn by this machine."""
+    if single:
+        from volsplat.client.single import SingleProcess
+
+        with SingleProcess(volume, on_progress=say) as process:
+            yield process
+        return
+    with Session(volume, workers=workers, token=find_token(os.environ, None), on_progress=say) as session:
+        yield session
+
+
+@contextmanager
+def shown_progress(frames: int, console: Console) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    """Gives what to call with words, and what to call with the number of frames that are done."""
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("starting", total=frames)
+        yield (
+            lambda text: progress.update(task, description=text),
+            lambda done: progress.update(task, completed=done),
+        )
