@@ -19,7 +19,7 @@ from volsplat.client.ui.gate import Gate
 from volsplat.client.ui.loss_watch import watch_for_losses
 from volsplat.client.ui.saving import scene_from_link
 from volsplat.client.ui.viewing import Viewing
-from volsplat.client.ui.viewport_link import ViewportLink
+from volsplat.client.ui.viewport_link import serve_viewport
 from volsplat.protocol.errors import BadInput
 
 STATIC = Path(__file__).parent / "static"
@@ -105,7 +105,7 @@ class Application:
 
     async def _viewport(self, socket: WebSocket, tab: str) -> None:
         async with self._pages.one_more():
-            await ViewportLink(self._viewing, socket, tab).run()
+            await serve_viewport(self._viewing, socket, tab)
 
     def _page(self, request: Request) -> None:
         link = request.query_params.get(SCENE_PARAMETER)

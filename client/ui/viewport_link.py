@@ -1,178 +1,42 @@
-"""The WebSocket of one tab's viewport: pictures and news to the page, what its person does to the scene.
-
-The page gets the newest picture only, and no more than two that it has not shown yet: on a slow line the rate falls
-and the lag does not grow.
-"""
+"""The WebSocket of one tab's viewport."""
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
-from typing import Any
 
-import msgspec
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from volsplat.client.ui import viewport_messages as said
-from volsplat.client.ui.picture import Picture
-from volsplat.client.ui.scene_model import SceneState
 from volsplat.client.ui.viewing import Viewing
-from volsplat.protocol.errors import PeerLost, VolsplatError
-from volsplat.protocol.frame_plan import resolved_bounds
-from volsplat.protocol.scene import Bounds, Scene, View
+from volsplat.client.ui.viewport_talk import ViewportTalk
 
 log = logging.getLogger(__name__)
 
-MOST_UNDER_WAY = 2  # pictures sent and not yet shown
 
-
-class ViewportLink:
-    """One open viewport."""
-
-    def __init__(self, viewing: Viewing, socket: WebSocket, tab: str) -> None:
-        self._viewing = viewing
-        self._geometry = viewing.volume.description.geometry
-        self._socket = socket
-        self._tab = tab
-        self._texts: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self._picture: Picture | None = viewing.pictures.newest  # the one to send next
-        self._sent = 0  # number of the last picture that was sent
-        self._under_way: set[int] = set()
-        self._ready = asyncio.Event()  # something may be sent
-        self._probes: set[asyncio.Task[None]] = set()
-
-    async def run(self) -> None:
-        """Until the page goes away."""
-        await self._socket.accept()
-        self._say(said.volume_message(self._viewing.volume.description))
-        self._on_scene(self._viewing.model.now)
-        if isinstance(self._viewing.troubles.newest, PeerLost):
-            self._on_trouble(self._viewing.troubles.newest)
-        with contextlib.ExitStack() as subscriptions:
-            subscriptions.callback(self._viewing.model.subscribe(self._on_scene))
-            subscriptions.callback(self._viewing.pictures.subscribe(self._on_picture))
-            subscriptions.callback(self._viewing.troubles.subscribe(self._on_trouble))
-            sending = asyncio.create_task(self._send())
-            try:
-                while True:
-                    await self._receive(await self._socket.receive_text())
-            except WebSocketDisconnect:
-                log.info("tab %s has gone", self._tab)
-            finally:
-                sending.cancel()
-                with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                    await sending
-
-    # -- to the page
-
-    def _say(self, message: dict[str, Any]) -> None:
-        self._texts.put_nowait(message)
-        self._ready.set()
-
-    def _on_scene(self, state: SceneState) -> None:
-        try:
-            self._say(said.scene_message(state, self._geometry))
-        except ValueError as error:  # bounds or a centre that the volume does not have
-            self._say(said.trouble_message(str(error)))
-
-    def _on_picture(self, picture: Picture) -> None:
-        self._picture = picture
-        self._ready.set()
-
-    def _on_trouble(self, trouble: VolsplatError) -> None:
-        self._say(said.trouble_message(str(trouble), lasting=isinstance(trouble, PeerLost)))
-
-    async def _send(self) -> None:
+async def serve_viewport(viewing: Viewing, socket: WebSocket, tab: str) -> None:
+    """Carry what is said, until the page goes away."""
+    await socket.accept()
+    outgoing: asyncio.Queue[str | bytes] = asyncio.Queue()  # bounded by what may be under way
+    talk = ViewportTalk(viewing, tab, outgoing.put_nowait)
+    sending = asyncio.create_task(_send(socket, outgoing))
+    talk.begin()
+    try:
         while True:
-            await self._ready.wait()
-            self._ready.clear()
-            while not self._texts.empty():
-                await self._socket.send_text(json.dumps(self._texts.get_nowait()))
-            picture = self._picture
-            if picture is not None and picture.number > self._sent and len(self._under_way) < MOST_UNDER_WAY:
-                self._sent = picture.number
-                self._under_way.add(picture.number)
-                pacing = self._viewing.loop.pacing
-                await self._socket.send_bytes(said.picture_message(picture, self._tab, self._geometry, pacing))
-
-    # -- from the page
-
-    async def _receive(self, text: str) -> None:
-        try:
-            message = said.page_message(text)
-        except msgspec.MsgspecError as error:
-            self._say(said.trouble_message(f"the page said what cannot be understood: {error}"))
-            return
-        try:
-            self._obey(message)
-        except ValueError as error:
-            self._say(said.trouble_message(str(error)))
-
-    def _obey(self, message: said.PageMessage) -> None:
-        model, replace = self._viewing.model, msgspec.structs.replace
-        match message:
-            case said.PictureShown(number=number):
-                self._under_way = {sent for sent in self._under_way if sent > number}
-                self._ready.set()
-            case said.Size(width=width, height=height):
-                self._viewing.image_size.window = (width, height)
-                if self._viewing.image_size.follows_window:
-                    model.change(lambda s: _sized(s, width, height), by=self._tab, undoable=False)
-            case said.ViewTurned(settled=settled, event=event):
-                view = View(rotation=message.rotation, zoom=message.zoom, center=message.center)
-                model.change(
-                    lambda s: replace(s, view=view), by=self._tab, settled=settled, undoable=False, event=event
-                )
-            case said.BoundsMoved(settled=settled, event=event):
-                bounds = Bounds(low=message.low, high=message.high)
-                model.change(lambda s: self._cut(s, bounds), by=self._tab, settled=settled, event=event)
-            case said.UndoAsked():
-                model.undo(self._tab)
-            case said.RedoAsked():
-                model.redo(self._tab)
-            case said.ProbeAsked(x=x, y=y):
-                self._in_background(self._probe(x, y))
-            case said.CenterAsked(x=x, y=y):
-                self._in_background(self._center(x, y))
-
-    def _cut(self, scene: Scene, bounds: Bounds) -> Scene:
-        """Raises ValueError where the volume has no such bounds."""
-        cut = msgspec.structs.replace(scene, bounds=bounds)
-        resolved_bounds(cut, self._geometry)
-        return cut
-
-    def _in_background(self, work: Any) -> None:
-        task = asyncio.create_task(work)
-        self._probes.add(task)
-        task.add_done_callback(self._probes.discard)
-
-    async def _probe(self, x: float, y: float) -> None:
-        scene = self._viewing.model.scene
-        try:
-            found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
-        except VolsplatError as error:
-            log.info("no value under the pointer: %s", error)
-            return
-        value = {"index": None} if found is None else msgspec.to_builtins(found)
-        self._say({"type": "probe", "x": x, "y": y, **value})
-
-    async def _center(self, x: float, y: float) -> None:
-        scene = self._viewing.model.scene
-        try:
-            found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
-        except VolsplatError as error:
-            self._say(said.trouble_message(str(error)))
-            return
-        if found is None:
-            return
-        i, j, k = found.index
-        center = (float(i), float(j), float(k))
-        self._viewing.model.change(
-            lambda s: msgspec.structs.replace(s, view=msgspec.structs.replace(s.view, center=center)), undoable=False
-        )
+            talk.heard(await socket.receive_text())
+    except WebSocketDisconnect:
+        log.info("tab %s has gone", tab)
+    finally:
+        talk.end()
+        sending.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await sending
 
 
-def _sized(scene: Scene, width: int, height: int) -> Scene:
-    return msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, width=width, height=height))
+async def _send(socket: WebSocket, outgoing: asyncio.Queue[str | bytes]) -> None:
+    try:
+        while True:
+            message = await outgoing.get()
+            await (socket.send_text(message) if isinstance(message, str) else socket.send_bytes(message))
+    except (WebSocketDisconnect, RuntimeError) as error:  # it was closed amid this; whoever receives hears of it, too
+        log.info("the page went away: %s", error)
