@@ -1,0 +1,101 @@
+// Pointers and wheel over a viewport: mouse, pen and fingers.
+//
+//   left drag turns · right or middle drag, or Shift, pans · Ctrl rolls · a click centres · the wheel zooms
+//   one finger turns · two zoom and pan
+
+import { panned, pinched, rolled, turned, zoomed } from "./camera.js";
+
+const CLICK = 3; // CSS pixels: what moves less is a click
+const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
+const MOST = 200; // wheel pixels that count at once
+const LINE = 33; // wheel pixels of a line, where a browser counts in lines
+const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps
+
+/** @typedef {import("./camera.js").Point} Point */
+/** @typedef {import("./camera.js").View} View */
+/** @typedef {import("./viewport.js").Viewport} Viewport */
+
+export class Gestures {
+  #viewport;
+  #fingers = /** @type {Map<number, Point>} */ (new Map());
+  #began = /** @type {{kind: string, view: View, from: Point[], at: Point} | null} */ (null);
+  #moved = false;
+
+  /** @param {Viewport} viewport @param {HTMLElement} element that they are over, as large as the picture's frame */
+  constructor(viewport, element) {
+    this.#viewport = viewport;
+    element.addEventListener("pointerdown", (event) => this.#down(event));
+    element.addEventListener("pointermove", (event) => this.#move(event));
+    element.addEventListener("pointerup", (event) => this.#up(event, true));
+    element.addEventListener("pointercancel", (event) => this.#up(event, false));
+    element.addEventListener("mousedown", (event) => event.preventDefault()); // no scrolling by the middle button
+    element.addEventListener("contextmenu", (event) => event.preventDefault());
+    element.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+  }
+
+  #down(event) {
+    event.currentTarget.focus({ preventScroll: true });
+    if (!this.#viewport.ready || this.#fingers.size === 2) return;
+    event.currentTarget.setPointerCapture(event.pointerId);
+    this.#fingers.set(event.pointerId, this.#viewport.pointAt(event));
+    const more = this.#fingers.size > 1;
+    this.#begin(more ? "pinch" : kindOf(event), [event.clientX, event.clientY]);
+    this.#moved ||= more;
+  }
+
+  #begin(kind, at) {
+    const { view } = this.#viewport.steering;
+    this.#began = { kind, view, from: [...this.#fingers.values()], at };
+    this.#viewport.steering.hold();
+  }
+
+  #move(event) {
+    if (!this.#fingers.has(event.pointerId)) {
+      this.#viewport.hover(event);
+      return;
+    }
+    const [x, y] = this.#began.at;
+    this.#moved ||= Math.hypot(event.clientX - x, event.clientY - y) >= CLICK;
+    if (!this.#moved) return;
+    this.#fingers.set(event.pointerId, this.#viewport.pointAt(event));
+    this.#viewport.steering.drag(this.#dragged(), event.timeStamp);
+  }
+
+  #dragged() {
+    const { kind, view, from } = this.#began;
+    const { grid, size } = this.#viewport;
+    const to = [...this.#fingers.values()];
+    if (kind === "pinch") return pinched(view, grid, size, from, to);
+    if (kind === "pan") return panned(view, grid, from[0], to[0]);
+    return kind === "roll" ? rolled(view, size, from[0], to[0]) : turned(view, size, from[0], to[0]);
+  }
+
+  #up(event, byPerson) {
+    if (!this.#fingers.delete(event.pointerId)) return;
+    if (this.#fingers.size > 0) {
+      this.#begin("turn", [event.clientX, event.clientY]);
+      return;
+    }
+    const clicked = byPerson && !this.#moved;
+    if (clicked) this.#viewport.steering.abandon();
+    else this.#viewport.steering.release(event.timeStamp);
+    if (clicked && this.#began.kind === "turn") this.#viewport.centerOn(event);
+    this.#began = null;
+    this.#moved = false;
+  }
+
+  #wheel(event) {
+    event.preventDefault();
+    if (!this.#viewport.ready || this.#fingers.size > 0) return;
+    const { steering, grid, size } = this.#viewport;
+    const unit = (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1) * (event.ctrlKey ? PINCH : 1);
+    const pixels = Math.min(MOST, Math.max(-MOST, event.deltaY * unit));
+    const factor = 2 ** (-pixels / HALF_ZOOM);
+    steering.nudge(zoomed(steering.view, grid, size, this.#viewport.pointAt(event), factor), event.timeStamp);
+  }
+}
+
+function kindOf(event) {
+  if (event.button !== 0 || event.shiftKey) return "pan";
+  return event.ctrlKey ? "roll" : "turn";
+}

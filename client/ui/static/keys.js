@@ -1,0 +1,83 @@
+// The keys of a viewport, and the list of them that `?` shows.
+
+import { AXIS_VIEWS } from "./rotation.js";
+
+const TURN = 5; // degrees
+const PAN = 0.05; // of the picture's shorter side
+const ZOOM = 1.25;
+
+/** @typedef {import("./viewport.js").Viewport} Viewport */
+
+const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1] };
+
+/** Keys without Ctrl; their names tell of Shift. @type {Record<string, (viewport: Viewport) => void>} */
+const PLAIN = {
+  0: (viewport) => viewport.reset(),
+  f: (viewport) => viewport.fit(),
+  "+": (viewport) => viewport.zoomBy(ZOOM),
+  "=": (viewport) => viewport.zoomBy(ZOOM),
+  "-": (viewport) => viewport.zoomBy(1 / ZOOM),
+  "[": (viewport) => viewport.rollBy(TURN),
+  "]": (viewport) => viewport.rollBy(-TURN),
+  i: (viewport) => viewport.setInertia(!viewport.inertia),
+  "?": (viewport) => viewport.toggleHelp(),
+  ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.lookFrom(name)])),
+};
+
+/** @type {[string, string][]} */
+const LIST = [
+  ["drag", "turn"],
+  ["Ctrl drag", "roll"],
+  ["Shift drag, right drag", "move"],
+  ["wheel", "zoom to the pointer"],
+  ["click", "centre what is there"],
+  ["1 2 3 4 5 6", AXIS_VIEWS.join(", ")],
+  ["0", "reset the view"],
+  ["F", "fit the volume into the window"],
+  ["← → ↑ ↓", `turn by ${TURN}°`],
+  ["Shift ← → ↑ ↓", "move"],
+  ["+ −", "zoom"],
+  ["[ ]", `roll by ${TURN}°`],
+  ["I", "go on turning when let go, or not"],
+  ["Ctrl Z", "undo"],
+  ["Ctrl Shift Z", "redo"],
+  ["?", "show or hide this list"],
+];
+
+/** Do what a key says. Returns whether it says anything. @param {KeyboardEvent} event @param {Viewport} viewport */
+export function obeyKey(event, viewport) {
+  const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;
+  if (event.altKey) return false;
+  if (event.ctrlKey || event.metaKey) {
+    if (key === "z") event.shiftKey ? viewport.redo() : viewport.undo();
+    else if (key === "y") viewport.redo();
+    return key === "z" || key === "y";
+  }
+  if (key in ARROWS) {
+    const [x, y] = ARROWS[key];
+    if (event.shiftKey) viewport.panBy(x * PAN, y * PAN);
+    else viewport.turnBy(x * TURN, y * TURN);
+    return true;
+  }
+  if (key === "Escape" && viewport.helpShown) viewport.toggleHelp();
+  else if (Object.hasOwn(PLAIN, key)) PLAIN[key](viewport);
+  else return false;
+  return true;
+}
+
+/** The list of keys, as a table. */
+export function keyList() {
+  const table = document.createElement("table");
+  for (const [keys, does] of LIST) {
+    const row = table.insertRow();
+    for (const key of keys.split(", ")) {
+      if (row.cells.length === 0) row.insertCell();
+      else row.cells[0].append(" or ");
+      const shown = document.createElement("kbd");
+      shown.textContent = key;
+      row.cells[0].append(shown);
+    }
+    row.insertCell().textContent = does;
+  }
+  return table;
+}

@@ -1,0 +1,50 @@
+// A small cube that stands as the volume stands; a click on a face looks at it straight.
+
+import { applied, cross, dot, matrixOf } from "./rotation.js";
+import { svg } from "./svg.js";
+
+/** @typedef {import("./rotation.js").Vector} Vector */
+
+/** Physical axes are LPS where the volume is anatomical. `up` is the top of the face's letter. */
+const SIDES = /** @type {{view: string, normal: Vector, up: Vector, letter: string, axis: string}[]} */ ([
+  { view: "front", normal: [0, -1, 0], up: [0, 0, 1], letter: "A", axis: "−y" },
+  { view: "back", normal: [0, 1, 0], up: [0, 0, 1], letter: "P", axis: "+y" },
+  { view: "left", normal: [1, 0, 0], up: [0, 0, 1], letter: "L", axis: "+x" },
+  { view: "right", normal: [-1, 0, 0], up: [0, 0, 1], letter: "R", axis: "−x" },
+  { view: "top", normal: [0, 0, 1], up: [0, -1, 0], letter: "S", axis: "+z" },
+  { view: "bottom", normal: [0, 0, -1], up: [0, -1, 0], letter: "I", axis: "−z" },
+]);
+
+export class OrientationCube {
+  #sides;
+
+  /** @param {boolean} anatomical @param {(view: string) => void} lookFrom one of AXIS_VIEWS */
+  constructor(anatomical, lookFrom) {
+    this.#sides = SIDES.map((side) => {
+      const label = svg("text", { class: "vs-letter" });
+      label.textContent = anatomical ? side.letter : side.axis;
+      const title = svg("title");
+      title.textContent = `look from the ${side.view}`;
+      const square = svg("rect", { x: "-1", y: "-1", width: "2", height: "2", rx: "0.12" });
+      const element = svg("g", { class: "vs-side", "data-view": side.view }, [title, square, label]);
+      element.addEventListener("click", () => lookFrom(side.view));
+      return { ...side, element };
+    });
+    const faces = this.#sides.map(({ element }) => element);
+    this.element = svg("svg", { class: "vs-cube", viewBox: "-1.8 -1.8 3.6 3.6" }, faces);
+  }
+
+  /** @param {import("./rotation.js").Quaternion} rotation of the view */
+  draw(rotation) {
+    const toScreen = matrixOf(rotation);
+    const light = /** @type {Vector} */ ([-0.3, 0.5, 0.81]);
+    for (const { normal, up, element } of this.#sides) {
+      const [n, u] = [applied(toScreen, normal), applied(toScreen, up)];
+      const r = cross(u, n);
+      element.toggleAttribute("hidden", n[2] <= 0.02);
+      const columns = [r[0], -r[1], -u[0], u[1], n[0], -n[1]].map((part) => part.toFixed(4));
+      element.setAttribute("transform", `matrix(${columns.join(" ")})`);
+      element.style.setProperty("--vs-shade", (0.25 * (1 - Math.max(0, dot(n, light)))).toFixed(3));
+    }
+  }
+}

@@ -1,0 +1,45 @@
+// What a viewport says of its person's doings: at most one message of a kind in one animation frame, the newest.
+
+const MOST_REMEMBERED = 4096;
+
+export class Outbox {
+  #send;
+  #waiting = new Map();
+  #frame = 0;
+
+  /** @param {(message: object) => void} send */
+  constructor(send) {
+    this.#send = send;
+    /** Number of the newest event. */
+    this.event = 0;
+    /** Events and their times on the clock of performance.now(), newest last. @type {{event: number, at: number}[]} */
+    this.sent = [];
+  }
+
+  /** Say what an event at time `at` has made of things. @param {{type: string}} message @param {number} at */
+  post(message, at) {
+    this.event += 1;
+    remember(this.sent, { event: this.event, at });
+    this.#waiting.set(message.type, { ...message, event: this.event });
+    if (this.#frame === 0) this.#flush();
+  }
+
+  close() {
+    cancelAnimationFrame(this.#frame);
+  }
+
+  #flush() {
+    for (const message of this.#waiting.values()) this.#send(message);
+    this.#waiting.clear();
+    this.#frame = requestAnimationFrame(() => {
+      this.#frame = 0;
+      if (this.#waiting.size > 0) this.#flush();
+    });
+  }
+}
+
+/** Append, and forget the oldest beyond some thousands. @template T @param {T[]} list @param {T} item */
+export function remember(list, item) {
+  list.push(item);
+  if (list.length > MOST_REMEMBERED) list.shift();
+}

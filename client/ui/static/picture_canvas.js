@@ -1,0 +1,55 @@
+// The canvas of a viewport: shows pictures as they come, never an older one after a newer one, and never blinks.
+
+export class PictureCanvas {
+  #context;
+  #newest = 0; // number of the newest picture that is drawn
+  #connection = 0; // counts up, so that nothing of an old connection is drawn in a new one
+
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {(number: number) => void} acknowledge called for every picture, drawn or dropped
+   * @param {(header: any) => void} drawn called right after one is on the canvas
+   * @param {(text: string) => void} tell
+   */
+  constructor(canvas, acknowledge, drawn, tell) {
+    this.canvas = canvas;
+    this.#context = canvas.getContext("2d", { alpha: false });
+    this.acknowledge = acknowledge;
+    this.drawn = drawn;
+    this.tell = tell;
+  }
+
+  /** Numbers may begin anew. */
+  reconnected() {
+    this.#connection += 1;
+    this.#newest = 0;
+  }
+
+  /** @param {any} header @param {Uint8Array} bytes JPEG or PNG */
+  async show(header, bytes) {
+    const connection = this.#connection;
+    if (header.number > this.#newest) {
+      const bitmap = await decoded(bytes).catch(() => null);
+      if (connection !== this.#connection) return;
+      if (bitmap === null) this.tell(`Picture ${header.number} arrived damaged; a newer one will replace it.`);
+      else if (header.number > this.#newest) this.#draw(header, bitmap);
+      bitmap?.close();
+    }
+    this.acknowledge(header.number);
+  }
+
+  #draw(header, bitmap) {
+    this.#newest = header.number;
+    if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {
+      this.canvas.width = bitmap.width; // clears it, and is drawn over before anybody sees that
+      this.canvas.height = bitmap.height;
+    }
+    this.#context.drawImage(bitmap, 0, 0);
+    this.drawn(header);
+  }
+}
+
+/** @param {Uint8Array} bytes */
+function decoded(bytes) {
+  return createImageBitmap(new Blob([bytes]), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
+}

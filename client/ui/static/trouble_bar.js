@@ -1,0 +1,39 @@
+// A bar over the viewport that says in words what went wrong.
+
+const SHOWN_FOR = 8000; // milliseconds, for what does not last
+
+export class TroubleBar {
+  #texts = { connection: "", process: "" };
+  #timer = 0;
+
+  constructor() {
+    this.element = document.createElement("div");
+    this.element.className = "vs-trouble";
+    this.element.setAttribute("role", "status");
+    this.element.hidden = true;
+  }
+
+  /** What the transport says of the connection; "" takes it away. @param {string} text */
+  ofConnection(text) {
+    this.#texts.connection = text;
+    this.#draw();
+  }
+
+  /** What the client's process says; "" takes it away. @param {string} text @param {boolean} lasting */
+  ofProcess(text, lasting) {
+    clearTimeout(this.#timer);
+    this.#texts.process = text;
+    if (text && !lasting) this.#timer = setTimeout(() => this.ofProcess("", false), SHOWN_FOR);
+    this.#draw();
+  }
+
+  close() {
+    clearTimeout(this.#timer);
+  }
+
+  #draw() {
+    const text = this.#texts.connection || this.#texts.process;
+    this.element.hidden = text === "";
+    this.element.textContent = text;
+  }
+}

@@ -1,0 +1,348 @@
+// The viewport: the picture of the volume, and everything that is done with a pointer or a key over it. It knows a
+// transport only, so that the same module works in volsplat's page (viewport_socket.js) and in a notebook.
+
+import { BoundsBox, Wires } from "./bounds_box.js";
+import { Grid, Projection, fittingZoom, panned, turnedBy, zoomed } from "./camera.js";
+import { Frame } from "./frame.js";
+import { Gestures } from "./gestures.js";
+import { keyList, obeyKey } from "./keys.js";
+import { OrientationCube } from "./orientation_cube.js";
+import { Outbox, remember } from "./outbox.js";
+import { PictureCanvas } from "./picture_canvas.js";
+import { about, namedView, product } from "./rotation.js";
+import { ScaleBar } from "./scale_bar.js";
+import { Steering } from "./steering.js";
+import { svg } from "./svg.js";
+import { TroubleBar } from "./trouble_bar.js";
+import { ValueReadout } from "./value_readout.js";
+
+const RESIZED_AFTER = 100; // milliseconds without a further change
+const LABEL = "The volume. Drag or use the arrow keys to turn it; press ? for all keys.";
+
+/** @typedef {import("./camera.js").Point} Point */
+/** @typedef {import("./camera.js").View} View */
+/** @typedef {import("./rotation.js").Quaternion} Quaternion */
+
+/**
+ * @typedef {Object} Transport
+ * @property {(message: object) => void} send
+ * @property {(listener: (message: any) => void) => void} onmessage
+ * @property {(listener: (header: any, bytes: Uint8Array) => void) => void} onpicture
+ * @property {(listener: (state: {connected: boolean, text: string}) => void) => void} onstate
+ */
+
+export class Viewport {
+  #transport;
+  #outbox;
+  #pictures;
+  #picture = /** @type {any} */ (null); // header of what is on the canvas
+  #scene = /** @type {any} */ (null);
+  #marks = /** @type {Marks | null} */ (null); // once the volume is known
+  #contained = 0; // the last event of ours that the process has told of
+  #trouble = new TroubleBar();
+  #help = document.createElement("div");
+  #resized = 0;
+  #observer = new ResizeObserver(() => this.#onResize());
+
+  /**
+   * @param {HTMLElement} host filled by the viewport
+   * @param {Transport} transport
+   * @param {{home?: Quaternion}} options `home`: the rotation that reset goes to
+   */
+  constructor(host, transport, { home = namedView("front") } = {}) {
+    this.#transport = transport;
+    this.home = home;
+    /**
+     * Pictures that were drawn, newest last.
+     * @type {{number: number, event: number, step: string, shownAt: number}[]}
+     */
+    this.log = [];
+    this.steering = new Steering((view, settled, at) => this.#outbox.post({ type: "view", ...view, settled }, at));
+    this.#outbox = new Outbox((message) => transport.send(message));
+    this.element = document.createElement("div");
+    this.element.className = "vs-viewport";
+    this.canvas = this.#makeCanvas();
+    this.#pictures = new PictureCanvas(
+      this.canvas,
+      (number) => transport.send({ type: "shown", number }),
+      (header) => this.#onDrawn(header),
+      (text) => this.#trouble.ofProcess(text, false),
+    );
+    this.#help.className = "vs-help";
+    this.#help.hidden = true;
+    this.#help.append(keyList());
+    this.element.append(this.canvas, this.#helpButton(), this.#help, this.#trouble.element);
+    host.append(this.element);
+    new Gestures(this, this.canvas);
+    this.element.addEventListener("keydown", (event) => this.#onKey(event));
+    this.#observer.observe(this.element);
+    transport.onstate((state) => this.#onState(state));
+    transport.onmessage((message) => this.#onMessage(message));
+    transport.onpicture((header, bytes) => this.#pictures.show(header, bytes));
+  }
+
+  /** Let go of everything but the transport. */
+  close() {
+    this.#observer.disconnect();
+    clearTimeout(this.#resized);
+    this.#trouble.close();
+    this.#outbox.close();
+    this.steering.close();
+    this.element.remove();
+  }
+
+  /** What the person did, each with its time on performance.now()'s clock. @returns {{event: number, at: number}[]} */
+  get sent() {
+    return this.#outbox.sent;
+  }
+
+  /** Whether there is a volume and a view of it. */
+  get ready() {
+    return this.#marks !== null && this.steering.view !== null;
+  }
+
+  /** @returns {Grid} */
+  get grid() {
+    return this.#marks.grid;
+  }
+
+  /** The size of the picture that the view is for. @returns {import("./camera.js").Size} */
+  get size() {
+    return { width: this.#scene.width, height: this.#scene.height };
+  }
+
+  // -- what a person can do, by a gesture, a key or a button
+
+  /** @param {string} name one of AXIS_VIEWS */
+  lookFrom(name) {
+    this.#go((view) => ({ ...view, rotation: namedView(name) }));
+  }
+
+  reset() {
+    this.#go((view) => ({ ...this.#fitted(view), rotation: this.home }));
+  }
+
+  /** The whole volume in the picture, standing as it does. */
+  fit() {
+    this.#go((view) => this.#fitted(view));
+  }
+
+  /** The front of the volume to the right and down. @param {number} right degrees @param {number} down degrees */
+  turnBy(right, down) {
+    this.#go((view) => turnedBy(view, product(about(0, down), about(1, right))));
+  }
+
+  /** Counter-clockwise. @param {number} degrees */
+  rollBy(degrees) {
+    this.#go((view) => turnedBy(view, about(2, degrees)));
+  }
+
+  /** By shares of the picture's shorter side. @param {number} right @param {number} down */
+  panBy(right, down) {
+    const side = Math.min(this.size.width, this.size.height);
+    this.#go((view) => panned(view, this.grid, [0, 0], [right * side, down * side]));
+  }
+
+  /** About the picture's middle. @param {number} factor */
+  zoomBy(factor) {
+    const middle = /** @type {Point} */ ([(this.size.width - 1) / 2, (this.size.height - 1) / 2]);
+    this.#go((view) => zoomed(view, this.grid, this.size, middle, factor));
+  }
+
+  undo() {
+    this.#transport.send({ type: "undo" });
+  }
+
+  redo() {
+    this.#transport.send({ type: "redo" });
+  }
+
+  get inertia() {
+    return this.steering.inertia;
+  }
+
+  /** Whether the volume goes on turning when it is let go. @param {boolean} on */
+  setInertia(on) {
+    this.steering.inertia = on;
+  }
+
+  get helpShown() {
+    return !this.#help.hidden;
+  }
+
+  toggleHelp() {
+    this.#help.hidden = !this.#help.hidden;
+  }
+
+  // -- for the gestures
+
+  /** Where an event is, in pixels of the picture that the view is for. @param {MouseEvent} event @returns {Point} */
+  pointAt(event) {
+    return new Frame(this.size, this.#box()).toPicture(this.#inElement(event));
+  }
+
+  /** The visible voxel under an event becomes the centre. @param {MouseEvent} event */
+  centerOn(event) {
+    if (this.#picture === null) return;
+    const [x, y] = this.#frame().toPicture(this.#inElement(event));
+    this.#transport.send({ type: "center", x, y });
+  }
+
+  /** The pointer rests or moves without a button. @param {MouseEvent} event */
+  hover(event) {
+    if (this.#picture === null || this.#marks === null) return;
+    const [at, frame] = [this.#inElement(event), this.#frame()];
+    if (frame.holds(at)) this.#marks.value.hover(frame.toPicture(at), () => !this.steering.busy);
+    else this.#marks.value.clear();
+  }
+
+  // -- from the process
+
+  #onState({ connected, text }) {
+    if (text || connected) {
+      this.#trouble.ofConnection(text);
+      this.element.classList.toggle("vs-lost", !connected);
+    }
+    if (!connected) return;
+    this.#contained = this.#outbox.event; // what was said into the drop is lost
+    this.#pictures.reconnected();
+    this.#sendSize();
+  }
+
+  #onMessage(message) {
+    if (message.type === "volume") this.#onVolume(message);
+    else if (message.type === "scene") this.#onScene(message);
+    else if (message.type === "probe") this.#marks?.value.answer(message);
+    else if (message.type === "trouble") this.#trouble.ofProcess(message.text, message.lasting);
+  }
+
+  #onVolume(volume) {
+    this.#marks?.remove();
+    this.#marks = new Marks(this, volume, {
+      moveBounds: (bounds, settled, at) => this.#outbox.post({ type: "bounds", ...bounds, settled }, at),
+      probe: ([x, y]) => this.#transport.send({ type: "probe", x, y }),
+    });
+    this.canvas.after(...this.#marks.elements);
+  }
+
+  #onScene(scene) {
+    this.#scene = scene;
+    const ours = this.#contained < this.#outbox.event; // it may be older than what was done here since
+    if (this.steering.view === null || (!ours && !this.steering.busy)) this.steering.view = scene.view;
+    if (this.#marks !== null && !this.#marks.box.busy && !ours) this.#marks.box.bounds = scene.bounds;
+  }
+
+  #onDrawn(header) {
+    this.#picture = header;
+    remember(this.log, { number: header.number, event: header.event, step: header.step, shownAt: performance.now() });
+    this.#contained = Math.max(this.#contained, Math.min(header.event, this.#outbox.event));
+    if (header.event >= this.#outbox.event && !this.steering.busy) this.steering.view = header.view;
+    this.#place();
+  }
+
+  // -- the rest
+
+  #go(change) {
+    if (this.ready) this.steering.go(change(this.steering.view), performance.now());
+  }
+
+  #fitted(view) {
+    return { ...view, center: this.grid.middle, zoom: fittingZoom(this.grid, this.size) };
+  }
+
+  #onKey(event) {
+    const known = event.target === this.canvas && this.ready && obeyKey(event, this);
+    if (!known) return;
+    event.preventDefault();
+    event.stopPropagation(); // the page's own keys do not hear of it
+  }
+
+  #onResize() {
+    this.#place();
+    clearTimeout(this.#resized);
+    this.#resized = setTimeout(() => this.#sendSize(), RESIZED_AFTER);
+  }
+
+  #sendSize() {
+    const { width, height } = this.#box();
+    if (width === 0 || height === 0) return; // not on the screen
+    const [w, h] = [width, height].map((side) => Math.max(1, Math.round(side * window.devicePixelRatio)));
+    this.#transport.send({ type: "size", width: w, height: h });
+  }
+
+  /** Put the marks where the picture on the screen has them. */
+  #place() {
+    if (this.#picture === null || this.#marks === null) return;
+    this.#marks.place(this.#picture, this.#frame());
+  }
+
+  #frame() {
+    return new Frame(this.#picture, this.#box());
+  }
+
+  #box() {
+    return { width: this.element.clientWidth, height: this.element.clientHeight };
+  }
+
+  /** @returns {Point} */
+  #inElement(event) {
+    const { left, top } = this.element.getBoundingClientRect();
+    return [event.clientX - left, event.clientY - top];
+  }
+
+  #makeCanvas() {
+    const canvas = document.createElement("canvas");
+    canvas.tabIndex = 0;
+    canvas.setAttribute("role", "application");
+    canvas.setAttribute("aria-label", LABEL);
+    canvas.addEventListener("pointerleave", () => this.#marks?.value.clear());
+    return canvas;
+  }
+
+  #helpButton() {
+    const button = document.createElement("button");
+    button.className = "vs-help-button";
+    button.textContent = "?";
+    button.title = "keys";
+    button.type = "button";
+    button.addEventListener("click", () => {
+      this.toggleHelp();
+      this.canvas.focus();
+    });
+    return button;
+  }
+}
+
+/** All that is drawn over the picture of one volume. */
+class Marks {
+  /** @param {Viewport} viewport @param {any} volume its message @param {any} say */
+  constructor(viewport, volume, { moveBounds, probe }) {
+    this.grid = new Grid(volume);
+    this.box = new BoundsBox(this.grid, moveBounds);
+    this.value = new ValueReadout(volume, probe);
+    this.cube = new OrientationCube(volume.anatomical, (name) => viewport.lookFrom(name));
+    this.scale = new ScaleBar(volume);
+    this.missing = svg("g");
+    this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.box.element]);
+    const corner = document.createElement("div");
+    corner.className = "vs-corner";
+    corner.append(this.value.element, this.scale.element);
+    this.elements = [this.overlay, corner, this.cube.element];
+  }
+
+  remove() {
+    for (const element of this.elements) element.remove();
+  }
+
+  place(picture, frame) {
+    const projection = new Projection(picture.view, this.grid, picture);
+    this.box.place(projection, frame);
+    this.cube.draw(picture.view.rotation);
+    this.scale.draw(picture.view.zoom * frame.scale);
+    this.missing.replaceChildren(...picture.missing.map(([low, high]) => {
+      const wires = new Wires("vs-missing");
+      wires.draw({ low, high }, projection, frame);
+      return wires.element;
+    }));
+  }
+}

@@ -1,0 +1,39 @@
+// The viewport as a component of the page.
+
+import { Viewport } from "volsplat/viewport.js";
+import { ViewportSocket } from "volsplat/viewport_socket.js";
+
+export default {
+  template: '<div class="vs-viewport-host"></div>',
+  props: { tab: String, home: Array },
+  mounted() {
+    const url = new URL(`${window.path_prefix ?? ""}/viewport`, window.location.href);
+    url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
+    url.searchParams.set("tab", this.tab);
+    this.socket = new ViewportSocket(url);
+    this.viewport = new Viewport(this.$el, this.socket, { home: this.home });
+    window.volsplatViewport = this.viewport; // for tests, and for measuring latency
+    this.socket.open();
+  },
+  unmounted() {
+    this.socket.close();
+    this.viewport.close();
+  },
+  methods: {
+    lookFrom(name) {
+      this.viewport.lookFrom(name);
+    },
+    reset() {
+      this.viewport.reset();
+    },
+    fit() {
+      this.viewport.fit();
+    },
+    rollBy(degrees) {
+      this.viewport.rollBy(degrees);
+    },
+    setInertia(on) {
+      this.viewport.setInertia(on);
+    },
+  },
+};
