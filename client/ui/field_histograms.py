@@ -1,0 +1,72 @@
+"""The data's histogram of each packet field that can index a table, over its 256 entries, and the field's axis."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from volsplat.client.density_histogram import DensityHistogram, density_histogram
+from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.protocol.frame_plan import bounding_radius
+from volsplat.protocol.scene import TABLE_ENTRIES, Field, Quantise
+
+LAST = TABLE_ENTRIES - 1
+GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+SCREEN_FIELDS = {
+    Field.SCREEN_X: "screen x, to the right",
+    Field.SCREEN_Y: "screen y, upwards",
+    Field.SCREEN_Z: "screen z, nearer",
+}
+
+
+@dataclass(frozen=True)
+class FieldAxis:
+    """What a field's byte means: position 0 of a table stands for `low`, position 1 for `high`."""
+
+    label: str
+    low: float
+    high: float
+    unit: str = ""
+
+
+def density_counts(volume: SurveyedVolume, quantise: Quantise) -> DensityHistogram:
+    """How many voxels have each density byte under the scene's window. Raises BadInput for one without a scale."""
+    return density_histogram(volume.survey, volume.density_counts, volume.quantisation(quantise).window)
+
+
+def strength_counts(volume: SurveyedVolume) -> tuple[int, ...]:
+    """How many voxels have each byte of gradient strength, under the one scale of the whole volume."""
+    counts = volume.strength_counts
+    width = volume.survey.max_gradient / len(counts)
+    result = [0] * TABLE_ENTRIES
+    for n, count in enumerate(counts):
+        if count:
+            result[math.floor(min((n + 0.5) * width * volume.strength_scale, LAST) + 0.5)] += count
+    return tuple(result)
+
+
+def field_histogram(volume: SurveyedVolume, field: Field, quantise: Quantise) -> tuple[int, ...] | None:
+    """256 counts of voxels; None for a field that is not a matter of the data: a direction or a place."""
+    match field:
+        case Field.DENSITY:
+            return density_counts(volume, quantise).counts
+        case Field.STRENGTH:
+            return strength_counts(volume)
+    return None
+
+
+def field_axis(volume: SurveyedVolume, field: Field, quantise: Quantise) -> FieldAxis:
+    """The axis of a table that this field indexes, in the data's own units (index_rules has the bytes)."""
+    description = volume.description
+    if field is Field.DENSITY:
+        return FieldAxis(description.density_name, *volume.quantisation(quantise).window)
+    if field is Field.STRENGTH:
+        scale = volume.strength_scale
+        return FieldAxis(description.strength_name, 0.0, LAST / scale if scale > 0 else 1.0)
+    if field in GRID_FIELDS:
+        size = description.geometry.dims[GRID_FIELDS.index(field)]
+        return FieldAxis(f"grid {field.value[-1]}", 0.0, size * LAST / TABLE_ENTRIES)
+    if field in SCREEN_FIELDS:
+        radius = bounding_radius(description.geometry)
+        return FieldAxis(SCREEN_FIELDS[field], -radius, radius * (2 * LAST / TABLE_ENTRIES - 1), description.unit)
+    return FieldAxis(f"gradient direction along {field.value[-1]}", -128 / 127, 1.0)

@@ -1,0 +1,233 @@
+// @ts-check
+// The drawing of one table: its curve, or its strip of colours, over the histogram of what indexes it.
+import { ENTRIES, channels, dataText, entries, hexOf, ticks, valueAt, within } from "./table_numbers.js";
+
+/** @typedef {import("./table_numbers.js").Point} Point */
+/** @typedef {{label: string, low: number, high: number, unit: string}} Axis */
+/** @typedef {{points: Point[], selected: number, pencil: boolean, hover: number | null}} State */
+
+const LEFT = 22; // pixels, for the scale 0..1
+const RIGHT = 7;
+const AXIS = 16;
+const STRIP = { top: 1, height: 16 };
+const GRAB = 10; // how near a pointer must come to a point
+const LINE_GRAB = 6;
+const MOST_HANDLES = 64; // a table of more points is edited by drawing
+const PIXELS_PER_TICK = 64;
+
+let plots = 0;
+
+export class TablePlot {
+  /** @param {HTMLElement} parent @param {string} name @param {boolean} colour */
+  constructor(parent, name, colour) {
+    this.name = name;
+    this.colour = colour;
+    this.top = colour ? STRIP.top + STRIP.height + 10 : 7;
+    this.size = { width: 300, height: 100 };
+    this.logarithmic = true;
+    /** @type {Axis} */
+    this.axis = { label: "", low: 0, high: 1, unit: "" };
+    /** @type {number[] | null} */
+    this.histogram = null;
+    this.gradient = `vs-strip-${plots++}`;
+    this.svg = element("svg", { class: "vs-table-plot" });
+    this.svg.innerHTML = `
+      <defs><linearGradient id="${this.gradient}"></linearGradient></defs>
+      <g data-part="grid"></g><path data-part="histogram"></path><g data-part="axis"></g>
+      <path data-part="area"></path><g data-part="lines"></g>
+      <rect data-part="strip" rx="2" fill="url(#${this.gradient})"></rect>
+      <g data-part="pointer"><line></line><circle r="2.5"></circle></g><g data-part="points"></g>`;
+    /** @type {Record<string, SVGElement>} */
+    this.parts = {};
+    for (const part of this.svg.querySelectorAll("[data-part]"))
+      this.parts[/** @type {string} */ (part.getAttribute("data-part"))] = /** @type {SVGElement} */ (part);
+    for (const channel of colour ? ["red", "green", "blue"] : ["only"])
+      this.parts.lines.append(element("path", { "data-channel": channel }));
+    if (!colour) this.parts.strip.remove();
+    parent.append(this.svg);
+  }
+
+  /** Handles, in the order of the points; none while there are too many to grab. @returns {SVGElement[]} */
+  get handles() {
+    return /** @type {SVGElement[]} */ ([...this.parts.points.children]);
+  }
+
+  /** The table position under a place in the window. @param {number} clientX */
+  positionAt(clientX) {
+    const x = clientX - this.svg.getBoundingClientRect().left;
+    return within(0, (x - LEFT) / this._width, 1);
+  }
+
+  /** The value 0..1 under a place in the window. @param {number} clientY */
+  valueAt(clientY) {
+    const y = clientY - this.svg.getBoundingClientRect().top;
+    return within(0, 1 - (y - this.top) / this._height, 1);
+  }
+
+  /** Whether a place in the window is on the strip of colours. @param {number} clientY */
+  onStrip(clientY) {
+    return this.colour && clientY - this.svg.getBoundingClientRect().top < this.top - 4;
+  }
+
+  /** The point under a place in the window, or -1; of two at one position the one on the pointer's side. */
+  pointAt(/** @type {Point[]} */ points, /** @type {number} */ clientX, /** @type {number} */ clientY) {
+    const box = this.svg.getBoundingClientRect();
+    const [x, y] = [clientX - box.left, clientY - box.top];
+    if (points.length > MOST_HANDLES) return -1;
+    let best = -1;
+    let nearest = GRAB;
+    points.forEach((point, n) => {
+      const [px, py] = this._place(point);
+      const away = this.colour && !this.onStrip(clientY) ? Infinity : Math.hypot(px - x, py - y);
+      if (away < nearest || (best >= 0 && away === nearest && x > px)) [best, nearest] = [n, away];
+    });
+    return best;
+  }
+
+  /** Whether a place in the window is on what a click adds a point to: the line, or the strip. */
+  onLine(/** @type {Point[]} */ points, /** @type {number} */ clientX, /** @type {number} */ clientY) {
+    if (this.colour) return this.onStrip(clientY);
+    const y = clientY - this.svg.getBoundingClientRect().top;
+    const value = /** @type {number} */ (valueAt(points, this.positionAt(clientX)));
+    return Math.abs(this._y(value) - y) < LINE_GRAB;
+  }
+
+  /** @param {State} state */
+  draw(state) {
+    this.svg.setAttribute("viewBox", `0 0 ${this.size.width} ${this.size.height}`);
+    this.svg.classList.toggle("vs-pencil", state.pencil);
+    this._drawGrid();
+    this._drawHistogram();
+    this._drawCurve(state.points);
+    this._drawPoints(state);
+    this._drawPointer(state);
+  }
+
+  /** Such as "1124 → 0.31". @param {Point[]} points @param {number} position */
+  readout(points, position) {
+    const value = valueAt(points, position);
+    return `${this.dataText(position)} → ${typeof value === "number" ? value.toFixed(3) : hexOf(value)}`;
+  }
+
+  /** The data's value at a table position, as text. @param {number} position */
+  dataText(position) {
+    const { low, high } = this.axis;
+    return dataText(low + position * (high - low), low, high);
+  }
+
+  get _width() {
+    return this.size.width - LEFT - RIGHT;
+  }
+
+  get _height() {
+    return this.size.height - this.top - AXIS;
+  }
+
+  /** @param {number} position */
+  _x(position) {
+    return LEFT + position * this._width;
+  }
+
+  /** @param {number} value */
+  _y(value) {
+    return this.top + (1 - value) * this._height;
+  }
+
+  /** @param {Point} point @returns {[number, number]} */
+  _place([position, value]) {
+    return [this._x(position), typeof value === "number" ? this._y(value) : STRIP.top + STRIP.height / 2];
+  }
+
+  _drawGrid() {
+    const [left, right] = [LEFT, LEFT + this._width];
+    const rows = [0, 0.5, 1].map(
+      (value) => `<line x1="${left}" x2="${right}" y1="${this._y(value)}" y2="${this._y(value)}"></line>
+        <text x="${left - 5}" y="${this._y(value) + 3.5}" text-anchor="end">${value === 0.5 ? "½" : value}</text>`,
+    );
+    this.parts.grid.innerHTML = rows.join("");
+    const { low, high } = this.axis;
+    const bottom = this._y(0);
+    const marks = ticks(low, high, Math.max(2, Math.floor(this._width / PIXELS_PER_TICK))).map(({ value, text }) => {
+      const x = this._x((value - low) / (high - low));
+      const anchor = x < left + 8 ? "start" : x > right - 14 ? "end" : "middle";
+      return `<line x1="${x}" x2="${x}" y1="${bottom}" y2="${bottom + 4}"></line>
+        <text x="${anchor === "start" ? left : anchor === "end" ? right : x}" y="${bottom + 13.5}" text-anchor="${anchor}">${text}</text>`;
+    });
+    this.parts.axis.innerHTML = marks.join("");
+  }
+
+  _drawHistogram() {
+    const counts = this.histogram;
+    if (!counts) return this.parts.histogram.setAttribute("d", "");
+    // The ends also hold what lies beyond them; they would dwarf everything on a linear scale.
+    const most = Math.max(1, ...(this.logarithmic ? counts : counts.slice(1, -1)));
+    const height = (/** @type {number} */ count) =>
+      within(0, this.logarithmic ? Math.log1p(count) / Math.log1p(most) : count / most, 1);
+    const step = 1 / ENTRIES;
+    const tops = counts.map(
+      (count, n) => `L${this._x(n * step)},${this._y(height(count))}L${this._x((n + 1) * step)},${this._y(height(count))}`,
+    );
+    this.parts.histogram.setAttribute("d", `M${this._x(0)},${this._y(0)}${tops.join("")}L${this._x(1)},${this._y(0)}Z`);
+  }
+
+  /** @param {Point[]} points */
+  _drawCurve(points) {
+    [...this.parts.lines.children].forEach((line, channel) => {
+      const corners = points.map(([at, value]) => `${this._x(at)},${this._y(channels(value)[channel])}`);
+      const [first, last] = [channels(points[0][1])[channel], channels(points[points.length - 1][1])[channel]];
+      const path = `M${this._x(0)},${this._y(first)}L${corners.join("L")}L${this._x(1)},${this._y(last)}`;
+      line.setAttribute("d", path);
+      if (!this.colour) this.parts.area.setAttribute("d", `${path}L${this._x(1)},${this._y(0)}L${this._x(0)},${this._y(0)}Z`);
+    });
+    if (!this.colour) return;
+    setAttributes(this.parts.strip, { x: this._x(0), y: STRIP.top, width: this._width, height: STRIP.height });
+    const stops = points.map(([at, value]) => `<stop offset="${at}" stop-color="${hexOf(channels(value))}"></stop>`);
+    /** @type {Element} */ (this.svg.querySelector("linearGradient")).innerHTML = stops.join("");
+  }
+
+  /** @param {State} state */
+  _drawPoints({ points, selected, pencil }) {
+    const shown = pencil || points.length > MOST_HANDLES ? [] : points;
+    while (this.handles.length > shown.length) this.handles[this.handles.length - 1].remove();
+    while (this.handles.length < shown.length)
+      this.parts.points.append(element("circle", { role: "slider", tabindex: 0, "aria-valuemin": 0, "aria-valuemax": 1 }));
+    const handles = this.handles;
+    shown.forEach((point, n) => {
+      const [x, y] = this._place(point);
+      const [position, value] = point;
+      setAttributes(handles[n], {
+        cx: x,
+        cy: y,
+        r: shown.length > 24 ? 3 : this.colour ? 5 : 4,
+        "aria-label": `${this.name}, ${this.colour ? "colour" : "point"} ${n + 1} of ${points.length}`,
+        "aria-valuenow": typeof value === "number" ? value : position,
+        "aria-valuetext": `${this.dataText(position)} → ${typeof value === "number" ? value.toFixed(3) : hexOf(value)}`,
+        "data-selected": n === selected,
+      });
+      if (typeof value !== "number") handles[n].style.fill = hexOf(value);
+    });
+  }
+
+  /** @param {State} state */
+  _drawPointer({ points, hover }) {
+    this.parts.pointer.style.display = hover === null ? "none" : "";
+    if (hover === null) return;
+    const [line, dot] = this.parts.pointer.children;
+    const x = this._x(hover);
+    setAttributes(line, { x1: x, x2: x, y1: this.top, y2: this._y(0) });
+    const value = valueAt(points, hover);
+    setAttributes(dot, { cx: x, cy: this._y(typeof value === "number" ? value : 2) });
+  }
+}
+
+/** @param {string} tag @param {Record<string, unknown>} attributes @returns {SVGElement} */
+function element(tag, attributes) {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  setAttributes(made, attributes);
+  return /** @type {SVGElement} */ (made);
+}
+
+/** @param {Element} target @param {Record<string, unknown>} attributes */
+function setAttributes(target, attributes) {
+  for (const [name, value] of Object.entries(attributes)) target.setAttribute(name, String(value));
+}

@@ -1,0 +1,49 @@
+"""One table as a TOML file: a scene file that holds nothing else, so that a scene reads it as well."""
+
+from __future__ import annotations
+
+import tomllib
+
+from volsplat.client.colours import hex_of_colour
+from volsplat.client.scene_file import scene_from_toml
+from volsplat.client.scene_keys import KEYS, SECTIONS
+from volsplat.client.ui.table_edits import Table
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Colour, ColourTable, Scene
+
+
+def table_toml(scene: Scene, which: str) -> str:
+    """The table `which` ("emit", "refl", "opac" or "modu") of a scene; reading it gives an equal table."""
+    key = f"tables.{which}"
+    points = f"{key}.points"
+    table: Table = getattr(scene.tables, which)
+    rows = [f"  [{position!r}, {_value_toml(value)}]," for position, value in table.points]
+    return "\n".join([*_comment(SECTIONS[key]), f"# {KEYS[points].allowed}", f"[{key}]", "points = [", *rows, "]", ""])
+
+
+def table_from_toml(text: str, base: Scene, which: str, name: str) -> Table:
+    """The table for `which` out of a table's or a whole scene's file; `name` stands before every message.
+
+    A file without a table of this name may give its one table of the same kind. Raises BadInput.
+    """
+    tables = scene_from_toml(text, base, name).tables
+    wanted = type(getattr(tables, which))
+    given = [key for key in tomllib.loads(text).get("tables", {}) if isinstance(getattr(tables, key), wanted)]
+    if which in given:
+        given = [which]
+    if len(given) != 1:
+        kind = "colours" if wanted is ColourTable else "opacities"
+        raise BadInput(f"{name}: holds {'no table' if not given else 'more than one table'} of {kind} to take")
+    table: Table = getattr(tables, given[0])
+    return table
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for line in text.splitlines()]
+
+
+def _value_toml(value: float | Colour) -> str:
+    if not isinstance(value, tuple):
+        return repr(value)
+    text = hex_of_colour(value)
+    return f'"{text}"' if text else "[" + ", ".join(repr(channel) for channel in value) + "]"
