@@ -13,13 +13,14 @@ from volsplat.client.ui.view_panel import view_panel
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.ui.viewport_element import viewport_element
 
-THEME = "/volsplat/static/theme.css"
+STYLES = ("theme.css", "page.css")
 
 
 def page(viewing: Viewing) -> None:
     """Build the page for one tab."""
     description = viewing.volume.description
-    ui.add_head_html(f'<link rel="stylesheet" href="{THEME}">')
+    for style in STYLES:
+        ui.add_head_html(f'<link rel="stylesheet" href="/volsplat/static/{style}">')
     ui.page_title(f"{description.name} – volsplat")
     with ui.element("main").classes("vs-page"):
         with ui.element("header").classes("vs-head"):
