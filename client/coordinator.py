@@ -15,6 +15,7 @@ import msgspec
 
 from volsplat.client.coordinator_events import (
     AbortAsked,
+    AnswerProbe,
     EndFrame,
     Event,
     FailSession,
@@ -23,6 +24,7 @@ from volsplat.client.coordinator_events import (
     Instruction,
     MessageReceived,
     PartialImageAsked,
+    ProbeAsked,
     PublishImage,
     PublishVolume,
     ReportProgress,
@@ -32,6 +34,7 @@ from volsplat.client.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
+from volsplat.client.probes import RunningProbe
 from volsplat.client.server_states import ServerState, incomplete, missing_boxes
 from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
@@ -39,6 +42,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame, resolved_order
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -82,6 +86,7 @@ class Coordinator:
         self.volume: SurveyedVolume | None = None
         self.quantisation: Quantisation | None = None
         self.frame: RunningFrame | None = None
+        self._probes: dict[int, RunningProbe] = {}
         self._path = ""
         self._wanted_workers = 0
         self._assignment = 0
@@ -95,10 +100,18 @@ class Coordinator:
     def handle(self, event: Event) -> list[Instruction]:
         """Take one event. Raises nothing: what goes wrong is an instruction."""
         if self.failure is not None:
-            return [EndFrame(event.frame, self.failure)] if isinstance(event, FrameAsked) else []
+            return self._refused_after_failure(event, self.failure)
         handler = getattr(self, f"_handle_{type(event).__name__}")
         instructions: list[Instruction] = handler(event)
         return instructions
+
+    def _refused_after_failure(self, event: Event, failure: VolsplatError) -> list[Instruction]:
+        match event:
+            case FrameAsked(frame=frame):
+                return [EndFrame(frame, failure)]
+            case ProbeAsked(probe=probe):
+                return [AnswerProbe(probe, None, failure)]
+        return []
 
     # -- servers come and go
 
@@ -123,7 +136,7 @@ class Coordinator:
         del self.boxes[number]
         self._pending.discard(number)
         error = incomplete([lost])
-        return [ReportProgress(str(error)), *self._end_frame(error), *self._prepared()]
+        return [ReportProgress(str(error)), *self._end_frame(error), *self._prepared(), *self._probed(number)]
 
     def _note(self, states: Iterable[ServerState]) -> None:
         self.server_states = self.server_states | {state.id: state for state in states}
@@ -238,6 +251,10 @@ class Coordinator:
         self.volume = SurveyedVolume(self.description, self.survey, self._density_counts, self._strength_counts)
         return [PublishVolume(self.volume), *self._begin_frame()]
 
+    def _prepare(self, quantisation: Quantisation) -> list[Instruction]:
+        """Have the voxels packed by these rules, from the source, which servers let go of once they have packed it."""
+        return self._pack(quantisation) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
+
     def _pack(self, quantisation: Quantisation) -> list[Instruction]:
         self.quantisation = quantisation
         self.phase = Phase.PACKING
@@ -262,7 +279,7 @@ class Coordinator:
                 self.phase, self.quantisation = Phase.SURVEYED, None
             case Phase.PACKING:
                 self.phase = Phase.READY
-        return self._begin_frame()
+        return [*self._begin_frame(), *self._send_probes()]
 
     def _answered(self, server: int) -> bool:
         """Note an answer; True once all are in."""
@@ -271,6 +288,8 @@ class Coordinator:
 
     def _received_Refused(self, server: int, message: messages.Refused, event: MessageReceived) -> list[Instruction]:
         error = PeerLost(message.cause) if message.peer_lost else BadInput(message.cause)
+        if message.probe:
+            return self._answer_probe(message.probe, error)
         if not message.frame:
             return self._fail(error)
         return self._end_frame(error) if self._current(message.frame) else []
@@ -311,7 +330,7 @@ class Coordinator:
             return self._end_frame(incomplete(self.server_states.values()))
         quantisation = self.volume.quantisation(frame.scene.quantise)
         if quantisation != self.quantisation:
-            return self._pack(quantisation) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
+            return self._prepare(quantisation)
         geometry = self.volume.description.geometry
         try:
             plan_frame(frame.scene, geometry, frame.step)
@@ -428,7 +447,68 @@ class Coordinator:
         self.failure = error
         frame, self.frame = self.frame, None
         ended: list[Instruction] = [EndFrame(frame.frame, error)] if frame is not None else []
-        return [*ended, FailSession(error)]
+        unanswered = [instruction for probe in list(self._probes) for instruction in self._answer_probe(probe, error)]
+        return [*ended, *unanswered, FailSession(error)]
+
+    # -- probes
+
+    def _handle_ProbeAsked(self, event: ProbeAsked) -> list[Instruction]:
+        assert self.volume is not None, "who asks knows the volume"
+        try:
+            line = LineOfSight(event.scene, self.volume.description.geometry, event.x, event.y)
+        except ValueError as error:
+            return [AnswerProbe(event.probe, None, BadInput(str(error)))]
+        self._probes[event.probe] = RunningProbe(event.probe, event.scene, event.x, event.y, line)
+        return self._send_probes()
+
+    def _send_probes(self) -> list[Instruction]:
+        """Send the probes that wait and can be answered by what is packed; pack for the first that cannot."""
+        assert self.volume is not None
+        sent: list[Instruction] = []
+        for probe in self._probes.values():
+            if probe.pending is not None:
+                continue
+            if self.phase not in (Phase.SURVEYED, Phase.READY):
+                break
+            quantisation = self.volume.quantisation(probe.scene.quantise)
+            if quantisation != self.quantisation:
+                return sent + self._prepare(quantisation)
+            probe.pending = set(self.boxes)
+            ask = messages.ProbeVoxels(
+                probe=probe.probe,
+                assignment=self._assignment,
+                scene=probe.scene,
+                geometry=self.volume.description.geometry,
+                quantisation=quantisation,
+                x=probe.x,
+                y=probe.y,
+            )
+            sent += [Send(worker, ask) for worker in self.boxes]
+        return sent
+
+    def _received_VoxelProbed(
+        self, server: int, message: messages.VoxelProbed, event: MessageReceived
+    ) -> list[Instruction]:
+        probe = self._probes.get(message.probe)
+        if probe is not None:
+            probe.found += message.voxels
+        return self._probed(server, message.probe)
+
+    def _probed(self, server: int, *numbers: int) -> list[Instruction]:
+        """Nothing more will come from this server, for these probes or for any; answer those that are complete."""
+        answers: list[Instruction] = []
+        for number in numbers or list(self._probes):
+            probe = self._probes.get(number)
+            if probe is not None and probe.pending is not None:
+                probe.pending.discard(server)
+                answers += self._answer_probe(number) if probe.answered else []
+        return answers
+
+    def _answer_probe(self, number: int, error: VolsplatError | None = None) -> list[Instruction]:
+        probe = self._probes.pop(number, None)
+        if probe is None:
+            return []
+        return [AnswerProbe(number, None if error else probe.front_most, error)]
 
 
 def _added(sums: list[int], counts: "array[int]") -> list[int]:

@@ -79,6 +79,16 @@ class AbortAsked:
     frame: int
 
 
+@dataclass(frozen=True)
+class ProbeAsked:
+    """The voxel is wanted that is seen at this point of the scene's image; see line_of_sight."""
+
+    probe: int  # rises with every probe
+    scene: Scene
+    x: float
+    y: float
+
+
 Event = (
     ServerJoined
     | ServerLost
@@ -88,6 +98,7 @@ Event = (
     | FrameAsked
     | PartialImageAsked
     | AbortAsked
+    | ProbeAsked
 )
 
 # -- instructions -----------------------------------------------------------------------------------------------
@@ -139,10 +150,19 @@ class EndFrame:
 
 
 @dataclass(frozen=True)
+class AnswerProbe:
+    """What is seen there: a voxel, nothing, or the reason why it is not known."""
+
+    probe: int
+    voxel: messages.ProbedVoxel | None
+    error: VolsplatError | None = None
+
+
+@dataclass(frozen=True)
 class FailSession:
     """Nothing can be drawn any more."""
 
     error: VolsplatError
 
 
-Instruction = Send | ReportProgress | PublishVolume | PublishImage | EndFrame | FailSession
+Instruction = Send | ReportProgress | PublishVolume | PublishImage | EndFrame | AnswerProbe | FailSession

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 from volsplat.client.coordinator_events import FrameOutcome
 from volsplat.client.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.protocol.messages import ProbedVoxel
 from volsplat.protocol.scene import Scene, Step
 
 if TYPE_CHECKING:
@@ -61,6 +62,9 @@ class Renderer(Protocol):
         first: Step = Step.A,
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`, each finished image and the partial images between."""
+
+    def probe(self, scene: Scene, x: float, y: float) -> ProbedVoxel | None:
+        """The front-most visible voxel at a point of the scene's image, pixels from its top left corner."""
 
 
 def refined(

@@ -17,6 +17,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -24,6 +25,7 @@ from typing import TYPE_CHECKING
 from volsplat.client.coordinator import Coordinator
 from volsplat.client.coordinator_events import (
     AbortAsked,
+    AnswerProbe,
     EndFrame,
     Event,
     FailSession,
@@ -31,6 +33,7 @@ from volsplat.client.coordinator_events import (
     Instruction,
     MessageReceived,
     PartialImageAsked,
+    ProbeAsked,
     PublishImage,
     PublishVolume,
     ReportProgress,
@@ -100,7 +103,9 @@ class Session:
         self._connections_lock = threading.Lock()  # guards _connections
         self._frames: dict[int, Answers] = {}
         self._newest_frame = 0
-        self._frames_lock = threading.Lock()  # guards _frames and _newest_frame
+        self._probes: dict[int, Future[messages.ProbedVoxel | None]] = {}
+        self._newest_probe = 0
+        self._frames_lock = threading.Lock()  # guards the four above
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
         self._volume_known = threading.Event()  # set when _volume or _failure is
@@ -230,6 +235,23 @@ class Session:
         outcome = StepOutcome(step, now - started, now - answer.drawn_at, answer.outcome)
         yield Refinement(step, image, outcome)
 
+    def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
+        """The front-most voxel that is not transparent at a point of the scene's image, None where there is none.
+
+        x and y are pixels from the image's top left corner. It need not be drawn, and a frame that runs goes on.
+        Raises BadInput where the scene does not fit the volume, and PeerLost where nothing can be drawn any more.
+        """
+        self.volume  # noqa: B018  until it is known there is nothing to be seen
+        answer: Future[messages.ProbedVoxel | None] = Future()
+        with self._frames_lock:
+            if self._failure is not None:
+                raise self._failure
+            self._newest_probe += 1
+            probe = self._newest_probe
+            self._probes[probe] = answer
+        self._events.put(ProbeAsked(probe, scene, x, y))
+        return answer.result()
+
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
         with self._frames_lock:
@@ -338,6 +360,8 @@ class Session:
                     answers = self._frames.get(frame)
                 if answers is not None:
                     answers.put(instruction)
+            case AnswerProbe(probe, voxel, error):
+                self._answer_probe(probe, voxel, error)
             case FailSession(error):
                 self._fail(error)
 
@@ -353,12 +377,24 @@ class Session:
         except VolsplatError as error:
             self._events.put(ServerLost(server, str(error)))
 
+    def _answer_probe(self, probe: int, voxel: messages.ProbedVoxel | None, error: VolsplatError | None = None) -> None:
+        with self._frames_lock:
+            answer = self._probes.pop(probe, None)
+        if answer is None:
+            return  # the session has failed
+        if error is None:
+            answer.set_result(voxel)
+        else:
+            answer.set_exception(error)
+
     def _fail(self, error: VolsplatError) -> None:
         with self._frames_lock:
             self._failure = self._failure or error
-            waiting = list(self._frames.items())
+            waiting, probes = list(self._frames.items()), list(self._probes)
         for frame, answers in waiting:
             answers.put(EndFrame(frame, error))
+        for probe in probes:
+            self._answer_probe(probe, None, error)
         self._volume_known.set()
 
 

@@ -17,11 +17,13 @@ from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, 
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.scene import Scene, Step
 from volsplat.splat_server.frame_assembly import FrameAssembly
@@ -101,6 +103,16 @@ class SingleProcess:
             yield from refined(drawn, scene, first, last)
         except Superseded:
             return
+
+    def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
+        """The front-most visible voxel at a point of the image, which is not drawn. Raises BadInput."""
+        geometry = self._volume.description.geometry
+        try:
+            line = LineOfSight(scene, geometry, x, y)
+        except ValueError as error:
+            raise BadInput(str(error)) from error
+        quantisation = self._packed(self._volume.quantisation(scene.quantise))
+        return front_most([self._sub_cube], geometry, quantisation, scene, line)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""

@@ -1,7 +1,8 @@
 """The map/shade server's loop: takes the client's requests, holds sub-cubes, streams batches to the splat server.
 
 Two threads: one receives from the client and notes the newest frame and aborts at once; the other works through the
-requests in order. A frame stops between two batches, so an abort takes no longer than a batch does.
+requests in order. A frame stops between two batches, so an abort takes no longer than a batch does; probes are
+answered there as well.
 """
 
 import queue
@@ -9,10 +10,12 @@ import sys
 import threading
 import time
 from array import array
+from collections import deque
 
 from volsplat.mapshade_server.data_link import DataLink
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
@@ -23,6 +26,7 @@ from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
+from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
@@ -35,6 +39,7 @@ class MapShadeServer:
         self._client = client
         self._token = token
         self._requests: queue.SimpleQueue[messages.Message | None] = queue.SimpleQueue()
+        self._probes: deque[messages.ProbeVoxels] = deque()  # among the requests, not answered yet
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
@@ -70,6 +75,8 @@ class MapShadeServer:
                         self._newest_frame = frame
                     case messages.AbortFrame(frame=frame):
                         self._newest_frame = max(self._newest_frame, frame + 1)
+                    case messages.ProbeVoxels():
+                        self._probes.append(message)
                 self._requests.put(message)
         except VolsplatError as error:
             self._failure = error
@@ -160,8 +167,7 @@ class MapShadeServer:
         self._client.send(messages.FrameAborted(frame=request.frame))
 
     def _on_RenderFrame(self, request: messages.RenderFrame) -> None:
-        if request.assignment != self._assignment:
-            raise BadInput(f"frame {request.frame} is for assignment {request.assignment}, not {self._assignment}")
+        self._check_assignment(request.assignment, f"frame {request.frame}")
         link = self._data_link
         if link is None:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
@@ -179,6 +185,21 @@ class MapShadeServer:
                 self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats()))
                 return
             self._send_batch(link, request.frame, tally, batch)
+            while self._probes and self._probes[0].assignment == self._assignment:
+                self._answer(self._probes[0])
+
+    def _on_ProbeVoxels(self, request: messages.ProbeVoxels) -> None:
+        if not self._probes or self._probes[0] is not request:
+            return  # it was answered between two batches
+        self._probes.popleft()
+        self._check_assignment(request.assignment, f"probe {request.probe}")
+        line = LineOfSight(request.scene, request.geometry, request.x, request.y)
+        voxel = front_most(self._sub_cubes, request.geometry, request.quantisation, request.scene, line)
+        self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
+
+    def _check_assignment(self, assignment: int, what: str) -> None:
+        if assignment != self._assignment:
+            raise BadInput(f"{what} is for assignment {assignment}, not {self._assignment}")
 
     def _send_batch(self, link: DataLink, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:
         message = messages.Batch(

@@ -45,6 +45,14 @@ class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def density_scale(self) -> float:
         return (TABLE_ENTRIES - 1) / (self.window[1] - self.window[0])
 
+    def density_of_byte(self, byte: int) -> float:
+        """The middle of the values that become this byte; of those beyond the window its end."""
+        return self.window[0] + byte / self.density_scale
+
+    def strength_of_byte(self, byte: int) -> float:
+        """Likewise, |gradient| per unit of physical length; 0 in a volume without gradients."""
+        return byte / self.strength_scale if self.strength_scale else 0.0
+
 
 class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Counts over voxels, from which the rules of the whole volume are made. Those of boxes add up."""

@@ -111,6 +111,8 @@ RULES: dict[type[Message], Rule] = {
     messages.ImageRead: Rule(Phase.OPEN, (SPLAT_TO_CLIENT,), Payload(_image_bytes, LARGEST_IMAGE)),
     messages.Batch: Rule(Phase.OPEN, (DATA_LINK_TO_SPLAT,), Payload(_batch_bytes, LARGEST_BATCH)),
     messages.TilesClosed: Rule(Phase.OPEN, (SPLAT_TO_DATA_LINK,), Payload(_tiles_bytes, LARGEST_TILE_MAP)),
+    messages.ProbeVoxels: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
+    messages.VoxelProbed: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
     messages.Refused: Rule(Phase.OPEN, _FROM_SERVERS),
     messages.EndSession: Rule(Phase.OPEN, _TO_SERVERS, ends=True),
 }

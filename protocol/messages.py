@@ -11,7 +11,7 @@ from msgspec import Meta
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.printable import printable
 from volsplat.protocol.scene import Scene, Step
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
 
 LARGEST_ID = 2**31 - 1
 LARGEST_COUNT = 2**62
@@ -23,6 +23,7 @@ LONGEST_PATH = 4096
 
 ServerId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # given by the client at Welcome, never used again
 FrameId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each image request of a session
+ProbeId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each probe of a session
 AssignmentId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # one partition of the volume among the workers
 Count = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Ordinal = Annotated[int, Meta(ge=0, le=2**32 - 1)]  # as in a row run
@@ -88,6 +89,18 @@ class SplatStats(Detail, frozen=True):
     answering_seconds: Seconds
     held_back_seconds: dict[ServerId, Seconds]
     peak_memory_bytes: Count
+
+
+class ProbedVoxel(Detail, frozen=True):
+    """A voxel of the picture.
+
+    Its values are those that it is drawn with: of 256 steps, and where they are beyond the density window or the
+    greatest gradient strength that steps are made for, those ends.
+    """
+
+    index: Index
+    density: float  # in the data's own units
+    strength: float  # |gradient|, in these per unit of physical length
 
 
 # The volume: client and map/shade servers.
@@ -275,13 +288,38 @@ class TilesClosed(Message, frozen=True):
     height: Extent
 
 
+# Between frames, or between two batches of one.
+
+
+class ProbeVoxels(Message, frozen=True):
+    """Client to map/shade server: which of your voxels is seen at this point of the scene's image (see line_of_sight)?
+
+    x and y are pixels from the image's top left corner.
+    """
+
+    probe: ProbeId
+    assignment: AssignmentId
+    scene: Scene
+    geometry: Geometry
+    quantisation: Quantisation
+    x: float
+    y: float
+
+
+class VoxelProbed(Message, frozen=True):
+    """Map/shade server to client: the front-most voxel there that is not transparent, or none."""
+
+    probe: ProbeId
+    voxels: Annotated[list[ProbedVoxel], Meta(max_length=1)]
+
+
 # The session.
 
 
 class Refused(Message, frozen=True):
     """Map/shade server or splat server to client: a request cannot be met, for the cause given in one line.
 
-    `request` is the message's name; `frame` or `assignment` is that of the request, 0 where it carries none.
+    `request` is the message's name; `frame`, `assignment` and `probe` are the request's, 0 where it carries none.
     `peer_lost`: not for what was asked, but because another server is gone or cannot be reached.
     """
 
@@ -290,6 +328,7 @@ class Refused(Message, frozen=True):
     frame: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
     assignment: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
     peer_lost: bool = False
+    probe: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
 
     def __post_init__(self) -> None:
         for field in ("request", "cause"):  # they will be shown

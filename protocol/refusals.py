@@ -21,6 +21,7 @@ def refusal(request: Message, error: Exception) -> Refused:
         frame=getattr(request, "frame", 0),
         assignment=getattr(request, "assignment", 0),
         peer_lost=isinstance(error, PeerLost),
+        probe=getattr(request, "probe", 0),
     )
 
 

@@ -72,6 +72,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
         ),
         (messages.TilesClosed(7, 260, 5), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
+        (messages.ProbeVoxels(5, 1, SCENE, GEOMETRY, QUANTISATION, 12.5, 7.25), b""),
+        (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
         (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
         (messages.EndSession(), b""),
     )
@@ -202,7 +204,15 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     ),
     messages.Batch: st.tuples(st.integers(0, 9), st.integers(0, 9)).flatmap(_batches),
     messages.TilesClosed: st.builds(messages.TilesClosed, ids, st.integers(1, 600), st.integers(1, 40)),
-    messages.Refused: st.builds(messages.Refused, lines, lines, ids_or_none, ids_or_none),
+    messages.ProbeVoxels: st.builds(
+        messages.ProbeVoxels, ids, ids, scenes(), geometries(), quantisations, finite, finite
+    ),
+    messages.VoxelProbed: st.builds(
+        messages.VoxelProbed,
+        ids,
+        st.lists(st.builds(messages.ProbedVoxel, _voxel, finite, finite), max_size=1),
+    ),
+    messages.Refused: st.builds(messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none),
     messages.EndSession: st.builds(messages.EndSession),
 }
 

@@ -9,6 +9,7 @@ import pytest
 from volsplat.client.coordinator import Coordinator, Phase
 from volsplat.client.coordinator_events import (
     AbortAsked,
+    AnswerProbe,
     EndFrame,
     Event,
     FailSession,
@@ -16,6 +17,7 @@ from volsplat.client.coordinator_events import (
     Instruction,
     MessageReceived,
     PartialImageAsked,
+    ProbeAsked,
     PublishImage,
     PublishVolume,
     ReportProgress,
@@ -389,3 +391,82 @@ def test_the_states_of_all_servers_are_known_and_those_lost_are_kept() -> None:
     assert (second.boxes, second.lost) == ((UPPER,), False)
     assert (idle.host, idle.boxes, idle.lost) == ("node4", (), False)
     assert not before[FIRST].lost, "who looks from another thread keeps what it saw"
+
+
+# -- probes
+
+NEAR, FAR = messages.ProbedVoxel((1, 2, 9), 7.0, 0.5), messages.ProbedVoxel((1, 2, 1), 8.0, 0.25)  # k rises to the eye
+PROBE = ProbeAsked(5, SCENE, 12.5, 7.25)
+
+
+def seen(server: int, *voxels: messages.ProbedVoxel, probe: int = 5) -> MessageReceived:
+    return said(server, messages.VoxelProbed(probe, list(voxels)))
+
+
+@pytest.mark.parametrize("first_found", [[], [FAR], [NEAR]])
+@pytest.mark.parametrize("second_found", [[], [FAR], [NEAR]])
+def test_a_probe_asks_all_and_takes_the_front_most(
+    first_found: list[messages.ProbedVoxel], second_found: list[messages.ProbedVoxel]
+) -> None:
+    coordinator = drawing()
+    asked = coordinator.handle(PROBE)
+    assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+    assert coordinator.handle(seen(FIRST, *first_found)) == []
+    found = first_found + second_found
+    front = NEAR if NEAR in found else FAR if FAR in found else None
+    assert coordinator.handle(seen(SECOND, *second_found)) == [AnswerProbe(5, front)]
+
+
+def test_probes_may_overtake_each_other() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
+    coordinator.handle(seen(FIRST, probe=6))
+    assert coordinator.handle(seen(SECOND, probe=6)) == [AnswerProbe(6, None)]
+    coordinator.handle(seen(SECOND, FAR))
+    assert coordinator.handle(seen(FIRST)) == [AnswerProbe(5, FAR)]
+
+
+def test_a_probe_waits_until_the_voxels_are_packed() -> None:
+    coordinator = surveyed()
+    assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
+    assert sent(packed(coordinator)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+
+
+def test_a_probe_by_other_rules_has_the_sub_cubes_read_again() -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    asked = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
+    assert sent(asked) == [(FIRST, messages.ReadSubCubes), (SECOND, messages.ReadSubCubes)]
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
+    for server in (FIRST, SECOND):
+        coordinator.handle(said(server, messages.SubCubesRead(2, survey, 720, 0.1)))
+    (ask, _) = [i.message for i in packed(coordinator, 2) if isinstance(i, Send)]
+    assert isinstance(ask, messages.ProbeVoxels)
+    assert (ask.assignment, ask.quantisation.window) == (2, (0.0, 9.0))
+
+
+def test_a_probe_is_answered_without_a_server_that_is_lost() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    coordinator.handle(seen(SECOND, FAR))
+    assert coordinator.handle(ServerLost(FIRST, GONE))[-1] == AnswerProbe(5, FAR)
+    assert sent(coordinator.handle(PROBE)) == [(SECOND, messages.ProbeVoxels)]
+
+
+def test_a_failed_session_ends_all_probes() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    told = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    (answer,) = [i for i in told if isinstance(i, AnswerProbe)]
+    assert isinstance(answer.error, PeerLost)
+    assert coordinator.handle(PROBE) == [answer]
+
+
+def test_a_refused_probe_ends_alone() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    (answer,) = coordinator.handle(said(FIRST, messages.Refused("ProbeVoxels", "no memory", probe=5)))
+    assert isinstance(answer, AnswerProbe) and str(answer.error) == "no memory"
+    assert coordinator.handle(seen(SECOND, FAR)) == []
+    assert coordinator.failure is None

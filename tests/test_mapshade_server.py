@@ -1,7 +1,8 @@
 """The map/shade server's loop over real sockets, with the test as its client and as its splat servers."""
 
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -45,8 +46,8 @@ class Bench:
         self.token = new_token()
         self._clients = Listener(Role.CLIENT, self.token)
         self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token) for _ in range(2)]
-        server = connect(self._clients.address, new_hello(Role.MAPSHADE_SERVER), self.token, Role.CLIENT)
-        self._server = MapShadeServer(server, self.token)
+        self.connection = connect(self._clients.address, new_hello(Role.MAPSHADE_SERVER), self.token, Role.CLIENT)
+        self._server = MapShadeServer(self.connection, self.token)
         self.failure: VolsplatError | None = None  # of the server
         self._thread = threading.Thread(target=self._run, name="map/shade server under test", daemon=True)
         self._thread.start()
@@ -229,3 +230,52 @@ def test_what_lies_behind_closed_tiles_is_left_out(bench: Bench, tmp_path: Path)
         mapped = bench.hears(messages.FrameMapped)
     assert isinstance(mapped, messages.FrameMapped)
     assert packets == mapped.stats.packets < side**3
+
+
+def until(happened: Callable[[], object]) -> None:
+    """Wait for what another thread does."""
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline, "it never happened"
+        time.sleep(0.001)
+
+
+def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
+    width, height = scene.image.width, scene.image.height
+    return messages.ProbeVoxels(1, assignment, scene, geometry, QUANTISATION, width / 2, height / 2)
+
+
+def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_path: Path) -> None:
+    """The volume's packets are more than the link holds, so that the frame cannot end before they are taken."""
+    side, size = 160, (320, 320)
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    scene = plain_scene(view=View(zoom=1.0), size=size)
+    with bench.accepts(0) as link:
+        before = bench.connection.counters.messages_in
+        bench.control.send(render(1, geometry, scene))
+        bench.control.send(probe(geometry, scene))
+        until(lambda: bench.connection.counters.messages_in == before + 2)
+        sent = 0
+        batch: messages.Batch | None = None
+        while batch is None or not batch.last:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.Batch)
+            batch = received.message
+            sent += batch.packet_count
+        probed = bench.hears(messages.VoxelProbed)
+        mapped = bench.hears(messages.FrameMapped)
+    assert isinstance(probed, messages.VoxelProbed) and isinstance(mapped, messages.FrameMapped)
+    (voxel,) = probed.voxels
+    assert voxel.index[2] == side - 1 and voxel.density == 200.0
+    assert sent == mapped.stats.packets == side**3
+
+
+def test_a_probe_of_another_assignment_is_refused_by_its_number(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    refused = bench.refuses(probe(geometry, SCENE, assignment=2))
+    assert (refused.probe, refused.frame) == (1, 0) and "probe 1 is for assignment 2, not 1" in refused.cause
+    bench.control.send(probe(geometry, SCENE))
+    assert bench.hears(messages.VoxelProbed)

@@ -133,3 +133,9 @@ UNLIKE_MIRRORED = 0.93
 
 VIDEO_LEVELS = 4 / 255
 """A flat colour, or the mean over a frame, after 8-bit YCbCr of limited range and a codec of high quality."""
+
+POINT_TIE = 1e-6
+"""Pixels and cells: nearer than this to an edge, rounding decides whether a voxel lies under a point."""
+
+CAMERA_PIXELS = 1e-3
+"""What the page draws over a picture, in pixels: far below what is seen, far above float64 at zooms up to 256."""

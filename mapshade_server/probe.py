@@ -1,0 +1,80 @@
+"""What is seen under a point of the image: the front-most voxel of some sub-cubes that a frame would send."""
+
+from collections.abc import Callable, Sequence
+
+from volsplat.mapshade_server import shading_tables
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.frame_plan import FRACTION_BITS
+from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.line_of_sight import LineOfSight
+from volsplat.protocol.messages import ProbedVoxel
+from volsplat.protocol.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
+from volsplat.protocol.scene import Field, Scene
+from volsplat.protocol.volume import Geometry, Index
+
+FieldByte = Callable[[Index, int], int]  # of the voxel at this index with this packet
+
+GRADIENTS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
+SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
+GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+
+
+def front_most(
+    sub_cubes: Sequence[SubCube], geometry: Geometry, quantisation: Quantisation, scene: Scene, line: LineOfSight
+) -> ProbedVoxel | None:
+    """The front-most voxel under the line's point that is not transparent, from sub-cubes packed by these rules."""
+    is_visible = _visible_voxels(geometry, quantisation, scene, line)
+    found = []
+    for cube in sub_cubes:
+        packets, (i0, j0, k0) = memoryview(cube.packets), cube.box.low
+        for index in line.voxels(cube.box):
+            packet: int = packets[index[2] - k0, index[1] - j0, index[0] - i0]
+            if is_visible(index, packet):
+                found.append((index, packet))
+                break
+    if not found:
+        return None
+    index, packet = min(found, key=lambda voxel: line.place(voxel[0]))
+    return ProbedVoxel(
+        index=index,
+        density=quantisation.density_of_byte(packet & 255),
+        strength=quantisation.strength_of_byte(packet >> 8 & 255),
+    )
+
+
+def _visible_voxels(
+    geometry: Geometry, quantisation: Quantisation, scene: Scene, line: LineOfSight
+) -> Callable[[Index, int], bool]:
+    """Tells whether a frame would send a voxel."""
+    rule = shading_tables.opacity_rule(scene)
+    codes = memoryview(shading_tables.opacity_codes(rule, line.plan.opacity_exponent((1, 1, 1))))
+    low, high = (
+        _byte_of(field, geometry, quantisation.directions == "octahedral", line)
+        for field in shading_tables.opacity_fields(rule)
+    )
+
+    def is_visible(index: Index, packet: int) -> bool:
+        return not packet >> NO_DATA_BIT and codes[low(index, packet) | high(index, packet) << 8] > 0
+
+    return is_visible
+
+
+def _byte_of(field: Field, geometry: Geometry, octahedral: bool, line: LineOfSight) -> FieldByte:
+    if field == Field.DENSITY:
+        return lambda index, packet: packet & 255
+    if field == Field.STRENGTH:
+        return lambda index, packet: packet >> 8 & 255
+    if field in GRADIENTS:
+        axis = GRADIENTS.index(field)
+        directions = memoryview(shading_tables.gradient_bytes(octahedral, geometry.index_to_physical))
+        return lambda index, packet: directions[axis, packet >> DIRECTION_SHIFT & 0x7FFF]
+    if field in SCREEN:
+        dda = line.plan.screen_index[SCREEN.index(field)]
+        return lambda index, packet: min(max(dda.at_half_indices(_doubled(index)) >> FRACTION_BITS, 0), 255)
+    axis = GRID.index(field)
+    grid_bytes = shading_tables.grid_bytes(geometry.dims[axis])
+    return lambda index, packet: grid_bytes[index[axis]]
+
+
+def _doubled(index: Index) -> Index:
+    return (2 * index[0], 2 * index[1], 2 * index[2])
