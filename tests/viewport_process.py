@@ -1,0 +1,170 @@
+"""Plays the client's process for a viewport under test: a real WebSocket server that sends pictures and hears all."""
+
+from __future__ import annotations
+
+import asyncio
+import io
+import json
+import threading
+from collections.abc import Callable
+from typing import Any
+
+from browser import STATIC
+from PIL import Image
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import HTMLResponse
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+PATIENCE_SECONDS = 10.0
+
+Message = dict[str, Any]
+Colour = tuple[int, int, int]
+
+VOLUME: Message = {
+    "type": "volume",
+    "name": "phantom",
+    "dims": [64, 48, 40],
+    "index_to_physical": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]],
+    "origin": [0.0, 0.0, 0.0],
+    "reference_spacing": 2.0 ** (1 / 3),
+    "unit": "mm",
+    "anatomical": True,
+    "density_name": "density",
+    "strength_name": "gradient strength",
+}
+FRONT = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
+VIEW: Message = {"rotation": FRONT, "zoom": 5.0, "center": [31.5, 23.5, 19.5]}
+SIZE = (640, 480)
+
+_PAGE = """<!doctype html><meta charset="utf-8"><title>viewport</title>
+<link rel="stylesheet" href="/static/theme.css"><link rel="stylesheet" href="/static/viewport.css">
+<style>#host { width: 640px; height: 480px; background: black }</style>
+<div id="host"></div>
+<script type="module">
+  import { Viewport } from "/static/viewport.js";
+  import { ViewportSocket } from "/static/viewport_socket.js";
+  const url = new URL("/viewport?tab=t1", location.href.replace("http", "ws"));
+  const socket = new ViewportSocket(url);
+  window.volsplatViewport = new Viewport(document.getElementById("host"), socket);
+  socket.open();
+</script>"""
+
+
+class ViewportProcess:
+    """An ASGI application (see `application`). Everything here may be called from the test's thread."""
+
+    def __init__(self) -> None:
+        self.heard: list[Message] = []
+        self._changed = threading.Condition()
+        self._socket: WebSocket | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._number = 0
+        self.application = Starlette(
+            routes=[
+                Route("/", self._page),
+                WebSocketRoute("/viewport", self._viewport),
+                Mount("/static", StaticFiles(directory=STATIC)),
+            ]
+        )
+
+    def heard_of(self, kind: str) -> list[Message]:
+        with self._changed:
+            return [message for message in self.heard if message["type"] == kind]
+
+    def wait_until(self, holds: Callable[[], bool], what: str) -> None:
+        with self._changed:
+            if not self._changed.wait_for(holds, PATIENCE_SECONDS):
+                raise AssertionError(f"the page did not {what}; it said {self.heard[-20:]}")
+
+    def wait_for(self, kind: str, count: int = 1) -> Message:
+        """The last of at least `count` messages of a kind."""
+        self.wait_until(lambda: len(self.heard_of(kind)) >= count, f"say {count} x {kind}")
+        return self.heard_of(kind)[-1]
+
+    def wait_for_settled(self, kind: str = "view") -> Message:
+        """The last message of a kind, once it says that the person is done."""
+        self.wait_until(lambda: any(m["settled"] for m in self.heard_of(kind)[-1:]), f"settle its {kind}")
+        return self.heard_of(kind)[-1]
+
+    def forget(self) -> None:
+        with self._changed:
+            self.heard.clear()
+
+    def say(self, message: Message) -> None:
+        self._in_loop(self._open().send_text(json.dumps(message)))
+
+    def say_scene(self, *, by: str = "t1", settled: bool = True, view: Message | None = None, **others: Any) -> None:
+        bounds = others.pop("bounds", {"low": [0, 0, 0], "high": VOLUME["dims"]})
+        size = others.pop("size", SIZE)
+        told = {"revision": 1, "by": by, "settled": settled, "view": view or VIEW, "bounds": bounds, "edges": False}
+        self.say({"type": "scene", **told, "width": size[0], "height": size[1]})
+
+    def show(self, picture: bytes | None = None, *, number: int | None = None, **header: Any) -> int:
+        """Send a picture; numbers rise by themselves. Returns its number."""
+        self._number = self._number + 1 if number is None else number
+        told = {
+            "number": self._number,
+            "revision": 1,
+            "event": 0,
+            "step": "F",
+            "complete": True,
+            "last": True,
+            "seconds": 0.01,
+            "next": None,
+            "width": SIZE[0],
+            "height": SIZE[1],
+            "view": VIEW,
+            "missing": [],
+            **header,
+        }
+        text = json.dumps(told).encode()
+        data = len(text).to_bytes(4, "little") + text + (picture or plain((40, 80, 120)))
+        self._in_loop(self._open().send_bytes(data))
+        return self._number
+
+    def hang_up(self) -> None:
+        """Close the connection from this side."""
+        socket = self._open()
+        with self._changed:
+            self._socket = None
+        self._in_loop(socket.close())
+
+    def wait_for_page(self) -> None:
+        """Until a page is connected and has said its size."""
+        self.wait_until(lambda: self._socket is not None and self.heard_of("size") != [], "connect")
+
+    def _open(self) -> WebSocket:
+        self.wait_until(lambda: self._socket is not None, "connect")
+        assert self._socket is not None
+        return self._socket
+
+    def _in_loop(self, work: Any) -> None:
+        assert self._loop is not None
+        asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_SECONDS)
+
+    async def _page(self, request: Request) -> HTMLResponse:
+        return HTMLResponse(_PAGE)
+
+    async def _viewport(self, socket: WebSocket) -> None:
+        await socket.accept()
+        with self._changed:
+            self._socket, self._loop = socket, asyncio.get_running_loop()
+            self._changed.notify_all()
+        try:
+            while True:
+                message = json.loads(await socket.receive_text())
+                with self._changed:
+                    self.heard.append(message)
+                    self._changed.notify_all()
+        except WebSocketDisconnect:
+            return
+
+
+def plain(colour: Colour, size: tuple[int, int] = SIZE) -> bytes:
+    """A picture of one colour, as PNG."""
+    out = io.BytesIO()
+    Image.new("RGB", size, colour).save(out, "PNG")
+    return out.getvalue()
