@@ -46,7 +46,8 @@ export function normalised(q) {
 /** The turn about a coordinate axis of the screen. @param {0|1|2} axis @param {number} degrees @returns {Quaternion} */
 export function about(axis, degrees) {
   const half = (degrees * Math.PI) / 360;
-  const turn = /** @type {Quaternion} */ ([0, 0, 0, Math.cos(half)]);
+  const isHalfTurn = Math.abs(degrees) === 180; // to be exact
+  const turn = /** @type {Quaternion} */ ([0, 0, 0, isHalfTurn ? 0 : Math.cos(half)]);
   turn[axis] = Math.sin(half);
   return turn;
 }

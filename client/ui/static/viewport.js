@@ -1,25 +1,23 @@
 // The viewport: the picture of the volume, and everything that is done with a pointer or a key over it. It knows a
 // transport only, so that the same module works in volsplat's page (viewport_socket.js) and in a notebook.
 
-import { BoundsBox, Wires } from "./bounds_box.js";
-import { Grid, Projection, fittingZoom, panned, turnedBy, zoomed } from "./camera.js";
+import { fittingZoom, panned, turnedBy, zoomed } from "./camera.js";
 import { Frame } from "./frame.js";
 import { Gestures } from "./gestures.js";
 import { keyList, obeyKey } from "./keys.js";
-import { OrientationCube } from "./orientation_cube.js";
+import { Marks } from "./marks.js";
 import { Outbox, remember } from "./outbox.js";
 import { PictureCanvas } from "./picture_canvas.js";
 import { about, namedView, product } from "./rotation.js";
-import { ScaleBar } from "./scale_bar.js";
 import { Steering } from "./steering.js";
-import { svg } from "./svg.js";
 import { TroubleBar } from "./trouble_bar.js";
-import { ValueReadout } from "./value_readout.js";
 
 const RESIZED_AFTER = 100; // milliseconds without a further change
 const LABEL = "The volume. Drag or use the arrow keys to turn it; press ? for all keys.";
 
+/** @typedef {import("./camera.js").Grid} Grid */
 /** @typedef {import("./camera.js").Point} Point */
+/** @typedef {import("./camera.js").Size} Size */
 /** @typedef {import("./camera.js").View} View */
 /** @typedef {import("./rotation.js").Quaternion} Quaternion */
 
@@ -41,6 +39,7 @@ export class Viewport {
   #contained = 0; // the last event of ours that the process has told of
   #trouble = new TroubleBar();
   #help = document.createElement("div");
+  #asked = { width: 0, height: 0 }; // the size of pictures last asked for
   #resized = 0;
   #observer = new ResizeObserver(() => this.#onResize());
 
@@ -106,7 +105,7 @@ export class Viewport {
     return this.#marks.grid;
   }
 
-  /** The size of the picture that the view is for. @returns {import("./camera.js").Size} */
+  /** The size of the picture that the view is for. @returns {Size} */
   get size() {
     return { width: this.#scene.width, height: this.#scene.height };
   }
@@ -206,6 +205,7 @@ export class Viewport {
     if (!connected) return;
     this.#contained = this.#outbox.event; // what was said into the drop is lost
     this.#pictures.reconnected();
+    this.#asked = { width: 0, height: 0 };
     this.#sendSize();
   }
 
@@ -218,9 +218,10 @@ export class Viewport {
 
   #onVolume(volume) {
     this.#marks?.remove();
-    this.#marks = new Marks(this, volume, {
+    this.#marks = new Marks(volume, {
       moveBounds: (bounds, settled, at) => this.#outbox.post({ type: "bounds", ...bounds, settled }, at),
       probe: ([x, y]) => this.#transport.send({ type: "probe", x, y }),
+      lookFrom: (side) => this.lookFrom(side),
     });
     this.canvas.after(...this.#marks.elements);
   }
@@ -267,7 +268,9 @@ export class Viewport {
     const { width, height } = this.#box();
     if (width === 0 || height === 0) return; // not on the screen
     const [w, h] = [width, height].map((side) => Math.max(1, Math.round(side * window.devicePixelRatio)));
-    this.#transport.send({ type: "size", width: w, height: h });
+    if (w === this.#asked.width && h === this.#asked.height) return;
+    this.#asked = { width: w, height: h };
+    this.#transport.send({ type: "size", ...this.#asked });
   }
 
   /** Put the marks where the picture on the screen has them. */
@@ -310,39 +313,5 @@ export class Viewport {
       this.canvas.focus();
     });
     return button;
-  }
-}
-
-/** All that is drawn over the picture of one volume. */
-class Marks {
-  /** @param {Viewport} viewport @param {any} volume its message @param {any} say */
-  constructor(viewport, volume, { moveBounds, probe }) {
-    this.grid = new Grid(volume);
-    this.box = new BoundsBox(this.grid, moveBounds);
-    this.value = new ValueReadout(volume, probe);
-    this.cube = new OrientationCube(volume.anatomical, (name) => viewport.lookFrom(name));
-    this.scale = new ScaleBar(volume);
-    this.missing = svg("g");
-    this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.box.element]);
-    const corner = document.createElement("div");
-    corner.className = "vs-corner";
-    corner.append(this.value.element, this.scale.element);
-    this.elements = [this.overlay, corner, this.cube.element];
-  }
-
-  remove() {
-    for (const element of this.elements) element.remove();
-  }
-
-  place(picture, frame) {
-    const projection = new Projection(picture.view, this.grid, picture);
-    this.box.place(projection, frame);
-    this.cube.draw(picture.view.rotation);
-    this.scale.draw(picture.view.zoom * frame.scale);
-    this.missing.replaceChildren(...picture.missing.map(([low, high]) => {
-      const wires = new Wires("vs-missing");
-      wires.draw({ low, high }, projection, frame);
-      return wires.element;
-    }));
   }
 }

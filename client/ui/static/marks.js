@@ -1,0 +1,54 @@
+// All that is drawn over the picture of one volume: bounds, cube, scale, the value under the pointer.
+
+import { BoundsBox, Wires } from "./bounds_box.js";
+import { Grid, Projection } from "./camera.js";
+import { OrientationCube } from "./orientation_cube.js";
+import { ScaleBar } from "./scale_bar.js";
+import { svg } from "./svg.js";
+import { ValueReadout } from "./value_readout.js";
+
+/** @typedef {import("./bounds_box.js").Bounds} Bounds */
+/** @typedef {import("./camera.js").Point} Point */
+
+export class Marks {
+  /**
+   * @param {any} volume its message
+   * @param {{
+   *   moveBounds: (bounds: Bounds, settled: boolean, at: number) => void,
+   *   probe: (at: Point) => void,
+   *   lookFrom: (side: string) => void,
+   * }} listeners of what the person does to them
+   */
+  constructor(volume, { moveBounds, probe, lookFrom }) {
+    this.grid = new Grid(volume);
+    this.box = new BoundsBox(this.grid, moveBounds);
+    this.value = new ValueReadout(volume, probe);
+    this.cube = new OrientationCube(volume.anatomical, lookFrom);
+    this.scale = new ScaleBar(volume);
+    this.missing = svg("g"); // boxes of what no server holds any more
+    this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.box.element]);
+    const corner = document.createElement("div");
+    corner.className = "vs-corner";
+    corner.append(this.value.element, this.scale.element);
+    this.elements = [this.overlay, corner, this.cube.element];
+  }
+
+  remove() {
+    for (const element of this.elements) element.remove();
+  }
+
+  /** Put them where a picture has them. @param {any} picture its header @param {import("./frame.js").Frame} frame */
+  place(picture, frame) {
+    const projection = new Projection(picture.view, this.grid, picture);
+    this.box.place(projection, frame);
+    this.cube.draw(picture.view.rotation);
+    this.scale.draw(picture.view.zoom * frame.scale);
+    this.missing.replaceChildren(
+      ...picture.missing.map(([low, high]) => {
+        const wires = new Wires("vs-missing");
+        wires.draw({ low, high }, projection, frame);
+        return wires.element;
+      }),
+    );
+  }
+}
