@@ -8,7 +8,7 @@ were handed out stay idle. Where a map/shade server is lost, the others draw wha
 
 from array import array
 from collections.abc import Iterable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from enum import Enum, auto
 
 import msgspec
@@ -20,7 +20,6 @@ from volsplat.client.coordinator_events import (
     Event,
     FailSession,
     FrameAsked,
-    FrameOutcome,
     Instruction,
     MessageReceived,
     PartialImageAsked,
@@ -34,7 +33,8 @@ from volsplat.client.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
-from volsplat.client.probes import RunningProbe
+from volsplat.client.probes import Probes
+from volsplat.client.running_frame import RunningFrame
 from volsplat.client.server_states import ServerState, incomplete, missing_boxes
 from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
@@ -42,9 +42,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame, resolved_order
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
-from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
 
 
@@ -56,21 +54,6 @@ class Phase(Enum):
     SURVEYED = auto()  # scenes can be made, nothing is packed yet
     PACKING = auto()
     READY = auto()
-
-
-@dataclass
-class RunningFrame:
-    frame: int
-    scene: Scene
-    step: Step
-    whole: bool  # or not at all
-    started: bool = False  # sent to the servers
-    partial_wanted: bool = False  # as soon as it has started
-    unacknowledged: set[int] = field(default_factory=set)  # servers that were told to abort and have not said so
-    image: PublishImage | None = None
-    map_shade: dict[int, messages.MapShadeStats] = field(default_factory=dict)
-    splat: messages.SplatStats | None = None
-    drawn_at: float = 0.0
 
 
 class Coordinator:
@@ -86,7 +69,7 @@ class Coordinator:
         self.volume: SurveyedVolume | None = None
         self.quantisation: Quantisation | None = None
         self.frame: RunningFrame | None = None
-        self._probes: dict[int, RunningProbe] = {}
+        self._probes = Probes()
         self._path = ""
         self._wanted_workers = 0
         self._assignment = 0
@@ -136,7 +119,7 @@ class Coordinator:
         del self.boxes[number]
         self._pending.discard(number)
         error = incomplete([lost])
-        return [ReportProgress(str(error)), *self._end_frame(error), *self._prepared(), *self._probed(number)]
+        return [ReportProgress(str(error)), *self._end_frame(error), *self._prepared(), *self._probes.lost(number)]
 
     def _note(self, states: Iterable[ServerState]) -> None:
         self.server_states = self.server_states | {state.id: state for state in states}
@@ -289,7 +272,7 @@ class Coordinator:
     def _received_Refused(self, server: int, message: messages.Refused, event: MessageReceived) -> list[Instruction]:
         error = PeerLost(message.cause) if message.peer_lost else BadInput(message.cause)
         if message.probe:
-            return self._answer_probe(message.probe, error)
+            return self._probes.refused(message.probe, error)
         if not message.frame:
             return self._fail(error)
         return self._end_frame(error) if self._current(message.frame) else []
@@ -431,13 +414,11 @@ class Coordinator:
         return self._finished(frame)
 
     def _finished(self, frame: RunningFrame) -> list[Instruction]:
-        """Publish the image once it and the statistics of all servers are here."""
-        if frame.image is None or frame.splat is None or set(frame.map_shade) != set(self.boxes):
+        image = frame.finished(self.boxes, missing_boxes(self.server_states.values()))
+        if image is None:
             return []
         self.frame = None
-        missing = missing_boxes(self.server_states.values())
-        outcome = FrameOutcome(frame.map_shade, frame.splat, missing)
-        return [replace(frame.image, outcome=outcome, drawn_at=frame.drawn_at)]
+        return [image]
 
     def _current(self, frame: int) -> RunningFrame | None:
         """The running frame if it has this id; messages of older frames are of no use any more."""
@@ -447,68 +428,34 @@ class Coordinator:
         self.failure = error
         frame, self.frame = self.frame, None
         ended: list[Instruction] = [EndFrame(frame.frame, error)] if frame is not None else []
-        unanswered = [instruction for probe in list(self._probes) for instruction in self._answer_probe(probe, error)]
-        return [*ended, *unanswered, FailSession(error)]
+        return [*ended, *self._probes.failed(error), FailSession(error)]
 
     # -- probes
 
     def _handle_ProbeAsked(self, event: ProbeAsked) -> list[Instruction]:
         assert self.volume is not None, "who asks knows the volume"
-        try:
-            line = LineOfSight(event.scene, self.volume.description.geometry, event.x, event.y)
-        except ValueError as error:
-            return [AnswerProbe(event.probe, None, BadInput(str(error)))]
-        self._probes[event.probe] = RunningProbe(event.probe, event.scene, event.x, event.y, line)
-        return self._send_probes()
+        refused = self._probes.add(event, self.volume.description.geometry)
+        return [*refused, *self._send_probes()]
 
     def _send_probes(self) -> list[Instruction]:
         """Send the probes that wait and can be answered by what is packed; pack for the first that cannot."""
         assert self.volume is not None
         sent: list[Instruction] = []
-        for probe in self._probes.values():
-            if probe.pending is not None:
-                continue
+        for probe in self._probes.waiting():
             if self.phase not in (Phase.SURVEYED, Phase.READY):
                 break
             quantisation = self.volume.quantisation(probe.scene.quantise)
             if quantisation != self.quantisation:
                 return sent + self._prepare(quantisation)
-            probe.pending = set(self.boxes)
-            ask = messages.ProbeVoxels(
-                probe=probe.probe,
-                assignment=self._assignment,
-                scene=probe.scene,
-                geometry=self.volume.description.geometry,
-                quantisation=quantisation,
-                x=probe.x,
-                y=probe.y,
-            )
+            geometry = self.volume.description.geometry
+            ask = self._probes.request(probe, self.boxes, self._assignment, geometry, quantisation)
             sent += [Send(worker, ask) for worker in self.boxes]
         return sent
 
     def _received_VoxelProbed(
         self, server: int, message: messages.VoxelProbed, event: MessageReceived
     ) -> list[Instruction]:
-        probe = self._probes.get(message.probe)
-        if probe is not None:
-            probe.found += message.voxels
-        return self._probed(server, message.probe)
-
-    def _probed(self, server: int, *numbers: int) -> list[Instruction]:
-        """Nothing more will come from this server, for these probes or for any; answer those that are complete."""
-        answers: list[Instruction] = []
-        for number in numbers or list(self._probes):
-            probe = self._probes.get(number)
-            if probe is not None and probe.pending is not None:
-                probe.pending.discard(server)
-                answers += self._answer_probe(number) if probe.answered else []
-        return answers
-
-    def _answer_probe(self, number: int, error: VolsplatError | None = None) -> list[Instruction]:
-        probe = self._probes.pop(number, None)
-        if probe is None:
-            return []
-        return [AnswerProbe(number, None if error else probe.front_most, error)]
+        return self._probes.received(server, message)
 
 
 def _added(sums: list[int], counts: "array[int]") -> list[int]:

@@ -17,7 +17,6 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -43,6 +42,7 @@ from volsplat.client.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
+from volsplat.client.probe_answers import ProbeAnswers
 from volsplat.client.renderer import (
     PARTIAL_INTERVAL,
     Refinement,
@@ -103,9 +103,8 @@ class Session:
         self._connections_lock = threading.Lock()  # guards _connections
         self._frames: dict[int, Answers] = {}
         self._newest_frame = 0
-        self._probes: dict[int, Future[messages.ProbedVoxel | None]] = {}
-        self._newest_probe = 0
-        self._frames_lock = threading.Lock()  # guards the four above
+        self._frames_lock = threading.Lock()  # guards _frames and _newest_frame
+        self._probe_answers = ProbeAnswers()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
         self._volume_known = threading.Event()  # set when _volume or _failure is
@@ -242,13 +241,7 @@ class Session:
         Raises BadInput where the scene does not fit the volume, and PeerLost where nothing can be drawn any more.
         """
         self.volume  # noqa: B018  until it is known there is nothing to be seen
-        answer: Future[messages.ProbedVoxel | None] = Future()
-        with self._frames_lock:
-            if self._failure is not None:
-                raise self._failure
-            self._newest_probe += 1
-            probe = self._newest_probe
-            self._probes[probe] = answer
+        probe, answer = self._probe_answers.ask()
         self._events.put(ProbeAsked(probe, scene, x, y))
         return answer.result()
 
@@ -360,8 +353,8 @@ class Session:
                     answers = self._frames.get(frame)
                 if answers is not None:
                     answers.put(instruction)
-            case AnswerProbe(probe, voxel, error):
-                self._answer_probe(probe, voxel, error)
+            case AnswerProbe():
+                self._probe_answers.give(instruction)
             case FailSession(error):
                 self._fail(error)
 
@@ -377,24 +370,13 @@ class Session:
         except VolsplatError as error:
             self._events.put(ServerLost(server, str(error)))
 
-    def _answer_probe(self, probe: int, voxel: messages.ProbedVoxel | None, error: VolsplatError | None = None) -> None:
-        with self._frames_lock:
-            answer = self._probes.pop(probe, None)
-        if answer is None:
-            return  # the session has failed
-        if error is None:
-            answer.set_result(voxel)
-        else:
-            answer.set_exception(error)
-
     def _fail(self, error: VolsplatError) -> None:
         with self._frames_lock:
             self._failure = self._failure or error
-            waiting, probes = list(self._frames.items()), list(self._probes)
+            waiting = list(self._frames.items())
         for frame, answers in waiting:
             answers.put(EndFrame(frame, error))
-        for probe in probes:
-            self._answer_probe(probe, None, error)
+        self._probe_answers.fail(error)
         self._volume_known.set()
 
 
