@@ -53,7 +53,8 @@ export class Viewport {
     this.home = home;
     /**
      * Pictures that were drawn, newest last.
-     * @type {{number: number, event: number, step: string, shownAt: number}[]}
+     * @type {{number: number, event: number, step: string, last: boolean, width: number, height: number,
+     *   shownAt: number}[]}
      */
     this.log = [];
     this.steering = new Steering((view, settled, at) => this.#outbox.post({ type: "view", ...view, settled }, at));
@@ -235,7 +236,8 @@ export class Viewport {
 
   #onDrawn(header) {
     this.#picture = header;
-    remember(this.log, { number: header.number, event: header.event, step: header.step, shownAt: performance.now() });
+    const { number, event, step, last, width, height } = header;
+    remember(this.log, { number, event, step, last, width, height, shownAt: performance.now() });
     this.#contained = Math.max(this.#contained, Math.min(header.event, this.#outbox.event));
     if (header.event >= this.#outbox.event && !this.steering.busy) this.steering.view = header.view;
     this.#place();
