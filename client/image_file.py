@@ -28,6 +28,7 @@ _ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
 _PACKED = "zlib,base64:"
 _BLOCK_PIXELS = 1 << 20  # converted at a time, so that a large image is not held twice
 _BLOCK_ROWS = 64  # of which blocks are multiples: a format packs up to so many together
+_PNG_END = b"IEND\xaeB`\x82"
 _LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
 
 
@@ -192,13 +193,22 @@ def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -
         for block in blocks if written else ():
             written = output.write_scanlines(row, row + len(block), 0, block.numpy()) and written
             row += len(block)
-        if not (output.close() and written):
+        if not (output.close() and written and _is_ended(temporary)):
             raise BadInput(f"{path}: cannot write the image: {_one_line(output.geterror() or 'the disk may be full')}")
         os.replace(temporary, target)
     except OSError as error:
         raise BadInput(f"{path}: cannot write the image: {error.strerror}") from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _is_ended(path: Path) -> bool:
+    """Whether a file that OpenImageIO is content with is whole: of a full disk it tells, but not for PNG."""
+    if path.suffix != ".png":
+        return True
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - len(_PNG_END), 0))
+        return file.read() == _PNG_END
 
 
 def _one_line(text: str) -> str:

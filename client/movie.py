@@ -141,7 +141,8 @@ def _video(
                 refused = True
             _await_end(ffmpeg, cancelled)
             if refused or ffmpeg.returncode != 0:
-                raise VolsplatError(f"{path}: ffmpeg could not write the movie: {_read_complaints(complaints)}")
+                said = _read_complaints(complaints).replace(str(temporary), path.name)
+                raise VolsplatError(f"{path}: ffmpeg could not write the movie: {said}")
             os.replace(temporary, target)
         finally:
             with interrupts_held():
@@ -152,11 +153,14 @@ def _video(
 
 
 def _ffmpeg_command(encoder: Sequence[str], rate: int, width: int, height: int, output: Path) -> list[str]:
-    """Raw RGB on stdin; the colours of the file are those of HD television, and it says so, else players guess."""
+    """Raw RGB on stdin. The colours of the file are those of HD television, and it says so, else players guess.
+
+    Without -xerror a disk that is full at the end is a success to ffmpeg.
+    """
     source = ["-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{width}x{height}", "-framerate", str(rate)]
     colours = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv"]
     return [
-        *("ffmpeg", "-hide_banner", "-loglevel", "error", "-nostdin", "-y", *source, "-i", "pipe:0"),
+        *("ffmpeg", "-hide_banner", "-loglevel", "error", "-xerror", "-nostdin", "-y", *source, "-i", "pipe:0"),
         *("-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_int+bicubic"),
         *("-pix_fmt", "yuv420p", *colours, *encoder, str(output)),
     ]

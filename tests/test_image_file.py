@@ -1,6 +1,9 @@
 """Image files: exact pixels, the scene inside, equal bytes for equal images, and never half a file."""
 
 import os
+import resource
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import OpenImageIO as oiio
@@ -153,6 +156,26 @@ def test_a_failed_write_keeps_the_old_file(tmp_path: Path, monkeypatch: pytest.M
         write(path, picture(), SCENE)
     assert path.read_bytes() == b"precious"
     assert os.listdir(tmp_path) == ["image.png"]
+
+
+@contextmanager
+def little_space(size: int) -> Iterator[None]:
+    """No file may grow beyond `size` bytes: writing more fails, as on a full disk."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.mark.parametrize("kind", [".png", ".tif", ".exr"])  # libjpeg ends the process
+@pytest.mark.parametrize("size", [0, 10, 4096, 60000])
+def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, kind: str, size: int) -> None:
+    path = tmp_path / f"image{kind}"
+    with little_space(size), pytest.raises(BadInput, match=f"image{kind}: cannot write the image"):
+        write(path, picture(256, 256), SCENE)
+    assert os.listdir(tmp_path) == []
 
 
 def test_what_cannot_be_written_is_refused_before_rendering(tmp_path: Path) -> None:
