@@ -1,7 +1,6 @@
 """What can be done to a table at once: ramps, steps, inversion and the like, and the thinning of a freehand curve.
 
-Pure functions from table to table of the same kind. Every result is a valid table; values that would leave 0..1 are
-cut off there.
+Pure functions from table to table of the same kind; every result is a valid table.
 """
 
 from __future__ import annotations
@@ -61,20 +60,10 @@ def mirrored(table: Table) -> Table:
     return _table(table, [(1.0 - position, value) for position, value in reversed(_channels(table))])
 
 
-def scaled(table: Table, factor: float) -> Table:
-    """Every value times `factor` (0 or more), cut off at 1."""
-    return _mapped(table, lambda value: min(1.0, value * factor))
-
-
 def with_greatest(table: ScalarTable, greatest: float) -> Table:
     """The table scaled so that its greatest value is `greatest`; one that is 0 everywhere stays so."""
     now = table.greatest
     return _mapped(table, lambda value: value / now * greatest) if now > 0 else table
-
-
-def freehand(table: Table, entries: Sequence[Channels]) -> Table:
-    """The table with these 256 entries: one point for each, at n / 255."""
-    return _table(table, [(n / LAST, value) for n, value in enumerate(entries)])
 
 
 def simplified(table: Table, bound: float = FREEHAND_BOUND) -> Table:

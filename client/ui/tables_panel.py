@@ -98,7 +98,7 @@ class TablesPanel:
                 _menu_item(text, partial(self._change, which, edit))
             self._build_steps(which)
             ui.separator()
-            with ui.menu_item("From a preset", auto_close=False), ui.item_section().props("side"):
+            with ui.menu_item("From a preset", auto_close=False):
                 ui.icon("chevron_right")
                 with ui.menu().props('anchor="top start" self="top end"').classes("vs-menu") as presets:
                     presets.on("hide", menu.close)
