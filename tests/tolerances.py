@@ -139,3 +139,12 @@ POINT_TIE = 1e-6
 
 CAMERA_PIXELS = 1e-3
 """What the page draws over a picture, in pixels: far below what is seen, far above float64 at zooms up to 256."""
+
+HALF_A_CSS_PIXEL = 0.5
+"""A mark's place as the browser tells it, its box rounded outwards to whole pixels."""
+
+ONE_PIXEL_OF_A_TABLE = 0.02
+"""Positions and values set by the mouse: a table is drawn at least 60 pixels high, and the mouse goes by whole ones."""
+
+FREEHAND_PIXELS = 0.035
+"""Entries of a curve drawn by the mouse: a pixel of its height, half an entry of its steepest stroke, the thinning."""
