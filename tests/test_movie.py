@@ -6,6 +6,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -24,13 +25,12 @@ from volsplat.client.key_frames import turntable
 from volsplat.client.movie import MovieCancelled, write_movie
 from volsplat.client.movie_formats import VIDEO_ENCODERS, check_movie_writable
 from volsplat.client.phantoms import make_phantom
-from volsplat.client.renderer import Refinement
 from volsplat.client.scene_file import scene_toml
-from volsplat.client.session import FrameAborted, Session
+from volsplat.client.session import Session
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput, VolsplatError
-from volsplat.protocol.scene import Image, Scene, Step
+from volsplat.protocol.scene import Image, Scene
 
 FRAMES = 6
 INTERRUPTED = 130
@@ -163,22 +163,24 @@ def test_a_folder_keeps_what_is_in_it(single: SingleProcess, tmp_path: Path) -> 
         written(single, scenes_of(single), tmp_path)
 
 
-def test_a_frame_that_something_newer_pushed_aside_is_drawn_again(single: SingleProcess, tmp_path: Path) -> None:
-    class Disturbed(SingleProcess):
-        def __init__(self) -> None:  # it only lends what the module's process has
-            self._volume = single.volume
-            self.asked = 0
+def test_frames_that_others_push_aside_are_drawn_again(single: SingleProcess, head: Path, tmp_path: Path) -> None:
+    done = threading.Event()
+    with Session(head, workers=2) as session:
 
-        def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
-            self.asked += 1
-            if self.asked % 2:
-                raise FrameAborted("a newer frame")
-            return single.finish(scene, step)
+        def disturb() -> None:
+            for _ in range(30):
+                session.abort()
+                done.wait(0.01)
 
-    disturbed = Disturbed()
-    write_movie(disturbed, scenes_of(single), tmp_path / "turn", 10, lambda done: None, lambda: False)
-    assert disturbed.asked == 2 * FRAMES
-    assert len(os.listdir(tmp_path / "turn")) == FRAMES
+        disturber = threading.Thread(target=disturb)
+        disturber.start()
+        scenes = scenes_of(single)
+        write_movie(session, scenes, tmp_path / "turn", 10, lambda drawn: None, lambda: False)
+        done.set()
+        disturber.join()
+    for image, scene in zip(sorted((tmp_path / "turn").iterdir()), scenes, strict=True):
+        shown = over_background(single.render(scene), scene.image.background)
+        assert (read_image(image) - shown).abs().max() <= HALF_A_LEVEL["uint8"]
 
 
 # -- what is left where it ends early
@@ -373,12 +375,3 @@ def test_ctrl_c_at_any_moment_leaves_nothing(person: Person, head: Path, kind: s
     while person.servers() and time.monotonic() < deadline:
         time.sleep(0.01)
     assert person.servers() == []
-
-
-def test_a_session_makes_a_movie_and_is_still_good_for_an_image(head: Path, tmp_path: Path) -> None:
-    with Session(head, workers=2) as session:
-        scene = msgspec.structs.replace(session.default_scene(), image=Image(width=40, height=30))
-        scenes = turntable(scene, session.volume.description.geometry, 3)
-        write_movie(session, scenes, tmp_path / "turn", 10, lambda done: None, lambda: False)
-        assert session.render(scene).shape == (30, 40, 4)
-    assert len(os.listdir(tmp_path / "turn")) == 3
