@@ -1,4 +1,4 @@
-"""What the panels' controls have in common: they show the one scene, change it, and tell bad input where it was given."""
+"""What the panels' controls have in common: they show the one scene, change it, and tell bad input at the field."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import Any, TypeVar
 from weakref import WeakSet
 
 from nicegui import Client, context, ui
-from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.protocol.frame_plan import plan_frame
@@ -16,6 +15,8 @@ from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Geometry
 
 STYLE = Path(__file__).parent / "static" / "panels.css"
+# Colours that Quasar does not know, so that the style sheet alone decides.
+TOGGLE_PROPS = "dense no-caps unelevated toggle-color=vs toggle-text-color=vs"
 _styled: WeakSet[Client] = WeakSet()
 
 Edit = Callable[[Scene], Scene]
@@ -49,10 +50,18 @@ class SceneEditor:
     def tried(self, edit: Edit, scene: Scene) -> Scene:
         """The edited scene. Raises ValueError as `change` does."""
         edited = edit(scene)
-        plan_frame(edited, self._geometry, max(Step))
+        if self._fits(scene):  # else whatever else is wrong with it would be told at this field
+            plan_frame(edited, self._geometry, max(Step))
         return edited
 
-    def follow(self, show: Callable[[Scene], None]) -> None:
+    def _fits(self, scene: Scene) -> bool:
+        try:
+            plan_frame(scene, self._geometry, max(Step))
+        except ValueError:
+            return False
+        return True
+
+    def follow(self, show: Callable[[Scene], object]) -> None:
         """Call `show` now and after every change, whoever made it, as long as the tab is there."""
 
         def changed(state: SceneState) -> None:
@@ -62,75 +71,59 @@ class SceneEditor:
         show(self.scene)
 
 
-class NumberField:
-    """A number in words of the scene: refused while it is typed where it cannot be used, taken at Enter or on leaving.
+class TextField:
+    """What is typed is refused while it is typed where it cannot be used, and taken at Enter or on leaving.
 
-    `get` gives the number to show; `put` makes the scene with a number, or raises ValueError.
+    `text` gives what to show; `put` makes the scene with what was typed, or raises ValueError.
     """
 
     def __init__(
         self,
         editor: SceneEditor,
-        label: str,
-        get: Callable[[Scene], float],
-        put: Callable[[Scene, float], Scene],
+        name: str,
+        text: Callable[[Scene], str],
+        put: Callable[[Scene, str], Scene],
         *,
-        whole: bool = False,
         undoable: bool = True,
-        name: str | None = None,
     ) -> None:
         self._editor = editor
-        self._get = get
+        self._text = text
         self._put = put
-        self._whole = whole
         self._undoable = undoable
         self._edited = False  # what is typed is not in the scene
-        self.input = ui.input(label).props('dense outlined hide-bottom-space inputmode=decimal autocomplete="off"')
-        self.input.props["aria-label"] = name or label
+        self.input = ui.input().props('dense outlined hide-bottom-space no-error-icon autocomplete="off"')
+        self.input.props["aria-label"] = name
         self.input.classes("vs-field")
         self.input.on_value_change(self._typed)
         self.input.on("keydown.enter", self._commit)
         self.input.on("blur", self._leave)
-        if whole:
-            self.input.on("keydown.up.prevent", lambda: self._step(1))
-            self.input.on("keydown.down.prevent", lambda: self._step(-1))
         editor.follow(self._show)
 
     def _show(self, scene: Scene) -> None:
         if not self._edited:
             self.input.set_value(self._text(scene))
 
-    def _text(self, scene: Scene) -> str:
-        value = self._get(scene)
-        return str(int(value)) if self._whole else f"{value:.6g}"
-
-    def _edit(self, text: str) -> Edit:
-        """Raises ValueError where the text is no number."""
-        try:
-            value = int(text) if self._whole else float(text)
-        except ValueError:
-            kind = "a whole number" if self._whole else "a number"
-            raise ValueError(f"“{text}” is not {kind}" if text.strip() else f"give {kind}") from None
-        return lambda scene: self._put(scene, value)
-
     def _typed(self) -> None:
-        text = self.input.value or ""
-        self._edited = text != self._text(self._editor.scene)
-        self.input.error = self._complaint(text) if self._edited else None
+        typed = self.input.value or ""
+        self._edited = typed != self._text(self._editor.scene)
+        self.input.error = self._complaint(typed) if self._edited else None
 
-    def _complaint(self, text: str) -> str | None:
+    def _complaint(self, typed: str) -> str | None:
         try:
-            self._editor.tried(self._edit(text), self._editor.scene)
+            self._editor.tried(lambda scene: self._put(scene, typed), self._editor.scene)
         except ValueError as error:
             return str(error)
         return None
 
     def _commit(self) -> None:
-        if not self._edited:
-            return
+        if self._edited:
+            typed = self.input.value or ""
+            self.change(lambda scene: self._put(scene, typed))
+
+    def change(self, edit: Edit) -> None:
+        """Change the scene, or tell at this field why that cannot be."""
+        self._edited = False  # so that the field shows what becomes of it
         try:
-            edit = self._edit(self.input.value or "")
-            self._edited = False  # so that the field shows what becomes of it
             self._editor.change(edit, undoable=self._undoable)
         except ValueError as error:
             self._edited = True
@@ -142,12 +135,63 @@ class NumberField:
         self.input.error = None
         self._show(self._editor.scene)
 
-    def _step(self, by: int) -> None:
-        self._edited = False
-        try:
-            self._editor.change(lambda scene: self._put(scene, self._get(scene) + by), undoable=self._undoable)
-        except ValueError as error:
-            self.input.error = str(error)
+
+def number_field(
+    editor: SceneEditor,
+    name: str,
+    get: Callable[[Scene], float],
+    put: Callable[[Scene, float], Scene],
+    *,
+    undoable: bool = True,
+) -> ui.input:
+    """A field for a number, see TextField."""
+    field = TextField(
+        editor,
+        name,
+        lambda scene: _short(get(scene)),
+        lambda scene, typed: put(scene, _number(typed)),
+        undoable=undoable,
+    )
+    return field.input.props("inputmode=decimal")
+
+
+def whole_number_field(
+    editor: SceneEditor,
+    name: str,
+    get: Callable[[Scene], int],
+    put: Callable[[Scene, int], Scene],
+    *,
+    undoable: bool = True,
+) -> ui.input:
+    """A field for a whole number, which the arrow keys count up and down; see TextField."""
+    field = TextField(
+        editor,
+        name,
+        lambda scene: str(get(scene)),
+        lambda scene, typed: put(scene, _whole_number(typed)),
+        undoable=undoable,
+    )
+    field.input.on("keydown.up.prevent", lambda: field.change(lambda scene: put(scene, get(scene) + 1)))
+    field.input.on("keydown.down.prevent", lambda: field.change(lambda scene: put(scene, get(scene) - 1)))
+    return field.input.props("inputmode=numeric")
+
+
+def _short(value: float) -> str:
+    return f"{value:.5g}" if abs(value) < 1e5 else f"{value:.8g}"
+
+
+def _number(typed: str) -> float:
+    try:
+        return float(typed)
+    except ValueError:
+        raise ValueError(f"“{typed}” is not a number" if typed.strip() else "give a number") from None
+
+
+def _whole_number(typed: str) -> int:
+    try:
+        return int(typed)
+    except ValueError:
+        raise ValueError(f"“{typed}” is not a whole number" if typed.strip() else "give a whole number") from None
 
 
 class LiveSlider(ui.slider):
@@ -168,17 +212,14 @@ def slide(
     get: Callable[[Scene], Value],
     put: Callable[[Scene, Value], Scene],
 ) -> None:
-    """Have a slider show and change the scene, which settles when the slider is let go. `put` must take any position."""
+    """Have a slider show and change the scene, which settles when it is let go. `put` must take any position."""
 
-    def moved(value: Value, settled: bool) -> None:
+    def moved(value: Any, settled: bool) -> None:
         if settled or value != get(editor.scene):
             editor.change(lambda scene: put(scene, value), settled=settled)
 
-    def released(event: GenericEventArguments) -> None:
-        moved(event.args, True)
-
-    slider.on_value_change(lambda event: moved(event.value, False) if event.value != get(editor.scene) else None)
-    slider.on("change", released)
+    slider.on_value_change(lambda event: moved(event.value, False))
+    slider.on("change", lambda event: moved(event.args, True))
     editor.follow(lambda scene: slider.set_value(get(scene)))  # type: ignore[arg-type]
 
 

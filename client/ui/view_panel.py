@@ -1,0 +1,331 @@
+"""The view on the page: from where, how much of the volume, in which order and by which kernel, and how large."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import msgspec
+from nicegui import ui
+
+from volsplat.client.colours import colour_from_hex
+from volsplat.client.ui.fields import (
+    TOGGLE_PROPS,
+    LiveRange,
+    LiveSlider,
+    SceneEditor,
+    TextField,
+    choose,
+    number_field,
+    slide,
+    whole_number_field,
+)
+from volsplat.client.ui.image_size_fields import image_size_fields
+from volsplat.client.ui.viewing import Viewing
+from volsplat.client.view_rotation import Quaternion, named_view, product
+from volsplat.protocol.footprint_shape import DEFAULT_RADIUS
+from volsplat.protocol.frame_plan import resolved_bounds, resolved_center
+from volsplat.protocol.scene import Bounds, Colour, Kernel, Order, Scene, Step, View
+from volsplat.protocol.volume import Geometry, Index
+
+SIDES = {  # the viewer's place; what is there of a patient, and of anything else
+    "front": ("anterior", "-y"),
+    "back": ("posterior", "+y"),
+    "left": ("the patient's left", "+x"),
+    "right": ("the patient's right", "-x"),
+    "top": ("superior", "+z"),
+    "bottom": ("inferior", "-z"),
+}
+ROLL_DEGREES = 15.0
+ORDERS = {
+    Order.FASTEST: "fastest",
+    Order.BACK_TO_FRONT: "back to front",
+    Order.FRONT_TO_BACK: "front to back",
+}
+AXES = "ijk"
+
+replace = msgspec.structs.replace
+
+
+def view_panel(viewing: Viewing) -> None:
+    """View, bounds, how the image forms, and what it is."""
+    description = viewing.volume.description
+    editor = SceneEditor(viewing.model, description.geometry, "view")
+    with ui.element("section").classes("vs-panel").props('aria-label="view"'):
+        ui.label("View").classes("vs-title")
+        _sides(editor, description.anatomical)
+        _moves(editor, viewing.default_scene)
+        _center(editor, description.geometry)
+    with ui.element("section").classes("vs-panel").props('aria-label="bounds"'):
+        _bounds(editor, description.geometry)
+    with ui.element("section").classes("vs-panel").props('aria-label="refinement"'):
+        ui.label("How the image forms").classes("vs-title")
+        _order(editor)
+        _lit_from(editor)
+        _bare_buffer(editor)
+        _kernel(editor)
+    with ui.element("section").classes("vs-panel").props('aria-label="image"'):
+        ui.label("Image").classes("vs-title")
+        _window(editor, viewing.volume.automatic_window)
+        image_size_fields(editor, viewing.image_size)
+        _background(editor)
+        edges = ui.switch("white edges of the volume").props("dense").classes("vs-switch")
+        choose(editor, edges, lambda scene: scene.image.edges, lambda scene, on: _image(scene, edges=on))
+
+
+# -- view
+
+
+def _sides(editor: SceneEditor, anatomical: bool) -> None:
+    with ui.element("div").classes("vs-buttons"):
+        for side, (patient, axis) in SIDES.items():
+            button = ui.button(side, color=None, on_click=lambda side=side: _turn(editor, named_view(side)))
+            button.props("dense flat no-caps")
+            button.tooltip(f"seen from {patient if anatomical else axis}")
+
+
+def _moves(editor: SceneEditor, default_scene: Scene) -> None:
+    def show_again(view: View) -> None:
+        editor.change(lambda scene: replace(scene, view=view), undoable=False)
+
+    moves = {
+        "reset": ("the view at the beginning", lambda: show_again(default_scene.view)),
+        "fit": ("the whole volume, from this side", lambda: show_again(View(rotation=editor.scene.view.rotation))),
+        "roll left": ("counter-clockwise", lambda: _turn(editor, rolled(editor.scene.view.rotation, ROLL_DEGREES))),
+        "roll right": ("clockwise", lambda: _turn(editor, rolled(editor.scene.view.rotation, -ROLL_DEGREES))),
+    }
+    with ui.element("div").classes("vs-buttons"):
+        for name, (meaning, move) in moves.items():
+            ui.button(name, color=None, on_click=move).props("dense flat no-caps").tooltip(meaning)
+
+
+def _turn(editor: SceneEditor, rotation: Quaternion) -> None:
+    editor.change(lambda scene: _viewed(scene, rotation=rotation), undoable=False)
+
+
+def rolled(rotation: Quaternion, degrees: float) -> Quaternion:
+    """The rotation with the picture turned counter-clockwise."""
+    half = math.radians(degrees) / 2
+    return product((0.0, 0.0, math.sin(half), math.cos(half)), rotation)
+
+
+def _viewed(scene: Scene, **parts: object) -> Scene:
+    return replace(scene, view=replace(scene.view, **parts))
+
+
+def _center(editor: SceneEditor, geometry: Geometry) -> None:
+    def to_middle() -> None:
+        editor.change(lambda scene: _viewed(scene, center="middle"), undoable=False)
+
+    with ui.element("div").classes("vs-row vs-fields"):
+        ui.label("centre").classes("vs-label vs-narrow")
+        for axis, letter in enumerate(AXES):
+            _center_field(editor, geometry, axis, letter)
+        middle = _pressable("middle", to_middle)
+    editor.follow(lambda scene: _press(middle, scene.view.center == "middle"))
+
+
+def _center_field(editor: SceneEditor, geometry: Geometry, axis: int, letter: str) -> None:
+    def put(scene: Scene, value: float) -> Scene:
+        center = list(resolved_center(scene, geometry))
+        center[axis] = value
+        return _viewed(scene, center=tuple(center))
+
+    field = number_field(
+        editor, f"centre {letter}", lambda scene: resolved_center(scene, geometry)[axis], put, undoable=False
+    )
+    field.props(f'prefix="{letter}"')
+
+
+def _pressable(text: str, action: object) -> ui.button:
+    with ui.element("div").classes("vs-buttons vs-alone"):
+        return ui.button(text, color=None, on_click=action).props("dense flat no-caps")  # type: ignore[arg-type]
+
+
+def _press(button: ui.button, on: bool) -> None:
+    """Show that what the button does is in force."""
+    button.classes(add="vs-on" if on else "", remove="" if on else "vs-on")
+    button.props["aria-pressed"] = "true" if on else "false"
+
+
+# -- bounds
+
+
+def _bounds(editor: SceneEditor, geometry: Geometry) -> None:
+    with ui.element("div").classes("vs-row"):
+        ui.label("Bounds").classes("vs-title")
+        ui.element("div").classes("vs-spread")
+        reset = ui.button("reset", on_click=lambda: editor.change(lambda scene: replace(scene, bounds=Bounds())))
+        reset.props("dense flat no-caps").classes("vs-quiet-button")
+    editor.follow(lambda scene: reset.set_enabled(scene.bounds != Bounds()))
+    for axis, letter in enumerate(AXES):
+        _axis_bounds(editor, geometry, axis, letter)
+
+
+def _axis_bounds(editor: SceneEditor, geometry: Geometry, axis: int, letter: str) -> None:
+    end = geometry.dims[axis]
+
+    def get(scene: Scene, side: int) -> int:
+        return resolved_bounds(scene, geometry)[side][axis]
+
+    def slid(scene: Scene, position: dict[str, int]) -> Scene:
+        low, high = int(position["min"]), int(position["max"])
+        if low == high:  # a slab of one voxel at least
+            low, high = (low, high + 1) if low < end else (low - 1, high)
+        return bounded(bounded(scene, geometry, axis, low=0, high=end), geometry, axis, low=low, high=high)
+
+    with ui.element("div").classes("vs-row vs-bound"):
+        whole_number_field(
+            editor,
+            f"lowest {letter}",
+            lambda scene: get(scene, 0),
+            lambda scene, value: bounded(scene, geometry, axis, low=value),
+        ).props(f'prefix="{letter}"')
+        slider = LiveRange(min=0, max=end, step=1).props(f'dense drag-range aria-label="bounds on {letter}"')
+        slide(editor, slider, lambda scene: {"min": get(scene, 0), "max": get(scene, 1)}, slid)
+        whole_number_field(
+            editor,
+            f"end of {letter}",
+            lambda scene: get(scene, 1),
+            lambda scene, value: bounded(scene, geometry, axis, high=value),
+        )
+
+
+def bounded(scene: Scene, geometry: Geometry, axis: int, *, low: int | None = None, high: int | None = None) -> Scene:
+    """The scene with other bounds on one axis. Raises ValueError where the volume has no such bounds."""
+    lows, highs = list(scene.bounds.low), list(scene.bounds.high)
+    if low is not None:
+        lows[axis] = low
+    if high is not None:
+        highs[axis] = -1 if high == geometry.dims[axis] else high
+        if high < 0:  # would mean the end
+            raise ValueError(f"bounds on {AXES[axis]} must end above 0, not at {high}")
+    cut = replace(scene, bounds=Bounds(low=_index(lows), high=_index(highs)))
+    resolved_bounds(cut, geometry)
+    return cut
+
+
+def _index(values: list[int]) -> Index:
+    i, j, k = values
+    return (i, j, k)
+
+
+# -- how the image forms
+
+
+def _order(editor: SceneEditor) -> None:
+    with ui.element("div").classes("vs-row"):
+        toggle = ui.toggle(ORDERS).props(f'{TOGGLE_PROPS} aria-label="order"').classes("vs-toggle")
+    choose(editor, toggle, lambda scene: scene.order, lambda scene, order: replace(scene, order=order))
+
+
+def _lit_from(editor: SceneEditor) -> None:
+    with ui.element("div").classes("vs-row"):
+        ui.label("lit from step").classes("vs-label")
+        toggle = ui.toggle({step: step.value for step in Step}).props(TOGGLE_PROPS).classes("vs-toggle")
+    choose(
+        editor,
+        toggle,
+        lambda scene: scene.refine.lit_from,
+        lambda scene, step: replace(scene, refine=replace(scene.refine, lit_from=step)),
+    )
+
+
+def _bare_buffer(editor: SceneEditor) -> None:
+    switch = ui.switch("bare buffer").props("dense").classes("vs-switch")
+    switch.tooltip("show what is being drawn without the finished step under it")
+    choose(
+        editor,
+        switch,
+        lambda scene: scene.refine.bare_buffer,
+        lambda scene, on: replace(scene, refine=replace(scene.refine, bare_buffer=on)),
+    )
+
+
+def _kernel(editor: SceneEditor) -> None:
+    def rebuilt(scene: Scene, **parts: object) -> Scene:
+        return replace(scene, reconstruction=replace(scene.reconstruction, **parts))
+
+    def radius(scene: Scene) -> float:
+        reconstruction = scene.reconstruction
+        return DEFAULT_RADIUS[reconstruction.kernel] if reconstruction.radius == "default" else reconstruction.radius
+
+    with ui.element("div").classes("vs-row"):
+        ui.label("kernel").classes("vs-label")
+        select = ui.select({kernel: kernel.value for kernel in Kernel}).classes("vs-field")
+        select.props('dense outlined options-dense aria-label="kernel"')
+    choose(
+        editor, select, lambda scene: scene.reconstruction.kernel, lambda scene, kernel: rebuilt(scene, kernel=kernel)
+    )
+    with ui.element("div").classes("vs-row"):
+        ui.label("radius, voxels").classes("vs-label")
+        slider = LiveSlider(min=1.0, max=4.0, step=0.1).props('dense aria-label="radius"')
+        slide(editor, slider, lambda scene: round(radius(scene), 1), lambda scene, value: rebuilt(scene, radius=value))
+        field = number_field(editor, "radius, a number", radius, lambda scene, value: rebuilt(scene, radius=value))
+        field.classes("vs-short")
+        default = _pressable("default", lambda: editor.change(lambda scene: rebuilt(scene, radius="default")))
+    editor.follow(lambda scene: _press(default, scene.reconstruction.radius == "default"))
+
+
+# -- the image
+
+
+def _window(editor: SceneEditor, automatic: tuple[float, float]) -> None:
+    with ui.element("div").classes("vs-row vs-fields"):
+        label = ui.label("density").classes("vs-label vs-narrow")
+        label.tooltip("the window of densities, in the data's units, that becomes the 256 entries of a table")
+        for side, name in enumerate(("lowest density", "highest density")):
+            _window_field(editor, automatic, side, name)
+        button = _pressable("automatic", lambda: editor.change(lambda scene: _quantised(scene, "auto")))
+    editor.follow(lambda scene: _press(button, scene.quantise.window == "auto"))
+
+
+def _window_field(editor: SceneEditor, automatic: tuple[float, float], side: int, name: str) -> None:
+    def window(scene: Scene) -> tuple[float, float]:
+        return automatic if scene.quantise.window == "auto" else scene.quantise.window
+
+    def put(scene: Scene, value: float) -> Scene:
+        low, high = window(scene)
+        return _quantised(scene, (value, high) if side == 0 else (low, value))
+
+    number_field(editor, name, lambda scene: window(scene)[side], put)
+
+
+def _quantised(scene: Scene, window: tuple[float, float] | Literal["auto"]) -> Scene:
+    return replace(scene, quantise=replace(scene.quantise, window=window))
+
+
+def _image(scene: Scene, **parts: object) -> Scene:
+    return replace(scene, image=replace(scene.image, **parts))
+
+
+def _background(editor: SceneEditor) -> None:
+    """A swatch that opens the browser's own picker, and the colour as text."""
+
+    def put(scene: Scene, text: str) -> Scene:
+        return _image(scene, background=colour_from_hex(text))
+
+    with ui.element("div").classes("vs-row"):
+        ui.label("background").classes("vs-label")
+        swatch = ui.element("input").classes("vs-swatch").props('type=color aria-label="background"')
+        swatch.on(
+            "input",
+            lambda event: editor.change(lambda scene: put(scene, event.args), settled=False),
+            js_handler="(event) => emit(event.target.value)",
+        )
+        swatch.on(
+            "change",
+            lambda event: editor.change(lambda scene: put(scene, event.args)),
+            js_handler="(event) => emit(event.target.value)",
+        )
+        TextField(editor, "background, #rrggbb", lambda scene: nearest_hex(scene.image.background), put)
+
+    def show(scene: Scene) -> None:
+        swatch.props["value"] = nearest_hex(scene.image.background)
+
+    editor.follow(show)
+
+
+def nearest_hex(colour: Colour) -> str:
+    """ "#rrggbb" of the nearest such colour."""
+    return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
