@@ -11,6 +11,7 @@ from typing import Any
 
 from browser import STATIC
 from PIL import Image
+from playwright.sync_api import Locator, Page
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
@@ -41,7 +42,7 @@ SIZE = (640, 480)
 
 _PAGE = """<!doctype html><meta charset="utf-8"><title>viewport</title>
 <link rel="stylesheet" href="/static/theme.css"><link rel="stylesheet" href="/static/viewport.css">
-<style>#host { width: 640px; height: 480px; background: black }</style>
+<style>body { margin: 0 } #host { width: 640px; height: 480px; background: black }</style>
 <div id="host"></div>
 <script type="module">
   import { Viewport } from "/static/viewport.js";
@@ -168,3 +169,49 @@ def plain(colour: Colour, size: tuple[int, int] = SIZE) -> bytes:
     out = io.BytesIO()
     Image.new("RGB", size, colour).save(out, "PNG")
     return out.getvalue()
+
+
+class ShownViewport:
+    """A viewport of SIZE at the top left of a tab, after its first picture, and its process."""
+
+    def __init__(self, page: Page, process: ViewportProcess, url: str) -> None:
+        self.page = page
+        self.process = process
+        page.goto(url)
+        process.wait_for_page()
+        process.say(VOLUME)
+        process.say_scene()
+        self.show_and_wait()
+        process.forget()
+
+    @property
+    def canvas(self) -> Locator:
+        return self.page.locator("#host canvas")
+
+    def show_and_wait(self, picture: bytes | None = None, **header: Any) -> int:
+        """Send a picture and wait until the page says that it has seen it, and so all that was said before."""
+        number = self.process.show(picture, **header)
+        self.process.wait_until(
+            lambda: any(said["number"] == number for said in self.process.heard_of("shown")), f"acknowledge {number}"
+        )
+        return number
+
+    def colour_at(self, x: int, y: int) -> Colour:
+        """Of the canvas, in its own pixels."""
+        r, g, b, _ = self.canvas.evaluate(
+            "(canvas, [x, y]) => [...canvas.getContext('2d').getImageData(x, y, 1, 1).data]", [x, y]
+        )
+        return (r, g, b)
+
+    def shown_numbers(self) -> list[int]:
+        numbers: list[int] = self.page.evaluate("volsplatViewport.log.map(({ number }) => number)")
+        return numbers
+
+    def frames(self, count: int) -> None:
+        """Let the page draw that many animation frames."""
+        self.page.evaluate(
+            """async (count) => {
+                for (let n = 0; n < count; n++) await new Promise(requestAnimationFrame);
+            }""",
+            count,
+        )
