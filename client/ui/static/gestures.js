@@ -44,7 +44,7 @@ export class Gestures {
   }
 
   #begin(kind, at) {
-    const { view } = this.#viewport.steering;
+    const { view } = this.#viewport;
     this.#began = { kind, view, from: [...this.#fingers.values()], at };
     this.#viewport.steering.hold();
   }
@@ -87,11 +87,11 @@ export class Gestures {
   #wheel(event) {
     event.preventDefault();
     if (!this.#viewport.ready || this.#fingers.size > 0) return;
-    const { steering, grid, size } = this.#viewport;
+    const { steering, view, grid, size } = this.#viewport;
     const unit = (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1) * (event.ctrlKey ? PINCH : 1);
     const pixels = Math.min(MOST, Math.max(-MOST, event.deltaY * unit));
     const factor = 2 ** (-pixels / HALF_ZOOM);
-    steering.nudge(zoomed(steering.view, grid, size, this.#viewport.pointAt(event), factor), event.timeStamp);
+    steering.nudge(zoomed(view, grid, size, this.#viewport.pointAt(event), factor), event.timeStamp);
   }
 }
 

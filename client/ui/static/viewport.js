@@ -98,12 +98,18 @@ export class Viewport {
 
   /** Whether there is a volume and a view of it. */
   get ready() {
-    return this.#marks !== null && this.steering.view !== null;
+    return this.#marks !== null && this.#scene !== null;
   }
 
   /** @returns {Grid} */
   get grid() {
     return this.#marks.grid;
+  }
+
+  /** What the next gesture begins with. @returns {View} */
+  get view() {
+    this.#takeOver();
+    return this.steering.view;
   }
 
   /** The size of the picture that the view is for. @returns {Size} */
@@ -225,28 +231,35 @@ export class Viewport {
       lookFrom: (side) => this.lookFrom(side),
     });
     this.canvas.after(...this.#marks.elements);
+    this.#takeOver();
+    this.#place();
   }
 
   #onScene(scene) {
     this.#scene = scene;
-    const ours = this.#contained < this.#outbox.event; // it may be older than what was done here since
-    if (this.steering.view === null || (!ours && !this.steering.busy)) this.steering.view = scene.view;
-    if (this.#marks !== null && !this.#marks.box.busy && !ours) this.#marks.box.bounds = scene.bounds;
+    this.#takeOver();
   }
 
   #onDrawn(header) {
     this.#picture = header;
     const { number, event, step, last, width, height } = header;
     remember(this.log, { number, event, step, last, width, height, shownAt: performance.now() });
-    this.#contained = Math.max(this.#contained, Math.min(header.event, this.#outbox.event));
-    if (header.event >= this.#outbox.event && !this.steering.busy) this.steering.view = header.view;
+    this.#contained = Math.max(this.#contained, header.event);
+    this.#takeOver();
     this.#place();
+  }
+
+  /** Take what others have made of the scene, unless it may be older than what was done here. */
+  #takeOver() {
+    if (this.#scene === null || this.#contained < this.#outbox.event || this.steering.busy) return;
+    this.steering.view = this.#scene.view;
+    if (this.#marks !== null && !this.#marks.box.busy) this.#marks.box.bounds = this.#scene.bounds;
   }
 
   // -- the rest
 
   #go(change) {
-    if (this.ready) this.steering.go(change(this.steering.view), performance.now());
+    if (this.ready) this.steering.go(change(this.view), performance.now());
   }
 
   #fitted(view) {
