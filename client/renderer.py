@@ -64,7 +64,7 @@ class Renderer(Protocol):
         """The steps `first` to `last`, each finished image and the partial images between."""
 
     def probe(self, scene: Scene, x: float, y: float) -> ProbedVoxel | None:
-        """The front-most visible voxel at a point of the scene's image, pixels from its top left corner."""
+        """The front-most visible voxel at a point of the scene's image, pixels from its first one's centre."""
 
 
 def refined(

@@ -237,7 +237,8 @@ class Session:
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the scene's image, None where there is none.
 
-        x and y are pixels from the image's top left corner. It need not be drawn, and a frame that runs goes on.
+        x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The image need not
+        be drawn, and a frame that runs goes on.
         Raises BadInput where the scene does not fit the volume, and PeerLost where nothing can be drawn any more.
         """
         self.volume  # noqa: B018  until it is known there is nothing to be seen

@@ -105,7 +105,7 @@ class SingleProcess:
             return
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
-        """The front-most visible voxel at a point of the image, which is not drawn. Raises BadInput."""
+        """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
         geometry = self._volume.description.geometry
         try:
             line = LineOfSight(scene, geometry, x, y)

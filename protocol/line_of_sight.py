@@ -22,14 +22,14 @@ class LineOfSight:
     """A line from a point of the image into the volume."""
 
     def __init__(self, scene: Scene, geometry: Geometry, x: float, y: float) -> None:
-        """x and y are pixels from the image's top left corner, so that a pixel's centre is at a half.
+        """x and y are pixels from the centre of the image's top left pixel, x to the right and y down.
 
         Raises ValueError where bounds or view do not fit the volume.
         """
         self.plan = plan_frame(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK), geometry, Step.F)
-        self._inside = 0 <= x < self.plan.width and 0 <= y < self.plan.height
-        self._x = x - HALF - self.plan.x.origin / FIXED_ONE
-        self._y = y - HALF - self.plan.y.origin / FIXED_ONE
+        self._inside = 0 <= x + HALF < self.plan.width and 0 <= y + HALF < self.plan.height
+        self._x = x - self.plan.x.origin / FIXED_ONE
+        self._y = y - self.plan.y.origin / FIXED_ONE
         across, down, _ = self.plan.pixels_per_index
         sheet, row, sample = self.plan.traversal.axes
         self._sheet = (across[sheet], down[sheet])  # pixels for a step from sheet to sheet, and within one

@@ -294,7 +294,7 @@ class TilesClosed(Message, frozen=True):
 class ProbeVoxels(Message, frozen=True):
     """Client to map/shade server: which of your voxels is seen at this point of the scene's image (see line_of_sight)?
 
-    x and y are pixels from the image's top left corner.
+    x and y are pixels from the centre of the image's top left pixel, x to the right and y down.
     """
 
     probe: ProbeId

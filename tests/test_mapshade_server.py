@@ -242,7 +242,7 @@ def until(happened: Callable[[], object]) -> None:
 
 def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
     width, height = scene.image.width, scene.image.height
-    return messages.ProbeVoxels(1, assignment, scene, geometry, QUANTISATION, width / 2, height / 2)
+    return messages.ProbeVoxels(1, assignment, scene, geometry, QUANTISATION, (width - 1) / 2, (height - 1) / 2)
 
 
 def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_path: Path) -> None:

@@ -152,6 +152,7 @@ class Gated:
         self.volume = renderer.volume
         self.render = renderer.render
         self.refine = renderer.refine
+        self.probe = renderer.probe
         self._finish = renderer.finish
         self.asked = threading.Semaphore(0)
         self.let = threading.Semaphore(0)
