@@ -190,7 +190,7 @@ export class TablePlot {
     const shown = pencil || points.length > MOST_HANDLES ? [] : points;
     while (this.handles.length > shown.length) this.handles[this.handles.length - 1].remove();
     while (this.handles.length < shown.length)
-      this.parts.points.append(element("circle", { role: "slider", tabindex: 0, "aria-valuemin": 0, "aria-valuemax": 1 }));
+      this.parts.points.append(element("circle", { class: this.colour ? "vs-stop" : "", role: "slider", tabindex: 0, "aria-valuemin": 0, "aria-valuemax": 1 }));
     const handles = this.handles;
     shown.forEach((point, n) => {
       const [x, y] = this._place(point);

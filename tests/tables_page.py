@@ -1,0 +1,93 @@
+"""A program that serves the tables' panel, over made-up histograms and without servers, for tests in a browser.
+
+    python tests/tables_page.py
+
+It prints its address. `/` holds the panel, `/scene` tells the session's scene as JSON, and `/reset` begins a session
+anew.
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+from pathlib import Path
+
+import msgspec
+import uvicorn
+from fastapi import FastAPI
+from nicegui import ui
+from starlette.responses import Response
+from starlette.staticfiles import StaticFiles
+
+import volsplat.client.ui
+from volsplat.client.presets import preset_scene
+from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.ui.scene_model import SceneModel
+from volsplat.client.ui.tables_panel import TablesPanel
+from volsplat.protocol.index_rules import Survey
+from volsplat.protocol.scene import ColourTable, Quantise, ScalarTable, Scene, Tables
+from volsplat.protocol.volume import Geometry, VolumeDescription
+
+STATIC = Path(volsplat.client.ui.__file__).parent / "static"
+WINDOW = (-1000.0, 1550.0)  # ten units for each entry of a table
+
+
+def peak(middle: float, width: float, height: float) -> list[int]:
+    return [round(height * math.exp(-(((n - middle) / width) ** 2))) for n in range(1000)]
+
+
+VOLUME = SurveyedVolume(
+    description=VolumeDescription(
+        name="made-up.nrrd", format="NRRD", geometry=Geometry(dims=(64, 64, 64)), scalar_type="int16", unit="mm"
+    ),
+    survey=Survey(low=-1200.0, high=2000.0, max_gradient=900.0, voxels=262144, no_data=0),
+    density_counts=[
+        sum(parts) for parts in zip(peak(70, 20, 9e4), peak(390, 15, 2e4), peak(500, 90, 500), strict=True)
+    ],
+    strength_counts=[round(1e5 * math.exp(-n / 40)) for n in range(1000)],
+)
+SCENE = Scene(
+    tables=Tables(
+        emit=ColourTable(points=((0.2, (0.0, 0.0, 0.0)), (0.8, (1.0, 0.6, 0.2)))),
+        refl=ColourTable(points=((0.5, (0.6, 0.6, 0.6)),)),
+        opac=ScalarTable(points=((0.2, 0.0), (0.4, 0.5), (0.8, 0.5))),
+        modu=ScalarTable(points=((0.1, 0.0), (0.5, 1.0))),
+    ),
+    quantise=Quantise(window=WINDOW),
+)
+
+
+def application() -> FastAPI:
+    models = [SceneModel(SCENE)]
+
+    async def scene() -> Response:
+        return Response(msgspec.json.encode(models[-1].scene))
+
+    async def reset() -> Response:
+        models.append(SceneModel(SCENE))
+        return Response()
+
+    def page() -> None:
+        for style in ("theme.css", "page.css"):
+            ui.add_head_html(f'<link rel="stylesheet" href="/volsplat/static/{style}">')
+        with ui.element("main").classes("vs-page"), ui.element("aside").classes("vs-right"):
+            TablesPanel(models[-1], VOLUME, preset_scene("ct-bone", VOLUME.density_histogram()))
+
+    served = FastAPI()
+    served.mount("/volsplat/static", StaticFiles(directory=STATIC))
+    served.add_api_route("/scene", scene)
+    served.add_api_route("/reset", reset, methods=["POST"])
+    ui.page("/")(page)
+    ui.run_with(served, dark=None, tailwind=False, show_welcome_message=False)
+    return served
+
+
+def main() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+        server = uvicorn.Server(uvicorn.Config(application(), log_level="warning"))
+        print(f"http://127.0.0.1:{listener.getsockname()[1]}", flush=True)
+        server.run(sockets=[listener])
+
+
+if __name__ == "__main__":
+    main()
