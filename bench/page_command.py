@@ -185,7 +185,7 @@ def _opened(address: str) -> Iterator[Page]:
         browser = playwright.chromium.launch(executable_path=chromium, args=["--no-sandbox"])
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
         tab.goto(address)
-        tab.wait_for_function("() => window.volsplatViewport?.log.length > 0", timeout=_WAIT)
+        tab.wait_for_function("() => window.volsplatViewport?.log.at(-1)?.last", timeout=_WAIT)
         box = tab.locator(".vs-view").bounding_box()
         assert box is not None
         tab.set_viewport_size(
