@@ -5,6 +5,7 @@ import string
 import threading
 import zlib
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import msgspec
@@ -134,38 +135,44 @@ def test_anything_is_a_scene_or_refused(text: str) -> None:
 
 
 @pytest.fixture(scope="module")
-def single(tmp_path_factory: pytest.TempPathFactory) -> Iterator[SingleProcess]:
+def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("volumes") / "head.nrrd"
     write_volume(path, *make_phantom("head", size=(16, 20, 18)))
-    with SingleProcess(path) as process:
-        yield process
+    return path
 
 
 def turn(single: SingleProcess, frames: int) -> list[Scene]:
     return turntable(plain_scene(size=(24, 16)), single.volume.description.geometry, frames)
 
 
-class Gated:
-    """Draws as another renderer does, but each frame only when the test lets it."""
+class Gated(SingleProcess):
+    """Draws each frame only when the test lets it."""
 
-    def __init__(self, renderer: SingleProcess) -> None:
-        self.volume = renderer.volume
-        self.render = renderer.render
-        self.refine = renderer.refine
-        self.probe = renderer.probe
-        self._finish = renderer.finish
+    def __init__(self, volume: Path) -> None:
+        super().__init__(volume)
         self.asked = threading.Semaphore(0)
         self.let = threading.Semaphore(0)
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         self.asked.release()
         assert self.let.acquire(timeout=TIME_LIMIT)
-        return self._finish(scene, step)
+        return super().finish(scene, step)
 
 
-def test_a_job_tells_how_far_it_is_and_ends_whole(single: SingleProcess, tmp_path: Path) -> None:
-    gated = Gated(single)
-    job = MovieJob(gated, turn(single, 3), tmp_path / "turn")
+@pytest.fixture
+def gated(head: Path) -> Iterator[Gated]:
+    with closing(Gated(head)) as process:
+        yield process
+
+
+@pytest.fixture
+def single(head: Path) -> Iterator[SingleProcess]:
+    with SingleProcess(head) as process:
+        yield process
+
+
+def test_a_job_tells_how_far_it_is_and_ends_whole(gated: Gated, tmp_path: Path) -> None:
+    job = MovieJob(gated, turn(gated, 3), tmp_path / "turn")
     assert (job.done, job.progress, job.whole) == (False, 0.0, False)
     seen = []
     for _ in range(3):
@@ -179,9 +186,8 @@ def test_a_job_tells_how_far_it_is_and_ends_whole(single: SingleProcess, tmp_pat
     assert len(list((tmp_path / "turn").iterdir())) == 3
 
 
-def test_a_cancelled_job_ends_with_the_frame_and_leaves_nothing(single: SingleProcess, tmp_path: Path) -> None:
-    gated = Gated(single)
-    job = MovieJob(gated, turn(single, 50), tmp_path / "turn")
+def test_a_cancelled_job_ends_with_the_frame_and_leaves_nothing(gated: Gated, tmp_path: Path) -> None:
+    job = MovieJob(gated, turn(gated, 50), tmp_path / "turn")
     for _ in range(2):
         assert gated.asked.acquire(timeout=TIME_LIMIT)
         gated.let.release()
