@@ -9,7 +9,6 @@ from pathlib import Path
 import click
 from rich.console import Console
 
-from volsplat.bench.bottleneck import bottleneck
 from volsplat.bench.option_lists import fractions, whole_numbers
 from volsplat.bench.outputs import Outputs, output_options
 from volsplat.bench.record import record
@@ -18,6 +17,7 @@ from volsplat.bench.scaling_cases import Case, frames_of, visible_cases, voxel_c
 from volsplat.bench.scaling_tables import figures_of, growth_table, panels, servers_table
 from volsplat.bench.subject import shares, subject_of, subject_options, volume_file, volume_words
 from volsplat.bench.views import around, seen
+from volsplat.client.bottleneck import bottleneck
 from volsplat.client.frame_report import this_machine
 from volsplat.client.render_command import Servers, opened, shared_token
 from volsplat.protocol.addresses import parse_address

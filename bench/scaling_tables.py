@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Sequence
 
-from volsplat.bench.bottleneck import bottleneck
 from volsplat.bench.plot import Panel
 from volsplat.bench.record import Figure, figure
 from volsplat.bench.renderers import SINGLE
 from volsplat.bench.scaling_cases import Taken
 from volsplat.bench.text_table import TextTable, significant, spread, with_give_or_take
+from volsplat.client.bottleneck import bottleneck
 from volsplat.client.frame_report import StepReport, this_machine
 
 BASE_BYTES = 250_000_000  # that a process may need for any volume

@@ -11,9 +11,9 @@ import pytest
 from programs import TIME_LIMIT, Person
 
 from volsplat.bench import extra
-from volsplat.bench.bottleneck import bottleneck
 from volsplat.bench.command import SUMMARIES, bench
 from volsplat.bench.record import Record, read_record
+from volsplat.client.bottleneck import bottleneck
 from volsplat.client.frame_report import PAPER_SECONDS, StepReport, report_of
 from volsplat.client.image_file import read_image
 from volsplat.client.phantoms import make_phantom

@@ -117,11 +117,13 @@ def _center(editor: SceneEditor, geometry: Geometry) -> None:
     def to_middle() -> None:
         editor.change(lambda scene: _viewed(scene, center="middle"), undoable=False)
 
+    with ui.element("div").classes("vs-row"):
+        ui.label("centre of the image, grid").classes("vs-label")
+        ui.element("div").classes("vs-spread")
+        middle = _pressable("middle", to_middle)
     with ui.element("div").classes("vs-row vs-fields"):
-        ui.label("centre").classes("vs-label vs-narrow")
         for axis, letter in enumerate(AXES):
             _center_field(editor, geometry, axis, letter)
-        middle = _pressable("middle", to_middle)
     editor.follow(lambda scene: _press(middle, scene.view.center == "middle"))
 
 
@@ -251,14 +253,14 @@ def _kernel(editor: SceneEditor) -> None:
         return DEFAULT_RADIUS[reconstruction.kernel] if reconstruction.radius == "default" else reconstruction.radius
 
     with ui.element("div").classes("vs-row"):
-        ui.label("kernel").classes("vs-label")
+        ui.label("kernel").classes("vs-label vs-narrow")
         select = ui.select({kernel: kernel.value for kernel in Kernel}).classes("vs-field")
         select.props('dense outlined options-dense aria-label="kernel"')
     choose(
         editor, select, lambda scene: scene.reconstruction.kernel, lambda scene, kernel: rebuilt(scene, kernel=kernel)
     )
     with ui.element("div").classes("vs-row"):
-        ui.label("radius, voxels").classes("vs-label")
+        ui.label("radius").classes("vs-label vs-narrow").tooltip("in voxels, where the kernel is cut")
         slider = LiveSlider(min=1.0, max=4.0, step=0.1).props('dense aria-label="radius"')
         slide(editor, slider, lambda scene: round(radius(scene), 1), lambda scene, value: rebuilt(scene, radius=value))
         field = number_field(editor, "radius, a number", radius, lambda scene, value: rebuilt(scene, radius=value))
