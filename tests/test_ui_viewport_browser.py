@@ -145,7 +145,7 @@ def test_without_inertia_a_drag_ends_when_let_go(shown: ShownViewport) -> None:
 
 
 def test_with_inertia_the_volume_turns_on_and_comes_to_rest(shown: ShownViewport) -> None:
-    shown.page.evaluate("window.volsplatViewport.setInertia(true)")
+    shown.page.evaluate("volsplatViewport.steering.inertia = true")
     shown.page.evaluate(
         """() => {
             const canvas = document.querySelector("canvas");
@@ -177,9 +177,9 @@ def test_number_keys_look_from_a_side(shown: ShownViewport, key: str, name: str)
     shown.canvas.focus()
     shown.page.keyboard.press("ArrowUp")
     shown.page.keyboard.press(key)
-    view = shown.process.wait_for("view", 2)
+    view = shown.process.wait_for_settled()
     assert view["rotation"] == pytest.approx(named_view(name), abs=ROUNDING)
-    assert view["settled"]
+    assert [said["settled"] for said in shown.process.heard_of("view")] == [False, True]
 
 
 @pytest.mark.parametrize(
@@ -220,9 +220,10 @@ def test_shifted_arrows_pan(shown: ShownViewport, key: str, axis: int, sign: int
 def test_plus_and_minus_zoom(shown: ShownViewport) -> None:
     shown.canvas.focus()
     shown.page.keyboard.press("+")
-    assert shown.process.wait_for("view")["zoom"] == pytest.approx(VIEW["zoom"] * 1.25)
+    assert shown.process.wait_for_settled()["zoom"] == pytest.approx(VIEW["zoom"] * 1.25)
+    shown.process.forget()
     shown.page.keyboard.press("-")
-    assert shown.process.wait_for("view", 2)["zoom"] == pytest.approx(VIEW["zoom"])
+    assert shown.process.wait_for_settled()["zoom"] == pytest.approx(VIEW["zoom"])
 
 
 @pytest.mark.parametrize("key", ["0", "f"])
@@ -231,7 +232,7 @@ def test_reset_and_fit_show_the_whole_volume(shown: ShownViewport, key: str) -> 
     shown.page.keyboard.press("+")
     shown.page.keyboard.press("Shift+ArrowUp")
     shown.page.keyboard.press(key)
-    view = shown.process.wait_for("view", 3)
+    view = shown.process.wait_for_settled()
     radius = math.hypot(32, 24, 40)
     assert view["zoom"] == pytest.approx(0.95 * SIZE[1] / (2 * radius / VOLUME["reference_spacing"]))
     assert view["center"] == VIEW["center"]
@@ -316,21 +317,30 @@ def test_a_drag_is_not_pulled_away(shown: ShownViewport) -> None:
 
 def test_an_echo_of_an_older_view_does_not_pull_back(shown: ShownViewport) -> None:
     shown.canvas.focus()
-    shown.page.keyboard.press("ArrowRight")
+    shown.page.keyboard.press("5")
     older = shown.process.wait_for("view")
-    shown.page.keyboard.press("ArrowRight")
+    shown.page.keyboard.press("1")
     shown.process.say_scene(view=older)
     shown.show_and_wait(view=older, event=1)
     shown.page.keyboard.press("ArrowRight")
-    view = shown.process.wait_for("view", 3)
-    assert on_screen(view, (0.0, -1.0, 0.0))[0] == pytest.approx(math.sin(3 * TURN), abs=ROUNDING)
+    view = shown.process.wait_for_settled_after(2)
+    assert on_screen(view, (0.0, -1.0, 0.0))[0] == pytest.approx(math.sin(TURN), abs=ROUNDING)
 
 
 def test_what_the_process_made_of_a_view_is_taken_over(shown: ShownViewport) -> None:
     shown.canvas.focus()
-    shown.page.keyboard.press("ArrowRight")
+    shown.page.keyboard.press("5")
     shown.process.wait_for("view")
     shown.process.say_scene(view={**VIEW, "zoom": 2.0})
     shown.show_and_wait(event=1)
-    shown.page.keyboard.press("ArrowRight")
+    shown.page.keyboard.press("1")
     assert shown.process.wait_for("view", 2)["zoom"] == 2.0
+
+
+def test_a_held_key_settles_once_it_is_let_go(shown: ShownViewport) -> None:
+    shown.canvas.focus()
+    for _ in range(8):
+        shown.page.keyboard.down("ArrowRight")
+    shown.page.keyboard.up("ArrowRight")
+    view = shown.process.wait_for_settled_after(8)
+    assert on_screen(view, (0.0, -1.0, 0.0))[0] == pytest.approx(math.sin(8 * TURN), abs=ROUNDING)

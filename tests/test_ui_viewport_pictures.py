@@ -19,7 +19,6 @@ RED, GREEN = (200, 0, 0), (0, 200, 0)
 PIXELS_PER_VOXEL = VIEW["zoom"] / VOLUME["reference_spacing"]
 OBLIQUE = {**VIEW, "rotation": rotation_from_angles(-30, 25)}
 MIDDLE = ((SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2)
-WHOLE = {"low": [0, 0, 0], "high": VOLUME["dims"]}
 
 
 @pytest.fixture
@@ -135,10 +134,9 @@ def test_dragging_a_handle_cuts_whole_voxels(shown: ShownViewport) -> None:
     shown.page.mouse.move(x + 9.8 * PIXELS_PER_VOXEL, y + 30, steps=4)
     expect(shown.page.get_by_text("low i = 10")).to_be_visible()
     shown.page.mouse.up()
-    said = shown.process.wait_for_settled("bounds")
-    assert (said["low"], said["high"]) == ([10, 0, 0], VOLUME["dims"])
-    said = shown.process.heard_of("bounds")
-    assert [bounds["settled"] for bounds in said[:-1]] == [False] * (len(said) - 1)
+    last = shown.process.wait_for_settled("bounds")
+    assert (last["low"], last["high"]) == ([10, 0, 0], VOLUME["dims"])
+    assert not any(said["settled"] for said in shown.process.heard_of("bounds")[:-1])
     assert shown.process.heard_of("view") == shown.process.heard_of("center") == []
 
 
@@ -229,10 +227,23 @@ def test_no_value_is_asked_for_while_things_move(shown: ShownViewport) -> None:
     shown.page.mouse.down()
     shown.page.mouse.move(260, 150)
     shown.process.wait_for("view")
-    shown.page.mouse.up()
-    shown.process.wait_for_settled()
-    shown.show_and_wait()
+    shown.process.forget()
+    shown.frames(10)
+    shown.show_and_wait(revision=2)
     assert shown.process.heard_of("probe") == []
+
+
+def test_a_value_is_asked_for_anew_when_the_picture_has_changed(shown: ShownViewport) -> None:
+    value = shown.page.locator(".vs-value")
+    shown.page.mouse.move(200, 150)
+    asked = shown.process.wait_for("probe")
+    found = {**asked, "index": [48, 60, 20], "density": 1124.2, "strength": 31.21}
+    shown.process.say(found)
+    value.wait_for()
+    shown.show_and_wait(revision=2, last=False)
+    expect(value).to_be_hidden()
+    shown.show_and_wait(revision=2, last=True)
+    assert shown.process.wait_for("probe", 2) == asked
 
 
 # -- troubles

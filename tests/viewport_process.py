@@ -90,6 +90,14 @@ class ViewportProcess:
         self.wait_until(lambda: any(m["settled"] for m in self.heard_of(kind)[-1:]), f"settle its {kind}")
         return self.heard_of(kind)[-1]
 
+    def wait_for_settled_after(self, event: int) -> Message:
+        """The settled view that ends what the person did after the numbered event."""
+        self.wait_until(
+            lambda: any(view["settled"] and view["event"] > event for view in self.heard_of("view")),
+            f"settle after event {event}",
+        )
+        return self.heard_of("view")[-1]
+
     def forget(self) -> None:
         with self._changed:
             self.heard.clear()

@@ -19,21 +19,4 @@ export default {
     this.socket.close();
     this.viewport.close();
   },
-  methods: {
-    lookFrom(name) {
-      this.viewport.lookFrom(name);
-    },
-    reset() {
-      this.viewport.reset();
-    },
-    fit() {
-      this.viewport.fit();
-    },
-    rollBy(degrees) {
-      this.viewport.rollBy(degrees);
-    },
-    setInertia(on) {
-      this.viewport.setInertia(on);
-    },
-  },
 };

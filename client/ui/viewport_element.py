@@ -21,26 +21,7 @@ class ViewportElement(Element, component="viewport_component.js", esm={"volsplat
         self._props["tab"] = tab
         self._props["home"] = list(home)
 
-    def look_from(self, side: str) -> None:
-        """Turn to one of the six sides: front, back, left, right, top or bottom."""
-        self.run_method("lookFrom", side)
-
-    def reset(self) -> None:
-        self.run_method("reset")
-
-    def fit(self) -> None:
-        """Bring the whole volume into the picture."""
-        self.run_method("fit")
-
-    def roll(self, degrees: float) -> None:
-        """Turn the picture counter-clockwise."""
-        self.run_method("rollBy", degrees)
-
-    def set_inertia(self, on: bool) -> None:
-        """Whether the volume goes on turning when it is let go."""
-        self.run_method("setInertia", on)
-
 
 def viewport_element(home: Quaternion | None = None) -> ViewportElement:
-    """The viewport of the tab that is being built."""
+    """The viewport of the tab that is being built; reset goes to `home`, or to the front."""
     return ViewportElement(context.client.id, home or named_view("front"))

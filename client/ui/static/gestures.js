@@ -21,20 +21,23 @@ export class Gestures {
   #began = /** @type {{kind: string, view: View, from: Point[], at: Point} | null} */ (null);
   #moved = false;
 
-  /** @param {Viewport} viewport @param {HTMLElement} element that they are over, as large as the picture's frame */
-  constructor(viewport, element) {
+  /** @param {Viewport} viewport */
+  constructor(viewport) {
     this.#viewport = viewport;
+    const element = viewport.canvas;
     element.addEventListener("pointerdown", (event) => this.#down(event));
     element.addEventListener("pointermove", (event) => this.#move(event));
     element.addEventListener("pointerup", (event) => this.#up(event, true));
     element.addEventListener("pointercancel", (event) => this.#up(event, false));
     element.addEventListener("mousedown", (event) => event.preventDefault()); // no scrolling by the middle button
     element.addEventListener("contextmenu", (event) => event.preventDefault());
-    element.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
+    // The wheel zooms over the handles too.
+    viewport.element.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
   }
 
   #down(event) {
     event.currentTarget.focus({ preventScroll: true });
+    this.#viewport.hover(null);
     if (!this.#viewport.ready || this.#fingers.size === 2) return;
     event.currentTarget.setPointerCapture(event.pointerId);
     this.#fingers.set(event.pointerId, this.#viewport.pointAt(event));
@@ -85,6 +88,7 @@ export class Gestures {
   }
 
   #wheel(event) {
+    if (event.target.closest(".vs-help")) return; // which scrolls
     event.preventDefault();
     if (!this.#viewport.ready || this.#fingers.size > 0) return;
     const { steering, view, grid, size } = this.#viewport;

@@ -12,16 +12,16 @@ const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], Arrow
 
 /** Keys without Ctrl; their names tell of Shift. @type {Record<string, (viewport: Viewport) => void>} */
 const PLAIN = {
-  0: (viewport) => viewport.reset(),
-  f: (viewport) => viewport.fit(),
-  "+": (viewport) => viewport.zoomBy(ZOOM),
-  "=": (viewport) => viewport.zoomBy(ZOOM),
-  "-": (viewport) => viewport.zoomBy(1 / ZOOM),
-  "[": (viewport) => viewport.rollBy(TURN),
-  "]": (viewport) => viewport.rollBy(-TURN),
-  i: (viewport) => viewport.setInertia(!viewport.inertia),
+  0: (viewport) => viewport.actions.reset(),
+  f: (viewport) => viewport.actions.fit(),
+  "+": (viewport) => viewport.actions.zoomBy(ZOOM),
+  "=": (viewport) => viewport.actions.zoomBy(ZOOM),
+  "-": (viewport) => viewport.actions.zoomBy(1 / ZOOM),
+  "[": (viewport) => viewport.actions.rollBy(TURN),
+  "]": (viewport) => viewport.actions.rollBy(-TURN),
+  i: (viewport) => viewport.actions.toggleInertia(),
   "?": (viewport) => viewport.toggleHelp(),
-  ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.lookFrom(name)])),
+  ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.actions.lookFrom(name)])),
 };
 
 /** @type {[string, string][]} */
@@ -55,8 +55,8 @@ export function obeyKey(event, viewport) {
   }
   if (key in ARROWS) {
     const [x, y] = ARROWS[key];
-    if (event.shiftKey) viewport.panBy(x * PAN, y * PAN);
-    else viewport.turnBy(x * TURN, y * TURN);
+    if (event.shiftKey) viewport.actions.panBy(x * PAN, y * PAN);
+    else viewport.actions.turnBy(x * TURN, y * TURN);
     return true;
   }
   if (key === "Escape" && viewport.helpShown) viewport.toggleHelp();

@@ -1,16 +1,16 @@
 // The viewport: the picture of the volume, and everything that is done with a pointer or a key over it. It knows a
 // transport only, so that the same module works in volsplat's page (viewport_socket.js) and in a notebook.
 
-import { fittingZoom, panned, turnedBy, zoomed } from "./camera.js";
 import { Frame } from "./frame.js";
 import { Gestures } from "./gestures.js";
 import { keyList, obeyKey } from "./keys.js";
 import { Marks } from "./marks.js";
 import { Outbox, remember } from "./outbox.js";
 import { PictureCanvas } from "./picture_canvas.js";
-import { about, namedView, product } from "./rotation.js";
+import { namedView } from "./rotation.js";
 import { Steering } from "./steering.js";
 import { TroubleBar } from "./trouble_bar.js";
+import { ViewActions } from "./view_actions.js";
 
 const RESIZED_AFTER = 100; // milliseconds without a further change
 const LABEL = "The volume. Drag or use the arrow keys to turn it; press ? for all keys.";
@@ -36,6 +36,7 @@ export class Viewport {
   #picture = /** @type {any} */ (null); // header of what is on the canvas
   #scene = /** @type {any} */ (null);
   #marks = /** @type {Marks | null} */ (null); // once the volume is known
+  #pointer = /** @type {Point | null} */ (null); // where it rests or moves, in the element
   #contained = 0; // the last event of ours that the process has told of
   #trouble = new TroubleBar();
   #help = document.createElement("div");
@@ -50,7 +51,6 @@ export class Viewport {
    */
   constructor(host, transport, { home = namedView("front") } = {}) {
     this.#transport = transport;
-    this.home = home;
     /**
      * Pictures that were drawn, newest last.
      * @type {{number: number, event: number, step: string, last: boolean, width: number, height: number,
@@ -58,6 +58,7 @@ export class Viewport {
      */
     this.log = [];
     this.steering = new Steering((view, settled, at) => this.#outbox.post({ type: "view", ...view, settled }, at));
+    this.actions = new ViewActions(this, home);
     this.#outbox = new Outbox((message) => transport.send(message));
     this.element = document.createElement("div");
     this.element.className = "vs-viewport";
@@ -73,7 +74,7 @@ export class Viewport {
     this.#help.append(keyList());
     this.element.append(this.canvas, this.#helpButton(), this.#help, this.#trouble.element);
     host.append(this.element);
-    new Gestures(this, this.canvas);
+    new Gestures(this);
     this.element.addEventListener("keydown", (event) => this.#onKey(event));
     this.#observer.observe(this.element);
     transport.onstate((state) => this.#onState(state));
@@ -117,59 +118,12 @@ export class Viewport {
     return { width: this.#scene.width, height: this.#scene.height };
   }
 
-  // -- what a person can do, by a gesture, a key or a button
-
-  /** @param {string} name one of AXIS_VIEWS */
-  lookFrom(name) {
-    this.#go((view) => ({ ...view, rotation: namedView(name) }));
-  }
-
-  reset() {
-    this.#go((view) => ({ ...this.#fitted(view), rotation: this.home }));
-  }
-
-  /** The whole volume in the picture, standing as it does. */
-  fit() {
-    this.#go((view) => this.#fitted(view));
-  }
-
-  /** The front of the volume to the right and down. @param {number} right degrees @param {number} down degrees */
-  turnBy(right, down) {
-    this.#go((view) => turnedBy(view, product(about(0, down), about(1, right))));
-  }
-
-  /** Counter-clockwise. @param {number} degrees */
-  rollBy(degrees) {
-    this.#go((view) => turnedBy(view, about(2, degrees)));
-  }
-
-  /** By shares of the picture's shorter side. @param {number} right @param {number} down */
-  panBy(right, down) {
-    const side = Math.min(this.size.width, this.size.height);
-    this.#go((view) => panned(view, this.grid, [0, 0], [right * side, down * side]));
-  }
-
-  /** About the picture's middle. @param {number} factor */
-  zoomBy(factor) {
-    const middle = /** @type {Point} */ ([(this.size.width - 1) / 2, (this.size.height - 1) / 2]);
-    this.#go((view) => zoomed(view, this.grid, this.size, middle, factor));
-  }
-
   undo() {
     this.#transport.send({ type: "undo" });
   }
 
   redo() {
     this.#transport.send({ type: "redo" });
-  }
-
-  get inertia() {
-    return this.steering.inertia;
-  }
-
-  /** Whether the volume goes on turning when it is let go. @param {boolean} on */
-  setInertia(on) {
-    this.steering.inertia = on;
   }
 
   get helpShown() {
@@ -194,12 +148,11 @@ export class Viewport {
     this.#transport.send({ type: "center", x, y });
   }
 
-  /** The pointer rests or moves without a button. @param {MouseEvent} event */
+  /** The pointer is there without a button; null if it is away, or drags. @param {MouseEvent | null} event */
   hover(event) {
-    if (this.#picture === null || this.#marks === null) return;
-    const [at, frame] = [this.#inElement(event), this.#frame()];
-    if (frame.holds(at)) this.#marks.value.hover(frame.toPicture(at), () => !this.steering.busy);
-    else this.#marks.value.clear();
+    this.#pointer = event && this.#inElement(event);
+    if (event === null) this.#marks?.value.clear();
+    else this.#askValue();
   }
 
   // -- from the process
@@ -228,7 +181,7 @@ export class Viewport {
     this.#marks = new Marks(volume, {
       moveBounds: (bounds, settled, at) => this.#outbox.post({ type: "bounds", ...bounds, settled }, at),
       probe: ([x, y]) => this.#transport.send({ type: "probe", x, y }),
-      lookFrom: (side) => this.lookFrom(side),
+      lookFrom: (side) => this.actions.lookFrom(side),
     });
     this.canvas.after(...this.#marks.elements);
     this.#takeOver();
@@ -241,12 +194,24 @@ export class Viewport {
   }
 
   #onDrawn(header) {
+    if (header.revision !== this.#picture?.revision) this.#marks?.value.clear();
     this.#picture = header;
     const { number, event, step, last, width, height } = header;
     remember(this.log, { number, event, step, last, width, height, shownAt: performance.now() });
     this.#contained = Math.max(this.#contained, header.event);
     this.#takeOver();
     this.#place();
+    if (header.last) this.#askValue();
+  }
+
+  #askValue() {
+    if (this.#picture === null || this.#marks === null || this.#pointer === null) return;
+    const frame = this.#frame();
+    if (frame.holds(this.#pointer)) {
+      this.#marks.value.hover(frame.toPicture(this.#pointer), () => !this.steering.busy);
+    } else {
+      this.#marks.value.clear();
+    }
   }
 
   /** Take what others have made of the scene, unless it may be older than what was done here. */
@@ -257,14 +222,6 @@ export class Viewport {
   }
 
   // -- the rest
-
-  #go(change) {
-    if (this.ready) this.steering.go(change(this.view), performance.now());
-  }
-
-  #fitted(view) {
-    return { ...view, center: this.grid.middle, zoom: fittingZoom(this.grid, this.size) };
-  }
 
   #onKey(event) {
     const known = event.target === this.canvas && this.ready && obeyKey(event, this);
@@ -313,7 +270,7 @@ export class Viewport {
     canvas.tabIndex = 0;
     canvas.setAttribute("role", "application");
     canvas.setAttribute("aria-label", LABEL);
-    canvas.addEventListener("pointerleave", () => this.#marks?.value.clear());
+    canvas.addEventListener("pointerleave", () => this.hover(null));
     return canvas;
   }
 
