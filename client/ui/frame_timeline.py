@@ -125,7 +125,8 @@ def _tick(at: float, seconds: float, height: float) -> str:
     x = f"{100 * at / seconds:.4f}%"
     return (
         f'<line class="vs-tick" x1="{x}" x2="{x}" y1="0" y2="{height:.2f}em"/>'
-        f'<text class="vs-tick-text" x="{x}" y="{height + AXIS_HEIGHT - 0.4:.2f}em" text-anchor="middle">{time_text(at)}</text>'
+        f'<text class="vs-tick-text" x="{x}" y="{height + AXIS_HEIGHT - 0.4:.2f}em" text-anchor="middle">'
+        f"{time_text(at)}</text>"
     )
 
 
