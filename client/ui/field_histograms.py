@@ -15,7 +15,7 @@ GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 SCREEN_FIELDS = {
     Field.SCREEN_X: "screen x, to the right",
     Field.SCREEN_Y: "screen y, upwards",
-    Field.SCREEN_Z: "screen z, nearer",
+    Field.SCREEN_Z: "screen z, to the viewer",
 }
 
 

@@ -227,9 +227,7 @@ def _why_unused(scene: Scene, which: str) -> str:
 
 
 def _icon_button(icon: str, label: str, on_click: Callable[[], object] | None = None) -> ui.button:
-    button = (
-        ui.button(icon=icon, on_click=on_click, color=None).props("flat dense round size=sm").classes("vs-icon-button")
-    )
+    button = ui.button(icon=icon, on_click=on_click, color=None).props("flat dense round").classes("vs-icon-button")
     button.props["aria-label"] = button.props["title"] = label
     return button
 

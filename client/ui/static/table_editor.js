@@ -57,7 +57,7 @@ export class TableEditor {
     });
     this._listen();
     this.observer = new ResizeObserver(([{ contentRect }]) => {
-      this.plot.size = { width: contentRect.width, height: contentRect.height };
+      this.plot.resize(contentRect.width, contentRect.height);
       this._draw();
     });
     this.observer.observe(this.plot.svg);
@@ -122,7 +122,7 @@ export class TableEditor {
     svg.addEventListener("dblclick", (event) => this._doubleClick(event));
     svg.addEventListener("contextmenu", (event) => {
       event.preventDefault();
-      this._remove(this.plot.pointAt(this.points, event.clientX, event.clientY));
+      if (!this.pencil) this._remove(this.plot.pointAt(this.points, event.clientX, event.clientY));
     });
     svg.addEventListener("keydown", (event) => this._key(event));
     svg.addEventListener("keyup", (event) => event.key in ARROWS && this._settle());
@@ -151,6 +151,7 @@ export class TableEditor {
 
   /** @param {PointerEvent} event */
   _press(event) {
+    this.fields.leave();
     if (event.button !== 0 || this.drag) return;
     if (this.pencil) this._begin(event, this._drawing(event));
     else {
@@ -256,7 +257,7 @@ export class TableEditor {
     event.stopPropagation();
     const [position, value] = this.points[this.selected];
     const fine = event.shiftKey ? 0.1 : 1;
-    const moved = this._between(this.selected, rounded(position + arrow[0] * POSITION_STEP * fine));
+    const moved = this._between(this.selected, position + arrow[0] * POSITION_STEP * fine);
     const raised = typeof value === "number" ? within(0, rounded(value + arrow[1] * VALUE_STEP * fine), 1) : value;
     this._set(this.selected, [arrow[0] ? moved : position, raised], false);
   }
@@ -328,15 +329,15 @@ export class TableEditor {
 
   /** Send the change that is under way as done. */
   _settle() {
-    if (!this.before) return;
+    const changed = this.before && this.before !== this.points;
     cancelAnimationFrame(this.frame);
     this.frame = 0;
     this.before = null;
-    this._send(true);
+    if (changed) this._send(true);
   }
 
   _cancel() {
-    this.points = /** @type {Point[]} */ (this.before);
+    this.points = [.../** @type {Point[]} */ (this.before)];
     this.drag = null;
     this._settle();
     this._select(Math.min(this.selected, this.points.length - 1));

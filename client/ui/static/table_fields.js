@@ -63,6 +63,12 @@ export class TableFields {
     return [channel === 0 ? value : old[0], channel === 1 ? value : old[1], channel === 2 ? value : old[2]];
   }
 
+  /** Take what is being typed, for the point that it was typed for. */
+  leave() {
+    const active = document.activeElement;
+    if (active instanceof HTMLElement && this.row.contains(active)) active.blur();
+  }
+
   /** Open the browser's colours for the selected stop. */
   pick() {
     this.picker?.showPicker();
@@ -104,7 +110,10 @@ export class TableFields {
       if (wrong === "") delete field.dataset.edited;
       return wrong === "";
     };
-    field.addEventListener("input", () => (field.dataset.edited = "yes"));
+    field.addEventListener("input", () => {
+      field.dataset.edited = "yes";
+      this.complain("");
+    });
     field.addEventListener("keydown", (event) => {
       event.stopPropagation();
       if (event.key === "Enter" && commit()) field.value = text();

@@ -6,14 +6,20 @@ import { ENTRIES, channels, dataText, entries, hexOf, ticks, valueAt, within } f
 /** @typedef {{label: string, low: number, high: number, unit: string}} Axis */
 /** @typedef {{points: Point[], selected: number, pencil: boolean, hover: number | null}} State */
 
-const LEFT = 22; // pixels, for the scale 0..1
+// Measures in pixels for text of 13 pixels; they grow with it.
+const TEXT = 13;
+const LEFT = 22; // for the scale 0..1
 const RIGHT = 7;
 const AXIS = 16;
 const STRIP = { top: 1, height: 16 };
+const TOP = { colour: STRIP.top + STRIP.height + 10, scalar: 7 }; // where the plot begins
+const RADIUS = { colour: 5, scalar: 4, crowded: 3 };
 const GRAB = 10; // how near a pointer must come to a point
 const LINE_GRAB = 6;
+const TICK = 64; // the least room for one
+
 const MOST_HANDLES = 64; // a table of more points is edited by drawing
-const PIXELS_PER_TICK = 64;
+const CROWD = 24; // points, from which they are drawn smaller
 
 let plots = 0;
 
@@ -22,8 +28,8 @@ export class TablePlot {
   constructor(parent, name, colour) {
     this.name = name;
     this.colour = colour;
-    this.top = colour ? STRIP.top + STRIP.height + 10 : 7;
     this.size = { width: 300, height: 100 };
+    this.scale = 1;
     this.logarithmic = true;
     /** @type {Axis} */
     this.axis = { label: "", low: 0, high: 1, unit: "" };
@@ -52,21 +58,27 @@ export class TablePlot {
     return /** @type {SVGElement[]} */ ([...this.parts.points.children]);
   }
 
+  /** Fill a place in the page, in pixels. @param {number} width @param {number} height */
+  resize(width, height) {
+    this.size = { width, height };
+    this.scale = parseFloat(getComputedStyle(this.svg).fontSize) / TEXT;
+  }
+
   /** The table position under a place in the window. @param {number} clientX */
   positionAt(clientX) {
     const x = clientX - this.svg.getBoundingClientRect().left;
-    return within(0, (x - LEFT) / this._width, 1);
+    return within(0, (x - this._left) / this._width, 1);
   }
 
   /** The value 0..1 under a place in the window. @param {number} clientY */
   valueAt(clientY) {
     const y = clientY - this.svg.getBoundingClientRect().top;
-    return within(0, 1 - (y - this.top) / this._height, 1);
+    return within(0, 1 - (y - this._top) / this._height, 1);
   }
 
   /** Whether a place in the window is on the strip of colours. @param {number} clientY */
   onStrip(clientY) {
-    return this.colour && clientY - this.svg.getBoundingClientRect().top < this.top - 4;
+    return this.colour && clientY - this.svg.getBoundingClientRect().top < this._top - 4 * this.scale;
   }
 
   /** The point under a place in the window, or -1; of two at one position the one on the pointer's side. */
@@ -75,7 +87,7 @@ export class TablePlot {
     const [x, y] = [clientX - box.left, clientY - box.top];
     if (points.length > MOST_HANDLES) return -1;
     let best = -1;
-    let nearest = GRAB;
+    let nearest = GRAB * this.scale;
     points.forEach((point, n) => {
       const [px, py] = this._place(point);
       const away = this.colour && !this.onStrip(clientY) ? Infinity : Math.hypot(px - x, py - y);
@@ -89,7 +101,7 @@ export class TablePlot {
     if (this.colour) return this.onStrip(clientY);
     const y = clientY - this.svg.getBoundingClientRect().top;
     const value = /** @type {number} */ (valueAt(points, this.positionAt(clientX)));
-    return Math.abs(this._y(value) - y) < LINE_GRAB;
+    return Math.abs(this._y(value) - y) < LINE_GRAB * this.scale;
   }
 
   /** @param {State} state */
@@ -115,43 +127,52 @@ export class TablePlot {
     return dataText(low + position * (high - low), low, high);
   }
 
+  get _left() {
+    return LEFT * this.scale;
+  }
+
+  get _top() {
+    return (this.colour ? TOP.colour : TOP.scalar) * this.scale;
+  }
+
   get _width() {
-    return this.size.width - LEFT - RIGHT;
+    return this.size.width - (LEFT + RIGHT) * this.scale;
   }
 
   get _height() {
-    return this.size.height - this.top - AXIS;
+    return this.size.height - AXIS * this.scale - this._top;
   }
 
   /** @param {number} position */
   _x(position) {
-    return LEFT + position * this._width;
+    return this._left + position * this._width;
   }
 
   /** @param {number} value */
   _y(value) {
-    return this.top + (1 - value) * this._height;
+    return this._top + (1 - value) * this._height;
   }
 
   /** @param {Point} point @returns {[number, number]} */
   _place([position, value]) {
-    return [this._x(position), typeof value === "number" ? this._y(value) : STRIP.top + STRIP.height / 2];
+    return [this._x(position), typeof value === "number" ? this._y(value) : (STRIP.top + STRIP.height / 2) * this.scale];
   }
 
   _drawGrid() {
-    const [left, right] = [LEFT, LEFT + this._width];
+    const [left, right] = [this._left, this._left + this._width];
+    const px = this.scale;
     const rows = [0, 0.5, 1].map(
       (value) => `<line x1="${left}" x2="${right}" y1="${this._y(value)}" y2="${this._y(value)}"></line>
-        <text x="${left - 5}" y="${this._y(value) + 3.5}" text-anchor="end">${value === 0.5 ? "½" : value}</text>`,
+        <text x="${left - 5 * px}" y="${this._y(value) + 3.5 * px}" text-anchor="end">${value === 0.5 ? "½" : value}</text>`,
     );
     this.parts.grid.innerHTML = rows.join("");
     const { low, high } = this.axis;
     const bottom = this._y(0);
-    const marks = ticks(low, high, Math.max(2, Math.floor(this._width / PIXELS_PER_TICK))).map(({ value, text }) => {
+    const marks = ticks(low, high, Math.max(2, Math.floor(this._width / (TICK * px)))).map(({ value, text }) => {
       const x = this._x((value - low) / (high - low));
-      const anchor = x < left + 8 ? "start" : x > right - 14 ? "end" : "middle";
-      return `<line x1="${x}" x2="${x}" y1="${bottom}" y2="${bottom + 4}"></line>
-        <text x="${anchor === "start" ? left : anchor === "end" ? right : x}" y="${bottom + 13.5}" text-anchor="${anchor}">${text}</text>`;
+      const anchor = x < left + 8 * px ? "start" : x > right - 14 * px ? "end" : "middle";
+      return `<line x1="${x}" x2="${x}" y1="${bottom}" y2="${bottom + 4 * px}"></line>
+        <text x="${anchor === "start" ? left : anchor === "end" ? right : x}" y="${bottom + 13.5 * px}" text-anchor="${anchor}">${text}</text>`;
     });
     this.parts.axis.innerHTML = marks.join("");
   }
@@ -180,7 +201,7 @@ export class TablePlot {
       if (!this.colour) this.parts.area.setAttribute("d", `${path}L${this._x(1)},${this._y(0)}L${this._x(0)},${this._y(0)}Z`);
     });
     if (!this.colour) return;
-    setAttributes(this.parts.strip, { x: this._x(0), y: STRIP.top, width: this._width, height: STRIP.height });
+    setAttributes(this.parts.strip, { x: this._x(0), y: STRIP.top * this.scale, width: this._width, height: STRIP.height * this.scale });
     const stops = points.map(([at, value]) => `<stop offset="${at}" stop-color="${hexOf(channels(value))}"></stop>`);
     /** @type {Element} */ (this.svg.querySelector("linearGradient")).innerHTML = stops.join("");
   }
@@ -198,7 +219,7 @@ export class TablePlot {
       setAttributes(handles[n], {
         cx: x,
         cy: y,
-        r: shown.length > 24 ? 3 : this.colour ? 5 : 4,
+        r: this.scale * (shown.length > CROWD ? RADIUS.crowded : this.colour ? RADIUS.colour : RADIUS.scalar),
         "aria-label": `${this.name}, ${this.colour ? "colour" : "point"} ${n + 1} of ${points.length}`,
         "aria-valuenow": typeof value === "number" ? value : position,
         "aria-valuetext": `${this.dataText(position)} → ${typeof value === "number" ? value.toFixed(3) : hexOf(value)}`,
@@ -214,7 +235,7 @@ export class TablePlot {
     if (hover === null) return;
     const [line, dot] = this.parts.pointer.children;
     const x = this._x(hover);
-    setAttributes(line, { x1: x, x2: x, y1: this.top, y2: this._y(0) });
+    setAttributes(line, { x1: x, x2: x, y1: this._top, y2: this._y(0) });
     const value = valueAt(points, hover);
     setAttributes(dot, { cx: x, cy: this._y(typeof value === "number" ? value : 2) });
   }
