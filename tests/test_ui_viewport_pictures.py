@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 from browser import browser, browser_page, serving
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 from viewport_process import SIZE, VIEW, VOLUME, ShownViewport, ViewportProcess, plain
 
 from tolerances import CAMERA_PIXELS, HALF_A_CSS_PIXEL
@@ -100,6 +100,21 @@ def test_a_picture_of_another_shape_lies_in_the_middle(shown: ShownViewport) -> 
     shown.page.mouse.click(160 + 2 * 30, 2 * 50)
     center = shown.process.wait_for("center")
     assert (center["x"], center["y"]) == pytest.approx((29.5, 49.5))
+
+
+def test_a_dense_display_gets_a_picture_of_its_own_pixels(browser: Browser) -> None:
+    process = ViewportProcess()
+    with serving(process.application) as url, browser.new_context(device_scale_factor=2) as context:
+        shown = ShownViewport(context.new_page(), process, url)
+        shown.page.reload()
+        size = process.wait_for("size")
+        assert (size["width"], size["height"]) == (2 * SIZE[0], 2 * SIZE[1])
+        process.say(VOLUME)
+        process.say_scene(size=(2 * SIZE[0], 2 * SIZE[1]))
+        shown.show_and_wait(plain(RED, (2 * SIZE[0], 2 * SIZE[1])), width=2 * SIZE[0], height=2 * SIZE[1])
+        shown.page.mouse.click(200, 100)
+        center = process.wait_for("center")
+        assert (center["x"], center["y"]) == (399.5, 199.5)
 
 
 # -- the marks over a picture

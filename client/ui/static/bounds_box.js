@@ -75,7 +75,7 @@ export class BoundsBox {
   }
 
   #handle(face) {
-    const circles = [svg("circle", { r: "12", class: "vs-reach" }), svg("circle", { r: "5", class: "vs-dot" })];
+    const circles = [svg("circle", { class: "vs-reach" }), svg("circle", { class: "vs-dot" })];
     const handle = svg("g", { class: "vs-handle", "data-face": `${face.end}-${AXES[face.axis]}` }, circles);
     handle.addEventListener("pointerdown", (event) => this.#begin(event, face, handle));
     handle.addEventListener("pointerenter", () => this.#tell(face));
