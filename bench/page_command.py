@@ -118,7 +118,7 @@ def page(
 
 def dragged(tab: Page, moves: int) -> Drag:
     """Turn the volume with the pointer, evenly, and read what the page noted."""
-    box = tab.locator("canvas").first.bounding_box()
+    box = tab.locator(".vs-view canvas").first.bounding_box()
     assert box is not None
     middle_x, middle_y, radius = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 4
     tab.mouse.move(middle_x + radius, middle_y)
