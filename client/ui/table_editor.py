@@ -41,9 +41,10 @@ class TableEditor(Element, component="table_editor_component.js"):
         self.selected = -1  # the point that the person has picked
         self._on_change = on_change
         self._on_file = on_file
-        self._table = table
         self._field: Field | None = None
-        self._props.update(name=name, colour=isinstance(table, ColourTable), points=table.points)
+        self._answers = 0  # the number of the last change that came from this editor
+        self._props.update(name=name, colour=isinstance(table, ColourTable))
+        self.show_table(table)
         self.show_field(field)
         self.on("change", self._changed)
         self.on("select", self._selected)
@@ -57,8 +58,7 @@ class TableEditor(Element, component="table_editor_component.js"):
     def show_table(self, table: Table) -> None:
         """Show the scene's table, but where the person at this page is changing it."""
         self._table = table
-        self._props["points"] = table.points
-        self.update()
+        self._props["shown"] = {"points": table.points, "answers": self._answers}
 
     def show_field(self, field: Field) -> None:
         if field != self._field:
@@ -75,6 +75,7 @@ class TableEditor(Element, component="table_editor_component.js"):
 
     def _changed(self, event: GenericEventArguments) -> None:
         change = event.args
+        self._answers = int(change["number"])
         try:
             table = table_from_points(self._table, change["points"])
             drawn = change["settled"] and change["freehand"]

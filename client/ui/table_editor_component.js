@@ -7,7 +7,7 @@ export default {
       <header class="vs-table-head"><div ref="head" class="vs-table-title"></div><slot></slot></header>
       <div ref="body" class="vs-table-body"></div>
     </section>`,
-  props: { name: String, colour: Boolean, points: Array, axis: Object, histogram: Array, unused: String },
+  props: { name: String, colour: Boolean, shown: Object, axis: Object, histogram: Array, unused: String },
   emits: ["change", "select", "load"],
   mounted() {
     this.editor = new TableEditor(this.$refs.head, this.$refs.body, {
@@ -18,8 +18,8 @@ export default {
       onLoad: (file) => this.$emit("load", file),
     });
     this.editor.showField(this.axis, this.histogram ?? null, this.unused);
-    this.editor.showPoints(this.points);
-    this.$watch(() => this.points, (points) => this.editor.showPoints(points));
+    this.editor.showPoints(this.shown.points, this.shown.answers);
+    this.$watch(() => this.shown, ({ points, answers }) => this.editor.showPoints(points, answers));
     this.$watch(
       () => [this.axis, this.histogram, this.unused],
       () => this.editor.showField(this.axis, this.histogram ?? null, this.unused),

@@ -182,8 +182,8 @@ class TablesPanel:
     def _follow(self, state: SceneState) -> None:
         for which, editor in self._editors.items():
             table = _table_of(state.scene, which)
-            # What a person is dragging here is already on the screen; telling them late would draw it back.
-            if table != editor.table and (state.settled or state.by != self._by(which)):
+            # What a person drags here is on the screen already; what becomes of it is told when it is settled.
+            if state.settled if state.by == self._by(which) else table != editor.table:
                 editor.show_table(table)
             editor.show_field(self._field(state.scene, which))
         self._show_head()

@@ -4,22 +4,20 @@
 // What a person does shows here at once and goes out through onChange, while it moves at most once for each frame of
 // the screen and not settled, settled when it ends. The scene's own points come back through showPoints.
 import { TableFields } from "./table_fields.js";
-import { ENTRIES, channels, entries, valueAt, valueOf, within } from "./table_numbers.js";
+import { ENTRIES, channels, rounded, valueAt, valueOf, within } from "./table_numbers.js";
+import { PencilStroke } from "./table_pencil.js";
 import { TablePlot } from "./table_plot.js";
 
 /** @typedef {import("./table_numbers.js").Point} Point */
 /** @typedef {import("./table_numbers.js").Value} Value */
 /** @typedef {import("./table_plot.js").Axis} Axis */
-/** @typedef {{points: Point[], settled: boolean, freehand: boolean}} Change */
+/** @typedef {{number: number, points: Point[], settled: boolean, freehand: boolean}} Change */
 
 const LAST = ENTRIES - 1;
 const ARROWS = { ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, 1], ArrowDown: [0, -1] };
 const POSITION_STEP = 1 / LAST; // of an arrow key; a tenth of it with Shift
 const VALUE_STEP = 1 / 100;
 const MOST_FILE_BYTES = 500_000;
-
-/** Positions and values as drawn, to what a pixel can tell. @param {number} value */
-const rounded = (value) => Math.round(value * 1e5) / 1e5;
 
 export class TableEditor {
   /**
@@ -40,6 +38,7 @@ export class TableEditor {
     this.before = null;
     /** @type {((event: PointerEvent) => void) | null} what a moving pointer does while it is held down */
     this.drag = null;
+    this.sent = 0; // changes so far
     this.frame = 0; // the screen's frame in which a change goes out, or 0
     head.innerHTML = `<b></b><span class="vs-table-field"></span><output></output>
       <button type="button" name="log" aria-pressed="true" title="histogram on a logarithmic or linear scale">log</button>
@@ -63,9 +62,13 @@ export class TableEditor {
     this.observer.observe(this.plot.svg);
   }
 
-  /** Show the scene's points, unless they are being changed here. @param {Point[]} points */
-  showPoints(points) {
-    if (this.before) return;
+  /**
+   * Show the scene's points, unless they are being changed here or a change is still on its way.
+   * @param {Point[]} points
+   * @param {number} answers  the number of the last change of this editor that the scene has seen
+   */
+  showPoints(points, answers) {
+    if (this.before || answers < this.sent) return;
     this.points = points.map(([position, value]) => [position, valueOf(value, [...channels(value)])]);
     if (this.selected >= points.length) this._select(-1);
     this._draw();
@@ -212,32 +215,11 @@ export class TableEditor {
     };
   }
 
-  /** What drawing does: the pencil's way since the last event goes into the entries. @param {PointerEvent} start */
+  /** What drawing does. @param {PointerEvent} start */
   _drawing(start) {
-    const drawn = entries(this.points);
-    const onStrip = this.plot.onStrip(start.clientY);
-    const where = (/** @type {PointerEvent} */ event) => ({
-      entry: Math.round(this.plot.positionAt(event.clientX) * LAST),
-      value: rounded(this.plot.valueAt(event.clientY)),
-    });
-    let last = where(start);
+    const stroke = new PencilStroke(this.points, this.plot, this.fields, start);
     this._select(-1);
-    return (/** @type {PointerEvent} */ event) => {
-      const now = where(event);
-      const count = Math.abs(now.entry - last.entry);
-      for (let n = 0; n <= count; n++) {
-        const share = count ? n / count : 1;
-        const entry = Math.round(last.entry + (now.entry - last.entry) * share);
-        drawn[entry] = this._pencilled(drawn[entry], last.value + (now.value - last.value) * share, onStrip);
-      }
-      last = now;
-      this._change(drawn.map((value, n) => [n / LAST, value]));
-    };
-  }
-
-  /** An entry after the pencil passed at a height. @param {Value} old @param {number} value @param {boolean} onStrip @returns {Value} */
-  _pencilled(old, value, onStrip) {
-    return typeof old === "number" ? value : this.fields.pencilled(old, value, onStrip);
+    return (/** @type {PointerEvent} */ event) => this._change(stroke.continued(event));
   }
 
   // -- keys and typing
@@ -345,7 +327,8 @@ export class TableEditor {
 
   /** @param {boolean} settled */
   _send(settled) {
-    this.options.onChange({ points: this.points, settled, freehand: this.pencil });
+    this.sent += 1;
+    this.options.onChange({ number: this.sent, points: this.points, settled, freehand: this.pencil });
   }
 
   /** @param {number} index */

@@ -53,14 +53,9 @@ export class TableFields {
     for (const one of [this.position, this.value]) one.setAttribute("aria-invalid", String(one === field && text !== ""));
   }
 
-  /** A colour after the pencil passed at a height, or over the strip. @param {[number, number, number]} old @param {number} value @param {boolean} onStrip @returns {Value} */
-  pencilled(old, value, onStrip) {
-    if (onStrip) return /** @type {Value} */ (colourOf(/** @type {HTMLInputElement} */ (this.paint).value));
-    const brightest = Math.max(...old);
-    if (this.drawn === "brightness")
-      return brightest > 0 ? [(old[0] / brightest) * value, (old[1] / brightest) * value, (old[2] / brightest) * value] : [value, value, value];
-    const channel = ["red", "green", "blue"].indexOf(this.drawn);
-    return [channel === 0 ? value : old[0], channel === 1 ? value : old[1], channel === 2 ? value : old[2]];
+  /** The colour to paint on the strip. @returns {Value} */
+  get painted() {
+    return /** @type {Value} */ (colourOf(/** @type {HTMLInputElement} */ (this.paint).value));
   }
 
   /** Take what is being typed, for the point that it was typed for. */

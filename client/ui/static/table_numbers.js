@@ -9,6 +9,9 @@ export const ENTRIES = 256;
 /** @param {number} low @param {number} value @param {number} high */
 export const within = (low, value, high) => Math.min(Math.max(value, low), high);
 
+/** Positions and values as drawn, to what a pixel can tell. @param {number} value */
+export const rounded = (value) => Math.round(value * 1e5) / 1e5;
+
 /** A value's channels. @param {Value} value @returns {number[]} */
 export const channels = (value) => (typeof value === "number" ? [value] : value);
 
