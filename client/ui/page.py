@@ -34,7 +34,7 @@ def page(viewing: Viewing) -> None:
             shading_panel(viewing)
             view_panel(viewing)
         with ui.element("section").classes("vs-view"):
-            viewport_element()
+            viewport_element(viewing.default_scene.view.rotation)
         with ui.element("aside").classes("vs-right"):
             tables_panel(viewing)
         with ui.element("footer").classes("vs-foot"):
