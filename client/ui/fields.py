@@ -91,7 +91,11 @@ class TextField:
         self._put = put
         self._undoable = undoable
         self._edited = False  # what is typed is not in the scene
-        self.input = ui.input().props('dense outlined hide-bottom-space no-error-icon autocomplete="off"')
+        self.input = (
+            ui.input()
+            .without_auto_validation()
+            .props('dense outlined hide-bottom-space no-error-icon autocomplete="off"')
+        )
         self.input.props["aria-label"] = name
         self.input.classes("vs-field")
         self.input.on_value_change(self._typed)
