@@ -67,9 +67,9 @@ def slow_link(port: int, *, bits_per_second: float, round_trip: float) -> Iterat
     async def listen() -> asyncio.Server:
         return await asyncio.start_server(connected, "127.0.0.1", 0)
 
-    server = loop.run_until_complete(listen())
     thread = threading.Thread(target=loop.run_forever, name="slow link")
     thread.start()
+    server = asyncio.run_coroutine_threadsafe(listen(), loop).result()
     try:
         yield int(server.sockets[0].getsockname()[1])
     finally:

@@ -130,11 +130,11 @@ def _write(
 def _coded_blocks(pixels: Tensor, background: Colour | None, depth: Depth) -> Iterator[Tensor]:
     rows = max(_BLOCK_PIXELS // pixels.shape[1] // _BLOCK_ROWS, 1) * _BLOCK_ROWS
     for first in range(0, len(pixels), rows):
-        yield _coded(pixels[first : first + rows], background, depth)
+        yield coded(pixels[first : first + rows], background, depth)
 
 
-def _coded(block: Tensor, background: Colour | None, depth: Depth) -> Tensor:
-    """Rows of pixels as they are stored."""
+def coded(block: Tensor, background: Colour | None, depth: Depth) -> Tensor:
+    """Rows of pixels (H, W, C) as they are stored; over the background, without alpha, if there is one."""
     if background is not None:
         block = over_background(block, background)
     if depth == "float":

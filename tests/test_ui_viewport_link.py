@@ -14,7 +14,7 @@ from viewed import Shown, Viewed, Viewport, viewed
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.single import SingleProcess
-from volsplat.client.ui.picture_encoding import levels_over
+from volsplat.client.ui.picture_encoding import stored_levels
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.scene import Image, Refine, Step
 
@@ -64,7 +64,7 @@ def test_a_still_image_refines_through_the_steps_to_a_lossless_one(view: Viewed,
         scene = msgspec.structs.replace(
             single.volume.default_scene(), image=Image(width=SIDE + 7, height=SIDE), refine=Refine(lit_from=Step.C)
         )
-        expected = levels_over(single.render(scene), scene.image.background)
+        expected = stored_levels(single.render(scene), scene.image.background)
     assert shown[-1].data.startswith(b"\x89PNG")
     assert torch.equal(pixels(shown[-1]), expected)
 

@@ -16,7 +16,7 @@ from volsplat.client.server_states import VolumeIncomplete
 from volsplat.client.session import Session
 from volsplat.client.ui.pacing import StepPacing
 from volsplat.client.ui.picture import Picture
-from volsplat.client.ui.picture_encoding import encoded, levels_over
+from volsplat.client.ui.picture_encoding import encoded
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.protocol.errors import VolsplatError
 from volsplat.protocol.scene import Scene, Step
@@ -146,7 +146,7 @@ class DrawingLoop:
     def _publish(self, state: SceneState, refinement: Refinement, measured: bool = True) -> None:
         began = time.perf_counter()
         last = refinement.complete and state.settled and refinement.step == max(Step)
-        data = encoded(levels_over(refinement.image, state.scene.image.background), lossless=last)
+        data = encoded(refinement.image, state.scene.image.background, lossless=last)
         if refinement.outcome is not None and measured:
             encoding_seconds = time.perf_counter() - began
             self.pacing.measured(refinement.step, refinement.outcome.wall_seconds + encoding_seconds)

@@ -103,7 +103,9 @@ class SceneModel:
         return lambda: self._subscribers.remove(subscriber)
 
     def _seen_as_now(self, scene: Scene) -> Scene:
-        return msgspec.structs.replace(scene, view=self.scene.view, image=self.scene.image)
+        now = self.scene
+        image = msgspec.structs.replace(scene.image, width=now.image.width, height=now.image.height)
+        return msgspec.structs.replace(scene, view=now.view, image=image)
 
     def _publish(self, scene: Scene, by: str, settled: bool = True, event: int | None = None) -> None:
         events = self._state.events if event is None else {**self._state.events, by: event}

@@ -1,0 +1,203 @@
+"""The whole page, from the real command, used in a real browser."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import httpx
+import pytest
+import torch
+from browser import browser, browser_page
+from PIL import Image as PillowImage
+from viewed import Viewed, viewed
+
+from volsplat.bench.page_command import dragged
+from volsplat.bench.slow_link import slow_link
+from volsplat.client.image_file import read_scene
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.scene_file import scene_from_toml
+from volsplat.client.volume_writer import write_volume
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page"]
+
+REFINED = "() => window.volsplatViewport?.log.at(-1)?.last === true"
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
+    write_volume(path, *make_phantom("head", (48, 64, 56)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def view(volume: Path) -> Iterator[Viewed]:
+    with viewed(volume.parent, volume, "--workers", "2") as running:
+        yield running
+
+
+@pytest.fixture
+def page(view: Viewed, browser_page: Page) -> Page:
+    """The page with the volume refined to the end."""
+    return opened(browser_page, view.url)
+
+
+def opened(page: Page, url: str) -> Page:
+    page.goto(url)
+    page.wait_for_function(REFINED)
+    return page
+
+
+def canvas(page: Page) -> torch.Tensor:
+    """What is on the canvas, (H, W, 4) uint8."""
+    size: list[int] = page.evaluate("() => { const c = window.volsplatViewport.canvas; return [c.height, c.width]; }")
+    data = page.evaluate(
+        "() => window.volsplatViewport.canvas.toDataURL('image/png').slice('data:image/png;base64,'.length)"
+    )
+    image = PillowImage.open(io.BytesIO(base64.b64decode(data))).convert("RGBA")
+    return torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(*size, 4)
+
+
+def after(page: Page, action: Any) -> torch.Tensor:
+    """The canvas once what follows the action is refined to the end."""
+    number = page.evaluate("() => window.volsplatViewport.log.at(-1).number")
+    action()
+    page.wait_for_function(
+        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.number > {number}; }}"
+    )
+    return canvas(page)
+
+
+def drag(page: Page, dx: float, dy: float) -> None:
+    box = page.locator(".vs-view canvas").first.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + dx, y + dy, steps=8)
+    page.mouse.up()
+
+
+def test_the_page_shows_the_volume_and_every_part_of_the_scene(page: Page) -> None:
+    assert canvas(page)[..., :3].any()
+    for words in ("Emitted", "Reflected", "Opacity", "Modulation", "Shading", "View", "Bounds"):
+        assert page.get_by_text(words, exact=True).first.is_visible()
+
+
+def test_dragging_turns_the_volume_and_nothing_stale_is_shown(page: Page) -> None:
+    before = canvas(page)
+    turned = after(page, lambda: drag(page, 120, 40))
+    assert not torch.equal(before, turned)
+    numbers = page.evaluate("() => window.volsplatViewport.log.map(p => p.number)")
+    assert numbers == sorted(set(numbers))
+
+
+def test_reloading_the_page_brings_back_what_was_seen(page: Page) -> None:
+    turned = after(page, lambda: drag(page, -80, 30))
+    page.reload()
+    page.wait_for_function(REFINED)
+    assert torch.equal(canvas(page), turned)
+
+
+def test_two_tabs_stay_in_step(view: Viewed, page: Page) -> None:
+    other = page.context.new_page()
+    opened(other, view.url)
+    number = other.evaluate("() => window.volsplatViewport.log.at(-1).number")
+    after(page, lambda: drag(page, 60, 60))
+    other.wait_for_function(
+        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.number > {number}; }}"
+    )
+    assert torch.equal(canvas(other), canvas(page))
+    other.close()
+
+
+def save(page: Page, item: str) -> bytes:
+    page.get_by_role("button", name="save").click()
+    with page.expect_download() as download:
+        page.get_by_text(item).click()
+    return download.value.path().read_bytes()
+
+
+def test_the_saved_image_is_what_is_seen_and_holds_its_scene(page: Page, volume: Path, tmp_path: Path) -> None:
+    path = tmp_path / "saved.png"
+    path.write_bytes(save(page, "image as PNG"))
+    image = PillowImage.open(path).convert("RGBA")
+    saved = torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(image.height, image.width, 4)
+    assert torch.equal(saved, canvas(page))
+    scene = read_scene(path)
+    toml = save(page, "scene as TOML").decode()
+    assert scene_from_toml(toml, scene, "saved") == scene
+    assert (scene.image.width, scene.image.height) == (image.width, image.height)
+
+
+def test_a_scene_file_is_opened_and_a_bad_one_is_told_and_changes_nothing(page: Page, tmp_path: Path) -> None:
+    scene = save(page, "scene as TOML").decode()
+    good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
+    good.write_text(scene.replace('background = "#000000"', 'background = "#204060"'))
+    bad.write_text("[image]\nbackground = 7\n")
+    page.locator("input[type=file][accept='.toml']").first.set_input_files(bad)
+    page.get_by_text("image.background").wait_for()
+    assert save(page, "scene as TOML").decode() == scene
+    shown = after(page, lambda: page.locator("input[type=file][accept='.toml']").first.set_input_files(good))
+    assert shown[0, 0, :3].tolist() == [0x20, 0x40, 0x60]
+    page.locator(".vs-view canvas").first.focus()
+    undone = after(page, lambda: page.keyboard.press("Control+z"))
+    assert undone[0, 0, :3].tolist() == [0, 0, 0]
+
+
+def test_a_copied_link_restores_the_scene(view: Viewed, page: Page) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    seen = after(page, lambda: drag(page, 33, -44))
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("copy a link").click()
+    page.get_by_text("copied").wait_for()
+    link = page.evaluate("() => navigator.clipboard.readText()")
+    assert link.startswith(view.url)
+    after(page, lambda: drag(page, -99, 10))
+    opened(page, link)
+    assert torch.equal(canvas(page), seen)
+    page.goto(view.url + "&scene=AAAA")
+    page.get_by_text("this link holds no").wait_for()
+
+
+def test_without_the_token_there_is_one_line_and_nothing_else(view: Viewed, browser_page: Page) -> None:
+    for path in ("", "/volsplat/static/viewport.js", "/_nicegui/client"):
+        answer = httpx.get(f"http://127.0.0.1:{view.port}{path}")
+        assert answer.status_code == 403 and "token" in answer.text
+    browser_page.goto(f"http://127.0.0.1:{view.port}/")
+    assert browser_page.locator("canvas").count() == 0
+
+
+def test_through_a_slow_line_nothing_stale_is_shown_and_the_lag_does_not_grow(view: Viewed, browser_page: Page) -> None:
+    with slow_link(view.port, bits_per_second=20e6, round_trip=0.04) as port:
+        page = opened(browser_page, view.url.replace(f":{view.port}/", f":{port}/"))
+        moves = dragged(page, 90)
+        page.goto("about:blank")
+    assert moves.stale() == 0
+    events = [event for event, _ in moves.sent]
+    shown = [event for _, event, _ in moves.shown]
+    assert shown[-1] >= events[-1] and shown == sorted(shown)
+    # As many pictures as moves would mean that none was left out; the last third must not be further behind.
+    assert moves.growth() < 0.5
+
+
+def test_a_lost_server_is_told_on_the_page_and_the_rest_turns_on(volume: Path, browser_page: Page) -> None:
+    with viewed(volume.parent, volume, "--workers", "2") as view:
+        page = opened(browser_page, view.url)
+        box = page.locator(".vs-view canvas").first.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 200, box["y"] + 200)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 220, box["y"] + 200, steps=4)
+        view.mapshade_servers()[0].kill()
+        page.get_by_text("of the volume are missing").first.wait_for()
+        left = after(page, lambda: (page.mouse.move(box["x"] + 260, box["y"] + 210, steps=4), page.mouse.up()))
+        assert left[..., :3].any()
+        page.goto("about:blank")
