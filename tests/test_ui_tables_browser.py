@@ -203,6 +203,8 @@ def test_bad_numbers_are_told_at_the_field_and_change_nothing(
     tab.field(which, name).blur()
     assert tab.field(which, name).input_value() == shown
     assert tab.scene == SCENE
+    tab.points(which).nth(0).focus()
+    assert tab.table(which).get_by_role("alert").count() == 0
 
 
 # -- other tabs

@@ -95,7 +95,8 @@ class TablesPanel:
                 "Mirror": mirrored,
             }
             for text, edit in edits.items():
-                _menu_item(text, partial(self._change, which, edit))
+                caption = "the selected point’s value" if text == "Constant" else ""
+                _menu_item(text, partial(self._change, which, edit), caption)
             self._build_steps(which)
             ui.separator()
             with ui.menu_item("From a preset", auto_close=False):

@@ -69,6 +69,7 @@ export class TableEditor {
    */
   showPoints(points, answers) {
     if (this.before || answers < this.sent) return;
+    if (JSON.stringify(points) !== JSON.stringify(this.points)) this.fields.complain("");
     this.points = points.map(([position, value]) => [position, valueOf(value, [...channels(value)])]);
     if (this.selected >= points.length) this._select(-1);
     this._draw();
@@ -335,6 +336,7 @@ export class TableEditor {
   _select(index) {
     if (index === this.selected) return;
     this.selected = index;
+    this.fields.complain("");
     this.options.onSelect(index);
     this._draw();
   }
