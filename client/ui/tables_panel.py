@@ -13,7 +13,7 @@ from nicegui import context, ui
 from volsplat.client.presets import PRESETS, preset_scene
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.field_histograms import density_counts, field_axis, field_histogram
-from volsplat.client.ui.fields import LiveSlider, SceneEditor, slide
+from volsplat.client.ui.fields import SceneEditor, slide
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.client.ui.table_editor import Field, TableEditor
 from volsplat.client.ui.table_edits import Table, constant, inverted, mirrored, ramp, steps, value_at, with_greatest
@@ -64,7 +64,7 @@ class TablesPanel:
                         _menu_item(name, partial(self._take_whole, name), description)
         with ui.element("div").classes("vs-row"):
             ui.label("All opacities").classes("vs-label")
-            slider = LiveSlider(min=math.log10(LEAST_OPACITY), max=0.0, step=0.01)
+            slider = ui.slider(min=math.log10(LEAST_OPACITY), max=0.0, step=0.01).props("dense")
             slider.props["aria-label"] = "greatest opacity of the opacity table"
             slider.tooltip("scales the opacity table: its greatest value")
             self._greatest = ui.label().classes("vs-number")
@@ -72,7 +72,9 @@ class TablesPanel:
             SceneEditor(self._model, self._volume.description.geometry, "opacities"),
             slider,
             lambda scene: round(math.log10(max(scene.tables.opac.greatest, LEAST_OPACITY)), 2),
-            lambda scene, logarithm: _with_table(scene, "opac", with_greatest(scene.tables.opac, 10**logarithm)),
+            lambda scene, logarithm: _with_table(
+                scene, "opac", with_greatest(scene.tables.opac, float(f"{10**logarithm:.3g}"))
+            ),
         )
         self._slider = slider
         self._show_head()
