@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Literal
 from weakref import WeakSet
 
 from nicegui import Client, context, ui
+from nicegui.element import Element
+from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.protocol.frame_plan import plan_frame
@@ -20,7 +22,6 @@ TOGGLE_PROPS = "dense no-caps unelevated toggle-color=vs toggle-text-color=vs"
 _styled: WeakSet[Client] = WeakSet()
 
 Edit = Callable[[Scene], Scene]
-Value = TypeVar("Value")
 
 
 def panel_style() -> None:
@@ -198,33 +199,42 @@ def _whole_number(typed: str) -> int:
         raise ValueError(f"“{typed}” is not a whole number" if typed.strip() else "give a whole number") from None
 
 
-class LiveSlider(ui.slider):
-    """A slider that does not wait for the client's process: on a slow line it would jump back under the hand."""
-
-    LOOPBACK = False
-
-
-class LiveRange(ui.range):
-    """See LiveSlider."""
-
-    LOOPBACK = False
-
-
-def slide(
+def slider(
     editor: SceneEditor,
-    slider: LiveSlider | LiveRange,
-    get: Callable[[Scene], Value],
-    put: Callable[[Scene, Value], Scene],
-) -> None:
-    """Have a slider show and change the scene, which settles when it is let go. `put` must take any position."""
+    name: str,
+    span: tuple[float, float],
+    step: float,
+    get: Callable[[Scene], Any],
+    put: Callable[[Scene, Any], Scene],
+    tag: Literal["q-slider", "q-range"] = "q-slider",
+) -> Element:
+    """A slider for a number, or a range for {"min", "max"}; what it changes settles when it is let go.
 
-    def moved(value: Any, settled: bool) -> None:
-        if settled or value != get(editor.scene):
-            editor.change(lambda scene: put(scene, value), settled=settled)
+    `get` gives its position; `put` must take any position. Unlike NiceGUI's own it is not told where it is while a
+    hand moves it: on a slow line it would jump back.
+    """
+    element = Element(tag).props("dense")
+    element.props.update({"min": span[0], "max": span[1], "step": step, "aria-label": name})
+    sliding = False
 
-    slider.on_value_change(lambda event: moved(event.value, False))
-    slider.on("change", lambda event: moved(event.args, True))
-    editor.follow(lambda scene: slider.set_value(get(scene)))  # type: ignore[arg-type]
+    def moved(event: GenericEventArguments) -> None:
+        nonlocal sliding
+        sliding = True
+        editor.change(lambda scene: put(scene, event.args), settled=False)
+
+    def released(event: GenericEventArguments) -> None:
+        nonlocal sliding
+        sliding = False
+        editor.change(lambda scene: put(scene, event.args) if event.args != get(scene) else scene)
+
+    def show(scene: Scene) -> None:
+        if not sliding:
+            element.props["model-value"] = get(scene)
+
+    element.on("update:model-value", moved, [None])
+    element.on("change", released, [None])
+    editor.follow(show)
+    return element
 
 
 def choose(

@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.ui.fields import TOGGLE_PROPS, LiveSlider, SceneEditor, choose, number_field, slide
+from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, choose, number_field, slider
 from volsplat.client.ui.light_ball import LightBall
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol import matrices
@@ -123,10 +123,11 @@ def _specular_power(editor: SceneEditor) -> None:
     low, high = POWER_POSITIONS
     with ui.element("div").classes("vs-row"):
         ui.label("specular power").classes("vs-label")
-        slider = LiveSlider(min=low, max=high, step=0.01).props('dense aria-label="specular power"')
-        slide(
+        slider(
             editor,
-            slider,
+            "specular power",
+            POWER_POSITIONS,
+            0.01,
             lambda scene: round(min(high, max(low, math.log10(scene.shading.specular_power))), 2),
             lambda scene, position: powered(scene, float(f"{10**position:.3g}")),
         )

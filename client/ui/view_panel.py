@@ -11,13 +11,11 @@ from nicegui import ui
 from volsplat.client.colours import colour_from_hex
 from volsplat.client.ui.fields import (
     TOGGLE_PROPS,
-    LiveRange,
-    LiveSlider,
     SceneEditor,
     TextField,
     choose,
     number_field,
-    slide,
+    slider,
     whole_number_field,
 )
 from volsplat.client.ui.image_size_fields import image_size_fields
@@ -183,8 +181,15 @@ def _axis_bounds(editor: SceneEditor, geometry: Geometry, axis: int, letter: str
             lambda scene: get(scene, 0),
             lambda scene, value: bounded(scene, geometry, axis, low=value),
         ).props(f'prefix="{letter}"')
-        slider = LiveRange(min=0, max=end, step=1).props(f'dense drag-range aria-label="bounds on {letter}"')
-        slide(editor, slider, lambda scene: {"min": get(scene, 0), "max": get(scene, 1)}, slid)
+        slider(
+            editor,
+            f"bounds on {letter}",
+            (0, end),
+            1,
+            lambda scene: {"min": get(scene, 0), "max": get(scene, 1)},
+            slid,
+            "q-range",
+        ).props("drag-range")
         whole_number_field(
             editor,
             f"end of {letter}",
@@ -261,8 +266,14 @@ def _kernel(editor: SceneEditor) -> None:
     )
     with ui.element("div").classes("vs-row"):
         ui.label("radius").classes("vs-label vs-narrow").tooltip("in voxels, where the kernel is cut")
-        slider = LiveSlider(min=1.0, max=4.0, step=0.1).props('dense aria-label="radius"')
-        slide(editor, slider, lambda scene: round(radius(scene), 1), lambda scene, value: rebuilt(scene, radius=value))
+        slider(
+            editor,
+            "radius",
+            (1.0, 4.0),
+            0.1,
+            lambda scene: round(radius(scene), 1),
+            lambda scene, value: rebuilt(scene, radius=round(value, 1)),
+        )
         field = number_field(editor, "radius, a number", radius, lambda scene, value: rebuilt(scene, radius=value))
         field.classes("vs-short")
         default = _pressable("default", lambda: editor.change(lambda scene: rebuilt(scene, radius="default")))
