@@ -13,7 +13,7 @@ from nicegui import context, ui
 from volsplat.client.presets import PRESETS, preset_scene
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.field_histograms import density_counts, field_axis, field_histogram
-from volsplat.client.ui.fields import SceneEditor, slide
+from volsplat.client.ui.fields import SceneEditor, slider
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.client.ui.table_editor import Field, TableEditor
 from volsplat.client.ui.table_edits import Table, constant, inverted, mirrored, ramp, steps, value_at, with_greatest
@@ -64,19 +64,16 @@ class TablesPanel:
                         _menu_item(name, partial(self._take_whole, name), description)
         with ui.element("div").classes("vs-row"):
             ui.label("All opacities").classes("vs-label")
-            slider = ui.slider(min=math.log10(LEAST_OPACITY), max=0.0, step=0.01).props("dense")
-            slider.props["aria-label"] = "greatest opacity of the opacity table"
-            slider.tooltip("scales the opacity table: its greatest value")
+            self._slider = slider(
+                SceneEditor(self._model, self._volume.description.geometry, "opacities"),
+                "greatest opacity of the opacity table",
+                (math.log10(LEAST_OPACITY), 0.0),
+                0.01,
+                lambda scene: round(math.log10(max(scene.tables.opac.greatest, LEAST_OPACITY)), 2),
+                _with_opacities,
+            )
+            self._slider.tooltip("scales the opacity table: its greatest value")
             self._greatest = ui.label().classes("vs-number")
-        slide(
-            SceneEditor(self._model, self._volume.description.geometry, "opacities"),
-            slider,
-            lambda scene: round(math.log10(max(scene.tables.opac.greatest, LEAST_OPACITY)), 2),
-            lambda scene, logarithm: _with_table(
-                scene, "opac", with_greatest(scene.tables.opac, float(f"{10**logarithm:.3g}"))
-            ),
-        )
-        self._slider = slider
         self._show_head()
 
     def _build_table(self, which: str) -> TableEditor:
@@ -201,11 +198,16 @@ class TablesPanel:
         self._redo.set_enabled(self._model.can_redo)
         greatest = self._model.scene.tables.opac.greatest
         self._greatest.set_text(f"{greatest:.3g}")
-        self._slider.set_enabled(greatest > 0)
+        self._slider.props.set_bool("disable", greatest == 0)
 
 
 def _with_table(scene: Scene, which: str, table: Table) -> Scene:
     return replace(scene, tables=replace(scene.tables, **{which: table}))
+
+
+def _with_opacities(scene: Scene, logarithm: float) -> Scene:
+    """All opacities scaled to a greatest of 10**logarithm, to three digits."""
+    return _with_table(scene, "opac", with_greatest(scene.tables.opac, float(f"{10**logarithm:.3g}")))
 
 
 def _table_of(scene: Scene, which: str) -> Table:
