@@ -19,6 +19,7 @@ class Entry(NamedTuple):
 
 
 ENTRIES = {
+    "view": Entry("Show a volume in the browser, with every control.", "volsplat.client.view_command"),
     "render": Entry("Draw a volume into an image.", "volsplat.client.render_command"),
     "movie": Entry("Turn a volume around, or fly through it, into a movie.", "volsplat.client.movie_command"),
     "demo": Entry("Draw the head phantom, step by step, into a folder.", "volsplat.client.demo_command"),

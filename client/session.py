@@ -17,6 +17,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
+from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -67,6 +68,8 @@ from volsplat.protocol.tokens import Token, new_token
 
 if TYPE_CHECKING:
     from torch import Tensor
+
+    from volsplat.client.ui.notebook_widget import VolumeWidget
 
 log = logging.getLogger(__name__)
 
@@ -245,6 +248,14 @@ class Session:
         probe, answer = self._probe_answers.ask()
         self._events.put(ProbeAsked(probe, scene, x, y))
         return answer.result()
+
+    def widget(self, scene: Scene | None = None) -> VolumeWidget:
+        """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
+        if find_spec("anywidget") is None:
+            raise BadInput("a widget needs anywidget, which is not installed: pip install 'volsplat[ui,notebook]'")
+        from volsplat.client.ui.notebook_widget import VolumeWidget
+
+        return VolumeWidget(self, scene)
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""

@@ -1,0 +1,92 @@
+"""The viewport in a Jupyter notebook, with the scene as its trait (`Session.widget()`; extra `[notebook]`)."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from pathlib import Path
+from typing import Any
+
+import anywidget
+import msgspec
+import traitlets
+
+from volsplat.client.session import Session
+from volsplat.client.ui.opened_viewing import opened_viewing
+from volsplat.client.ui.scene_model import SceneState
+from volsplat.client.ui.viewport_talk import ViewportTalk
+from volsplat.protocol.scene import Scene
+
+STATIC = Path(__file__).parent / "static"
+START = "viewport.js"
+HEIGHT = 512  # CSS pixels
+_IMPORTED = re.compile(r"""from\s+["']\./([\w.]+)["']""")
+
+
+def modules_from(start: str) -> dict[str, str]:
+    """The page's own modules that `start` needs, itself last: each after all that it imports."""
+    ordered: dict[str, str] = {}
+
+    def add(name: str) -> None:
+        if name not in ordered:
+            source = (STATIC / name).read_text(encoding="utf-8")
+            for imported in _IMPORTED.findall(source):
+                add(imported)
+            ordered[name] = source
+
+    add(start)
+    return ordered
+
+
+class VolumeWidget(anywidget.AnyWidget):
+    """One viewport of a session. `scene` follows the hand, and may be set."""
+
+    _esm = STATIC / "notebook.js"
+    _css = (STATIC / "theme.css").read_text(encoding="utf-8") + (STATIC / "viewport.css").read_text(encoding="utf-8")
+    modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
+    height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)
+    scene = traitlets.Instance(Scene, help="what is shown; set it, and it is drawn")
+
+    def __init__(self, session: Session, scene: Scene | None = None, height: int = HEIGHT) -> None:
+        """Raises RuntimeError outside an event loop; a notebook has one."""
+        first = scene or session.default_scene()
+        super().__init__(modules=modules_from(START), height=height, scene=first)
+        self._viewing = opened_viewing(session, first, "")
+        self._viewing.pictures.attach(asyncio.get_running_loop())
+        self._viewing.troubles.attach(asyncio.get_running_loop())
+        self._talks: dict[str, ViewportTalk] = {}  # by the view, of which a notebook may show several
+        self._viewing.model.subscribe(self._on_scene)
+        self.observe(self._on_scene_set, names="scene")
+        self.on_msg(self._heard)
+        self._viewing.loop.start()
+
+    def close(self) -> None:
+        """End the drawing; the session goes on."""
+        self._viewing.loop.close()
+        for talk in self._talks.values():
+            talk.end()
+        super().close()
+
+    def _heard(self, widget: VolumeWidget, content: dict[str, Any], buffers: list[bytes]) -> None:
+        view, text = content["view"], content["text"]
+        if text is None:  # it has been opened, anew perhaps
+            if view in self._talks:
+                self._talks.pop(view).end()
+            self._talks[view] = ViewportTalk(self._viewing, view, lambda message: self._tell(view, message))
+            self._talks[view].begin()
+        elif view in self._talks:
+            self._talks[view].heard(text)
+
+    def _tell(self, view: str, message: str | bytes) -> None:
+        if isinstance(message, str):
+            self.send({"view": view, "text": message})
+        else:
+            self.send({"view": view, "text": None}, [message])
+
+    def _on_scene(self, state: SceneState) -> None:
+        self.scene = state.scene
+
+    def _on_scene_set(self, change: dict[str, Any]) -> None:
+        scene: Scene = change["new"]
+        if scene != self._viewing.model.scene:
+            self._viewing.model.change(lambda _: msgspec.structs.replace(scene), by="notebook")
