@@ -31,6 +31,18 @@ def panel_style() -> None:
         ui.add_css(STYLE)
 
 
+def show_prop(element: Element, name: str, value: Any) -> None:
+    """Set a property of an element, and tell the browser only where it is another."""
+    if element.props.get(name) != value:
+        element.props[name] = value
+
+
+def show_pressed(button: ui.button, on: bool) -> None:
+    """Show that what the button does is in force."""
+    button.classes(add="vs-on" if on else "", remove="" if on else "vs-on")
+    show_prop(button, "aria-pressed", "true" if on else "false")
+
+
 class SceneEditor:
     """A panel's hold on the scene, within one tab."""
 
@@ -229,7 +241,7 @@ def slider(
 
     def show(scene: Scene) -> None:
         if not sliding:
-            element.props["model-value"] = get(scene)
+            show_prop(element, "model-value", get(scene))
 
     element.on("update:model-value", moved, [None])
     element.on("change", released, [None])

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from volsplat.client.ui.fields import show_prop
 from volsplat.protocol.matrices import Vector
 
 
@@ -25,4 +26,4 @@ class LightBall(Element, component="light_ball_component.js"):
 
     def show(self, direction: Vector) -> None:
         """`direction` has any length but zero."""
-        self.props["direction"] = list(direction)
+        show_prop(self, "direction", list(direction))

@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, choose, number_field, slider
+from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, choose, number_field, show_prop, slider
 from volsplat.client.ui.light_ball import LightBall
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol import matrices
@@ -80,7 +80,7 @@ def _cross_bar_row(editor: SceneEditor, table: str, names: dict[Field, str], row
 
     def show(scene: Scene) -> None:
         for field, wire in wires.items():
-            wire.props["checked"] = field == getattr(scene.cross_bar, table)
+            show_prop(wire, "checked", field == getattr(scene.cross_bar, table))
         idle = not _has_effect(table, scene.shading)
         for element in (head, *wires.values()):
             element.classes(add="vs-idle" if idle else "", remove="" if idle else "vs-idle")

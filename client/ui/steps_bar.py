@@ -9,7 +9,7 @@ from nicegui import context, ui
 from nicegui.element import Element
 
 from volsplat.client.frame_report import STEP_WORDS
-from volsplat.client.ui.fields import SceneEditor
+from volsplat.client.ui.fields import SceneEditor, show_pressed, show_prop
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.running_step import progress
 from volsplat.client.ui.throttle import Throttle
@@ -87,7 +87,7 @@ class Chip:
     def show(self, *, current: bool, finished: bool) -> None:
         for name, on in (("vs-now", current), ("vs-done", finished)):
             self._chip.classes(add=name if on else "", remove="" if on else name)
-        self._chip.props["aria-current"] = "step" if current else "false"
+        show_prop(self._chip, "aria-current", "step" if current else "false")
         self._milliseconds.set_text("" if self.seconds is None else milliseconds(self.seconds))
 
     def fill(self, expected: float | None, elapsed: float) -> None:
@@ -121,8 +121,6 @@ def _order(editor: SceneEditor, viewing: Viewing) -> None:
 
     def show(scene: Scene) -> None:
         words.set_text(f"forms {ORDER_WORDS[resolved_order(scene, viewing.volume.description.geometry)]}")
-        on = scene.order == Order.BACK_TO_FRONT
-        button.classes(add="vs-on" if on else "", remove="" if on else "vs-on")
-        button.props["aria-pressed"] = "true" if on else "false"
+        show_pressed(button, scene.order == Order.BACK_TO_FRONT)
 
     editor.follow(show)

@@ -15,6 +15,8 @@ from volsplat.client.ui.fields import (
     TextField,
     choose,
     number_field,
+    show_pressed,
+    show_prop,
     slider,
     whole_number_field,
 )
@@ -122,7 +124,7 @@ def _center(editor: SceneEditor, geometry: Geometry) -> None:
     with ui.element("div").classes("vs-row vs-fields"):
         for axis, letter in enumerate(AXES):
             _center_field(editor, geometry, axis, letter)
-    editor.follow(lambda scene: _press(middle, scene.view.center == "middle"))
+    editor.follow(lambda scene: show_pressed(middle, scene.view.center == "middle"))
 
 
 def _center_field(editor: SceneEditor, geometry: Geometry, axis: int, letter: str) -> None:
@@ -140,12 +142,6 @@ def _center_field(editor: SceneEditor, geometry: Geometry, axis: int, letter: st
 def _pressable(text: str, action: object) -> ui.button:
     with ui.element("div").classes("vs-buttons vs-alone"):
         return ui.button(text, color=None, on_click=action).props("dense flat no-caps")  # type: ignore[arg-type]
-
-
-def _press(button: ui.button, on: bool) -> None:
-    """Show that what the button does is in force."""
-    button.classes(add="vs-on" if on else "", remove="" if on else "vs-on")
-    button.props["aria-pressed"] = "true" if on else "false"
 
 
 # -- bounds
@@ -277,7 +273,7 @@ def _kernel(editor: SceneEditor) -> None:
         field = number_field(editor, "radius, a number", radius, lambda scene, value: rebuilt(scene, radius=value))
         field.classes("vs-short")
         default = _pressable("default", lambda: editor.change(lambda scene: rebuilt(scene, radius="default")))
-    editor.follow(lambda scene: _press(default, scene.reconstruction.radius == "default"))
+    editor.follow(lambda scene: show_pressed(default, scene.reconstruction.radius == "default"))
 
 
 # -- the image
@@ -290,7 +286,7 @@ def _window(editor: SceneEditor, automatic: tuple[float, float]) -> None:
         for side, name in enumerate(("lowest density", "highest density")):
             _window_field(editor, automatic, side, name)
         button = _pressable("automatic", lambda: editor.change(lambda scene: _quantised(scene, "auto")))
-    editor.follow(lambda scene: _press(button, scene.quantise.window == "auto"))
+    editor.follow(lambda scene: show_pressed(button, scene.quantise.window == "auto"))
 
 
 def _window_field(editor: SceneEditor, automatic: tuple[float, float], side: int, name: str) -> None:
@@ -334,7 +330,7 @@ def _background(editor: SceneEditor) -> None:
         TextField(editor, "background, #rrggbb", lambda scene: nearest_hex(scene.image.background), put)
 
     def show(scene: Scene) -> None:
-        swatch.props["value"] = nearest_hex(scene.image.background)
+        show_prop(swatch, "value", nearest_hex(scene.image.background))
 
     editor.follow(show)
 
