@@ -25,6 +25,7 @@ from volsplat.protocol.errors import BadInput
 STATIC = Path(__file__).parent / "static"
 SCENE_PARAMETER = "scene"  # of a copied link
 SHUTDOWN_SECONDS = 1  # for open sockets, at the end
+LONGEST_ADDRESS = 1 << 18  # bytes: a link may hold four tables drawn freehand
 CHECK_SECONDS = 1.0  # between looks at whether a page is open
 
 
@@ -71,6 +72,7 @@ class Application:
                 log_level="warning",
                 timeout_graceful_shutdown=SHUTDOWN_SECONDS,
                 ws_max_size=1 << 16,  # a page says little
+                h11_max_incomplete_event_size=LONGEST_ADDRESS,
             )
         )
         self.ended_by_grace = False

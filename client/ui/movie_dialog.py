@@ -7,6 +7,7 @@ import shutil
 import tempfile
 from pathlib import Path
 
+import msgspec
 from nicegui import background_tasks, context, ui
 
 from volsplat.client.key_frames import key_framed, turntable
@@ -67,19 +68,21 @@ class MovieDialog:
         frames = int(self._frames.value or 0)
         if self._path.value == TURNTABLE:
             return turntable(self._viewing.model.scene, geometry, max(frames, 2))
-        return key_framed(self._keys, geometry, frames)
+        size = self._viewing.model.scene.image  # the window may have changed since a key was taken
+        return key_framed([msgspec.structs.replace(key, image=size) for key in self._keys], geometry, frames)
 
     def _start(self) -> None:
         folder = Path(tempfile.mkdtemp(prefix="volsplat-movie-"))
+        self._viewing.loop.pause()
         try:
             scenes = self._scenes()
             path = folder / f"movie{self._kind.value}"
             self._job = MovieJob(self._viewing.session, scenes, path, int(self._rate.value or 30))
         except VolsplatError as error:
             self._trouble.text = str(error)
+            self._viewing.loop.resume()
             shutil.rmtree(folder)
             return
-        self._viewing.loop.pause()
         self._trouble.text = ""
         self._show_state()
         background_tasks.create(self._follow(self._job, folder), name="movie")
@@ -96,6 +99,8 @@ class MovieDialog:
                 with self._dialog.client:
                     ui.download(job.path.read_bytes(), job.path.name)
         finally:
+            job.cancel()  # at the end of everything it may still be at it
+            job.join()
             self._viewing.loop.resume()
             shutil.rmtree(folder)
 
