@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import base64
 import io
+import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -201,3 +203,26 @@ def test_a_lost_server_is_told_on_the_page_and_the_rest_turns_on(volume: Path, b
         left = after(page, lambda: (page.mouse.move(box["x"] + 260, box["y"] + 210, steps=4), page.mouse.up()))
         assert left[..., :3].any()
         page.goto("about:blank")
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="films need ffmpeg: apt install ffmpeg")
+def test_a_movie_is_made_with_progress_and_can_be_cancelled(page: Page) -> None:
+    before = canvas(page)
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("movie…").click()
+    images = page.get_by_label("images", exact=True)
+    images.fill("5000")
+    page.get_by_text("make the movie").click()
+    page.get_by_text(re.compile(r"image \d+ of 5000")).wait_for()
+    page.get_by_role("button", name="cancel").click()
+    page.get_by_text("cancelled").wait_for()
+    images.fill("4")
+    with page.expect_download() as download:
+        page.get_by_text("make the movie").click()
+    assert download.value.path().read_bytes()[4:8] == b"ftyp"
+    page.get_by_role("button", name="key scenes").click()
+    page.get_by_text("make the movie").click()
+    page.get_by_text("4 frames cannot pass through 0 key scenes").wait_for()
+    page.get_by_role("button", name="close").click()
+    page.wait_for_function(REFINED)
+    assert torch.equal(canvas(page), before)
