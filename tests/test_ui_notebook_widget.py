@@ -86,7 +86,7 @@ def test_the_trait_takes_scenes_only(tmp_path: Path) -> None:
     async def use(notebook: Notebook) -> None:
         before: Scene = notebook.widget.scene
         with pytest.raises(traitlets.TraitError):
-            notebook.widget.scene = {"order": "btf"}
+            notebook.widget.set_trait("scene", {"order": "btf"})
         assert notebook.widget.scene == before
 
     in_notebook(tmp_path, use)

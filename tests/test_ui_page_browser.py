@@ -200,7 +200,12 @@ def test_a_lost_server_is_told_on_the_page_and_the_rest_turns_on(volume: Path, b
         page.mouse.move(box["x"] + 220, box["y"] + 200, steps=4)
         view.mapshade_servers()[0].kill()
         page.get_by_text("of the volume are missing").first.wait_for()
-        left = after(page, lambda: (page.mouse.move(box["x"] + 260, box["y"] + 210, steps=4), page.mouse.up()))
+
+        def go_on() -> None:
+            page.mouse.move(box["x"] + 260, box["y"] + 210, steps=4)
+            page.mouse.up()
+
+        left = after(page, go_on)
         assert left[..., :3].any()
         page.goto("about:blank")
 

@@ -7,7 +7,7 @@ import re
 import signal
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -71,7 +71,7 @@ def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
     watchdog = threading.Timer(TIME_LIMIT, process.kill)
     watchdog.start()
     try:
-        url = next((found[0] for line in process.stderr if said.append(line) or (found := _ADDRESS.search(line))), None)
+        url = _address(process.stderr, said)
         assert url is not None, "".join(said)
         reading = threading.Thread(target=lambda: said.extend(process.stderr or []), daemon=True)
         reading.start()
@@ -84,6 +84,14 @@ def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
         process.kill()
         process.communicate()
     assert not person.servers(), "servers were left behind"
+
+
+def _address(lines: Iterable[str], said: list[str]) -> str | None:
+    for line in lines:
+        said.append(line)
+        if found := _ADDRESS.search(line):
+            return found[0]
+    return None
 
 
 @dataclass(frozen=True)

@@ -69,7 +69,8 @@ _decoder = msgspec.json.Decoder(PageMessage)
 
 def page_message(text: str) -> PageMessage:
     """What the page said. Raises msgspec.ValidationError or DecodeError."""
-    return _decoder.decode(text)
+    message: PageMessage = _decoder.decode(text)
+    return message
 
 
 def volume_message(description: VolumeDescription) -> dict[str, Any]:
