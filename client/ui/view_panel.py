@@ -185,7 +185,7 @@ def _axis_bounds(editor: SceneEditor, geometry: Geometry, axis: int, letter: str
             lambda scene: {"min": get(scene, 0), "max": get(scene, 1)},
             slid,
             "q-range",
-        ).props("drag-range")
+        )
         whole_number_field(
             editor,
             f"end of {letter}",
