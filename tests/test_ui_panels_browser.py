@@ -344,7 +344,7 @@ def test_background_and_edges_are_set(tab: Tab) -> None:
         ("specular power, a number", "nan", "specular_power must be above 0"),
         ("centre i", "1,5", "is not a number"),
         ("centre k", "inf", "center must be finite"),
-        ("centre j", "1e12", "lower the zoom or move the centre"),
+        ("centre i", "1e12", "lower the zoom or move the centre"),
         ("lowest i", "1.5", "“1.5” is not a whole number"),
         ("lowest i", "-1", "give low < high within that range"),
         ("lowest j", "20", "give low < high within that range"),
