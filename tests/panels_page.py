@@ -26,6 +26,7 @@ from starlette.staticfiles import StaticFiles
 import volsplat.client.ui
 from volsplat.client.session import Session
 from volsplat.client.ui.opened_viewing import opened_viewing
+from volsplat.client.ui.scene_model import SceneState
 from volsplat.client.ui.servers_panel import servers_panel
 from volsplat.client.ui.shading_panel import shading_panel
 from volsplat.client.ui.steps_bar import steps_bar
@@ -56,8 +57,11 @@ def page(viewing: Viewing) -> None:
             view_panel(viewing)
         with ui.element("footer").classes("vs-foot"):
             servers_panel(viewing)
-    unsubscribe = viewing.model.subscribe(lambda now: revision.set_text(str(now.revision)))
-    context.client.on_delete(unsubscribe)
+
+    def show_revision(now: SceneState) -> None:
+        revision.set_text(str(now.revision))
+
+    context.client.on_delete(viewing.model.subscribe(show_revision))
 
 
 def application(viewing: Viewing) -> FastAPI:

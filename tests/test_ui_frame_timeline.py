@@ -88,7 +88,7 @@ def test_a_bar_is_as_long_as_its_stage_took(stats: MapShadeStats | SplatStats) -
 
 
 def _servers(stats: MapShadeStats | SplatStats) -> FrameOutcome:
-    nothing = SplatStats(0, 0, 0, *[0.0] * 6, {}, 0)
+    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0)
     return FrameOutcome({7: stats}, nothing) if isinstance(stats, MapShadeStats) else FrameOutcome({}, stats)
 
 
