@@ -34,7 +34,7 @@ def browser() -> Iterator[Browser]:
     if executable is None:
         pytest.skip("the browser tests need chromium: apt install chromium")
     with playwright.sync_playwright() as running:
-        launched = running.chromium.launch(executable_path=executable, args=["--no-sandbox"])
+        launched = running.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
         yield launched
         launched.close()
 

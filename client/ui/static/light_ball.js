@@ -61,8 +61,9 @@ export class LightBall {
 
   /** @param {Direction} direction of any length but zero */
   show(direction) {
-    if (this.dragging) return;
-    this.direction = normalised(direction);
+    const turned = normalised(direction);
+    if (this.dragging || turned.every((part, axis) => part === this.direction?.[axis])) return;
+    this.direction = turned;
     this.draw();
   }
 
