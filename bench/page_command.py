@@ -33,9 +33,12 @@ if TYPE_CHECKING:
 # As root it has no sandbox; and without a graphics card, drawing by the plain rasteriser takes half of the time.
 CHROMIUM_OPTIONS = ["--no-sandbox", "--disable-gpu"]
 MOVES_PER_SECOND = 60
+WARM_UP_MOVES = 180
 IMAGE = 512
 GOALS = "Goals on loopback: median 50 ms, 95 % 100 ms, 30 images a second, nothing stale."
 _ADDRESS = re.compile(r"http://\S+token=\S+")
+_REFINED = "() => window.volsplatViewport?.log.at(-1)?.last"
+_SIZE = "() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height]; }"
 _WAIT = 60_000  # milliseconds, for the page and its first picture
 
 
@@ -94,6 +97,8 @@ def page(
     subject = subject_of(volume, phantom, None, None, None)
     with Console(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:
         with _viewed(path, workers) as address, _slowed(address, line) as reached, _opened(reached) as tab:
+            status.update("dragging, to warm up")
+            dragged(tab, WARM_UP_MOVES)
             status.update(f"dragging, {moves} moves")
             drag = dragged(tab, moves)
     late = sorted(drag.latencies())
@@ -185,19 +190,15 @@ def _opened(address: str) -> Iterator[Page]:
         raise BadInput("this benchmark needs Chromium: apt install chromium")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)
+        window = {"width": 1280, "height": 800}
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
         tab.goto(address)
-        tab.wait_for_function("() => window.volsplatViewport?.log.at(-1)?.last", timeout=_WAIT)
-        box = tab.locator(".vs-view").bounding_box()
-        assert box is not None
-        tab.set_viewport_size(
-            {"width": round(1280 - box["width"] + IMAGE), "height": round(800 - box["height"] + IMAGE)}
-        )
-        tab.wait_for_function(
-            f"() => {{ const p = window.volsplatViewport.log.at(-1);"
-            f" return p.last && p.width === {IMAGE} && p.height === {IMAGE}; }}",
-            timeout=_WAIT,
-        )
+        tab.wait_for_function(_REFINED, timeout=_WAIT)
+        while (shown := tab.evaluate(_SIZE)) != [IMAGE, IMAGE]:  # what stands around the picture may still grow
+            window = {"width": window["width"] + IMAGE - shown[0], "height": window["height"] + IMAGE - shown[1]}
+            tab.set_viewport_size({"width": window["width"], "height": window["height"]})
+            tab.wait_for_function(f"() => {{ const [w, h] = ({_SIZE})(); return w != {shown[0]} || h != {shown[1]}; }}")
+            tab.wait_for_function(_REFINED, timeout=_WAIT)
         yield tab
         browser.close()
 
