@@ -16,6 +16,7 @@ from volsplat.protocol.volume import Index
 Colour = tuple[float, float, float]
 
 TABLE_ENTRIES = 256
+LEAST_ZOOM, GREATEST_ZOOM = 1 / 64, 256.0  # pixels per reference spacing
 
 
 def _check_finite(name: str, values: tuple[float, ...]) -> None:
@@ -190,7 +191,7 @@ class View(Part, frozen=True):
         _check_finite("rotation", self.rotation)
         if not any(self.rotation):
             raise ValueError("rotation must not be all zeros")
-        if self.zoom != "fit" and not 1 / 64 <= self.zoom <= 256:
+        if self.zoom != "fit" and not LEAST_ZOOM <= self.zoom <= GREATEST_ZOOM:
             raise ValueError(f'zoom must be 1/64 to 256 pixels per voxel or "fit", not {self.zoom}')
         if self.center != "middle":
             _check_finite("center", self.center)

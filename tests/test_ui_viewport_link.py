@@ -114,6 +114,15 @@ def test_through_a_slow_line_the_rate_falls_and_the_newest_still_arrives(view: V
     assert shown[-1].header["event"] == moves
 
 
+def test_a_larger_window_shows_the_same_part_of_the_volume(viewport: Viewport) -> None:
+    viewport.says("view", **turned(0.2, event=1, settled=True))
+    viewport.says("size", width=4 * SIDE, height=2 * SIDE)
+    shown = viewport.last_picture(event=1)[-1].header
+    while shown["width"] != 4 * SIDE:
+        shown = viewport.last_picture(event=1)[-1].header
+    assert shown["view"]["zoom"] == 2 * 2.0
+
+
 def test_two_tabs_show_one_scene(view: Viewed, viewport: Viewport) -> None:
     with view.viewport("b") as other:
         other.last_picture()

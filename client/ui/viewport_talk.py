@@ -21,7 +21,7 @@ from volsplat.client.ui.scene_model import SceneState
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import resolved_bounds
-from volsplat.protocol.scene import Bounds, Scene, View
+from volsplat.protocol.scene import GREATEST_ZOOM, LEAST_ZOOM, Bounds, Scene, View
 
 log = logging.getLogger(__name__)
 
@@ -154,4 +154,9 @@ class ViewportTalk:
 
 
 def _sized(scene: Scene, width: int, height: int) -> Scene:
-    return msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, width=width, height=height))
+    """With as much of the volume in the image as before."""
+    old, view = scene.image, scene.view
+    if view.zoom != "fit":
+        zoom = view.zoom * min(width, height) / min(old.width, old.height)
+        view = msgspec.structs.replace(view, zoom=min(max(zoom, LEAST_ZOOM), GREATEST_ZOOM))
+    return msgspec.structs.replace(scene, image=msgspec.structs.replace(old, width=width, height=height), view=view)
