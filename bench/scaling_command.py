@@ -19,8 +19,7 @@ from volsplat.bench.subject import shares, subject_of, subject_options, volume_f
 from volsplat.bench.views import around, seen
 from volsplat.client.bottleneck import bottleneck
 from volsplat.client.frame_report import this_machine
-from volsplat.client.render_command import Servers, opened, shared_token
-from volsplat.protocol.addresses import parse_address
+from volsplat.client.opened_volume import Servers, opened, servers_from_options
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Scene
 
@@ -67,12 +66,7 @@ def scaling(
     shares_drawn, sides = fractions("--sizes", sizes), whole_numbers("--images", images)
     if not spawns and len(counts) != 1:
         raise BadInput(f"--workers {workers}: a cluster has one number of map/shade servers; give it")
-    servers = Servers(
-        workers=counts[0],
-        single=False,
-        listen=parse_address(listen) if listen else None,
-        token=shared_token(token_file, makes=listen is not None),
-    )
+    servers = servers_from_options(counts[0], listen, token_file)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
     console = Console(stderr=True)

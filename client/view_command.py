@@ -14,11 +14,11 @@ import msgspec
 from rich.console import Console
 
 from volsplat.client.interrupts import interrupts_held
+from volsplat.client.opened_volume import opened, servers_from_options
 from volsplat.client.presets import PRESETS
-from volsplat.client.render_command import Servers, opened, shared_token
 from volsplat.client.render_options import SceneOptions
 from volsplat.client.session import Session
-from volsplat.protocol.addresses import LOOPBACK, parse_address
+from volsplat.protocol.addresses import LOOPBACK
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Refine, Step
 
@@ -67,12 +67,7 @@ def view(
     if listen is None and not Path(volume).exists():
         raise BadInput(f"{volume}: no such file or folder")
     free_port = _free_port(port)
-    servers = Servers(
-        workers=workers,
-        single=False,
-        listen=parse_address(listen) if listen else None,
-        token=shared_token(token_file, makes=listen is not None),
-    )
+    servers = servers_from_options(workers, listen, token_file)
     console = Console(stderr=True)
     with opened(volume, servers, listen is None, console) as session:
         assert isinstance(session, Session)

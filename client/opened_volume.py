@@ -1,0 +1,89 @@
+"""The volume that a command draws, and the processes that hold it: started here, joined by hand, or this one alone."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from ipaddress import ip_address
+from pathlib import Path
+
+from rich.console import Console
+
+from volsplat.client.renderer import Renderer
+from volsplat.client.session import ANY_LOOPBACK_PORT, Session
+from volsplat.protocol.addresses import Address, parse_address
+from volsplat.protocol.tokens import TOKEN_VARIABLE, Token, find_token, new_token
+
+
+@dataclass(frozen=True)
+class Servers:
+    """Which processes draw, and where they come from."""
+
+    workers: int
+    single: bool
+    listen: Address | None
+    token: Token | None
+
+
+def servers_from_options(workers: int, listen: str | None, token_file: Path | None, single: bool = False) -> Servers:
+    """What --workers, --listen, --token-file and --single ask for. Raises BadInput."""
+    return Servers(
+        workers=workers,
+        single=single,
+        listen=parse_address(listen) if listen else None,
+        token=shared_token(token_file, makes=listen is not None),
+    )
+
+
+def shared_token(token_file: Path | None, makes: bool) -> Token | None:
+    """The token that the environment or the file gives; `makes` the file where there is none. None: no such wish."""
+    if makes and token_file is not None and not token_file.exists():
+        token = new_token()
+        token.write(token_file)
+        return token
+    return find_token(os.environ, token_file)
+
+
+@contextmanager
+def opened(volume: str, servers: Servers, spawns: bool, console: Console) -> Iterator[Renderer]:
+    """The volume, ready to be drawn, with a line on the terminal that says what is going on."""
+    with console.status("starting") as status:
+
+        def say(text: str) -> None:
+            status.update(text)
+            if not console.is_terminal and text.startswith("waiting for servers") and not spawns:
+                console.print(text, highlight=False)
+
+        if servers.single:
+            from volsplat.client.single import SingleProcess
+
+            with SingleProcess(volume, on_progress=say) as single:
+                yield single
+            return
+        token = servers.token or new_token()
+        with Session(
+            volume,
+            workers=servers.workers,
+            listen=servers.listen or ANY_LOOPBACK_PORT,
+            spawn=spawns,
+            token=token,
+            on_progress=say,
+        ) as session:
+            if not spawns:
+                tell_how_to_join(session, token, servers.token is not None, console)
+            yield session
+
+
+def tell_how_to_join(session: Session, token: Token, known: bool, console: Console) -> None:
+    """Print the commands that start servers by hand."""
+    address = session.address
+    secret = "" if known else f"{TOKEN_VARIABLE}={token.key.decode()} "
+    everywhere = ip_address(address.host).is_unspecified
+    joined = Address(socket.gethostname(), address.port) if everywhere else address
+    # Servers on other machines must reach the splat server as well, which by itself listens on its own alone.
+    opened = "" if ip_address(address.host).is_loopback else " --listen 0.0.0.0:0"
+    for command in (f"splat-server --connect {joined}{opened}", f"mapshade-server --connect {joined}"):
+        console.print(f"{secret}volsplat {command}", soft_wrap=True, highlight=False)
