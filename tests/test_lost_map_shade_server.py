@@ -2,48 +2,27 @@
 
 import signal
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
 import psutil
 import pytest
 import torch
+from head_volume import head, scene, single
 
 from volsplat.client import Session
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.presets import preset_scene
 from volsplat.client.renderer import Refinement, finished_whole
 from volsplat.client.server_states import ServerState
 from volsplat.client.single import SingleProcess
-from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import PeerLost
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import Bounds, Image, Scene, Step
+from volsplat.protocol.scene import Bounds, Scene, Step
 from volsplat.protocol.volume import Box
+
+__all__ = ["head", "scene", "single"]
 
 PATIENCE = 60.0  # seconds after which what never comes fails its test
 WHOLE_CELLS = [Step.C, Step.D, Step.E, Step.F]  # with strides, bounds would clip the outermost samples' blocks
-
-
-@pytest.fixture(scope="module")
-def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("volumes") / "head.mha"
-    write_volume(path, *make_phantom("head", size=(32, 40, 36)))
-    return path
-
-
-@pytest.fixture(scope="module")
-def single(head: Path) -> Iterator[SingleProcess]:
-    with SingleProcess(head) as single:
-        yield single
-
-
-@pytest.fixture
-def scene(single: SingleProcess) -> Scene:
-    volume = single.volume
-    skin = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
-    return msgspec.structs.replace(skin, image=Image(width=96, height=80))
 
 
 class Watched:

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 import torch
 from arbitrary import geometries, plain_scene
+from head_volume import head, scene, single
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from shadings import partitions, quantisations, shaded_scenes, volumes
@@ -15,8 +16,6 @@ from torch import Tensor
 from reference import mapping, shading, voxel_packets
 from tolerances import POINT_TIE
 from volsplat.client import Session
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.presets import preset_scene
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
 from volsplat.mapshade_server.probe import front_most
@@ -26,13 +25,13 @@ from volsplat.protocol.frame_plan import FramePlan
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.line_of_sight import MOST_ASIDE, LineOfSight
 from volsplat.protocol.messages import ProbedVoxel
-from volsplat.protocol.scene import Bounds, Image, Quantise, Scene, Step, View
+from volsplat.protocol.scene import Bounds, Quantise, Scene, Step, View
 from volsplat.protocol.volume import Geometry, Index
+
+__all__ = ["head", "scene", "single"]
 
 HALF = 0.5  # of a cell, of a pixel
 JITTER = 0.0137  # pixels: keeps points off the middles and edges of cells, where rounding decides
-SMALL = Image(width=96, height=80)
-SIZE = (32, 40, 36)
 
 
 # -- against the reference
@@ -99,29 +98,9 @@ def under(positions: Tensor, point: Tensor, plan: FramePlan) -> Tensor:
 
 
 @pytest.fixture(scope="module")
-def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("volumes") / "head.mha"
-    write_volume(path, *make_phantom("head", size=SIZE))
-    return path
-
-
-@pytest.fixture(scope="module")
 def session(head: Path) -> Iterator[Session]:
     with Session(head, workers=2) as session:
         yield session
-
-
-@pytest.fixture(scope="module")
-def single(head: Path) -> Iterator[SingleProcess]:
-    with SingleProcess(head) as single:
-        yield single
-
-
-@pytest.fixture
-def scene(single: SingleProcess) -> Scene:
-    volume = single.volume
-    skin = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
-    return msgspec.structs.replace(skin, image=SMALL)
 
 
 POINTS = [(x - 0.25, float(y)) for y in range(2, 80, 7) for x in range(2, 96, 7)]

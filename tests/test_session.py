@@ -10,44 +10,24 @@ import msgspec
 import psutil
 import pytest
 import torch
+from head_volume import head, single, skin
 
 from volsplat.client import Session
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.presets import preset_scene
 from volsplat.client.session import FrameAborted
 from volsplat.client.single import SingleProcess
-from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
-from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Refine, Scene, Step
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Refine, Step
 
-SMALL = Image(width=96, height=80)
+__all__ = ["head", "single"]
+
 NAMES = {"mapshade_server": "map/shade server", "splat_server": "splat server"}
 PATIENCE = 60.0  # seconds after which what never comes fails its test
-
-
-@pytest.fixture(scope="module")
-def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("volumes") / "head.mha"
-    write_volume(path, *make_phantom("head", size=(32, 40, 36)))
-    return path
 
 
 @pytest.fixture(scope="module")
 def session(head: Path) -> Iterator[Session]:
     with Session(head, workers=3) as session:
         yield session
-
-
-@pytest.fixture(scope="module")
-def single(head: Path) -> Iterator[SingleProcess]:
-    with SingleProcess(head) as single:
-        yield single
-
-
-def skin(session: Session | SingleProcess, image: Image = SMALL) -> Scene:
-    volume = session.volume
-    scene = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
-    return msgspec.structs.replace(scene, image=image)
 
 
 def test_a_session_and_a_single_process_know_the_same_of_a_volume(session: Session, single: SingleProcess) -> None:
