@@ -21,6 +21,22 @@ STEP_RULES = {
 }
 
 
+def finer(step: Step) -> Step | None:
+    """The step that follows; None after F."""
+    return _neighbour(step, 1)
+
+
+def coarser(step: Step) -> Step | None:
+    """The step before; None before A."""
+    return _neighbour(step, -1)
+
+
+def _neighbour(step: Step, by: int) -> Step | None:
+    steps = list(Step)
+    n = steps.index(step) + by
+    return steps[n] if 0 <= n < len(steps) else None
+
+
 @dataclass(frozen=True)
 class ActiveShading:
     """Which intensities a step adds up."""

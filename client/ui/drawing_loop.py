@@ -15,10 +15,11 @@ from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, laid_over
 from volsplat.client.server_states import VolumeIncomplete
 from volsplat.client.session import Session
 from volsplat.client.ui.pacing import StepPacing
-from volsplat.client.ui.picture import Picture
+from volsplat.client.ui.picture import Picture, nothing_finer
 from volsplat.client.ui.picture_encoding import encoded
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.refinement import finer
 from volsplat.protocol.scene import Scene, Step
 
 log = logging.getLogger(__name__)
@@ -41,7 +42,7 @@ class DrawingLoop:
         self._model = model
         self._show = show
         self._tell = tell
-        self._shown: Picture | None = None
+        self._shown: Picture | None = None  # the newest whose step is finished
         self._number = 0
         self._drawn_revision = 0
         self._refining = False
@@ -128,12 +129,13 @@ class DrawingLoop:
 
     def _refine(self, state: SceneState) -> None:
         shown = self._shown
-        first = Step.A
-        if shown is not None and shown.complete and shown.state.scene == state.scene:
-            if shown.step == max(Step):
-                self._publish(state, Refinement(shown.step, shown.image, shown.outcome), measured=False)
-                return
-            first = Step(chr(ord(shown.step) + 1))
+        first: Step | None = Step.A
+        if shown is not None and shown.state.scene == state.scene:
+            first = finer(shown.step)
+        if first is None:
+            assert shown is not None
+            self._publish(state, Refinement(shown.step, shown.image, shown.outcome), measured=False)
+            return
         for refinement in self._session.refine(state.scene, max(Step), PARTIAL_INTERVAL, first=first):
             if self._model.now.revision != state.revision:
                 return
@@ -145,15 +147,13 @@ class DrawingLoop:
 
     def _publish(self, state: SceneState, refinement: Refinement, measured: bool = True) -> None:
         began = time.perf_counter()
-        last = refinement.complete and state.settled and refinement.step == max(Step)
+        last = nothing_finer(state, refinement.step, refinement.complete)
         data = encoded(refinement.image, state.scene.image.background, lossless=last)
         if refinement.outcome is not None and measured:
             encoding_seconds = time.perf_counter() - began
             self.pacing.measured(refinement.step, refinement.outcome.wall_seconds + encoding_seconds)
         self._number += 1
-        picture = Picture(
-            self._number, state, refinement.step, refinement.image, refinement.outcome, data, lossless=last
-        )
+        picture = Picture(self._number, state, refinement.step, refinement.image, refinement.outcome, data)
         if refinement.complete:
             self._shown = picture
         self._show(picture)

@@ -22,8 +22,7 @@ class Picture:
     step: Step
     image: Tensor  # (H, W, 4) float32, associated, without the background
     outcome: StepOutcome | None  # None while the step is still being drawn
-    data: bytes  # the image as JPEG or PNG over the background
-    lossless: bool
+    data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
 
     @property
     def complete(self) -> bool:
@@ -32,4 +31,9 @@ class Picture:
     @property
     def last(self) -> bool:
         """Nothing finer will follow for this scene."""
-        return self.complete and self.state.settled and self.step == max(Step)
+        return nothing_finer(self.state, self.step, self.complete)
+
+
+def nothing_finer(state: SceneState, step: Step, complete: bool) -> bool:
+    """Whether an image of this step, complete or not, is the last that is drawn of the scene."""
+    return complete and state.settled and step == max(Step)

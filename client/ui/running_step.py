@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneState
+from volsplat.protocol.refinement import coarser, finer
 from volsplat.protocol.scene import Step
 
 
@@ -21,15 +22,8 @@ def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> 
     """How far the refinement of `state` is, by the newest picture. `while_moving` is drawn of a scene not settled."""
     if picture is None or picture.state.scene != state.scene:
         return Progress(running=Step.A if state.settled else while_moving, finished=None)
-    before = _neighbour(picture.step, -1)
     if not picture.complete:
-        return Progress(running=picture.step, finished=before)
+        return Progress(running=picture.step, finished=coarser(picture.step))
     if not state.settled:
         return Progress(running=None, finished=picture.step)
-    return Progress(running=_neighbour(picture.step, 1), finished=picture.step)
-
-
-def _neighbour(step: Step, by: int) -> Step | None:
-    steps = list(Step)
-    n = steps.index(step) + by
-    return steps[n] if 0 <= n < len(steps) else None
+    return Progress(running=finer(picture.step), finished=picture.step)

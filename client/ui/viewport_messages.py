@@ -11,6 +11,7 @@ from volsplat.client.ui.pacing import StepPacing
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneState
 from volsplat.protocol.frame_plan import resolved_bounds, resolved_center, resolved_zoom
+from volsplat.protocol.refinement import finer
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Geometry, Index, VolumeDescription
 
@@ -134,9 +135,7 @@ def _following(picture: Picture) -> Step | None:
     """The step that is drawn while this picture is looked at."""
     if not picture.complete:
         return picture.step
-    if picture.last or not picture.state.settled:
-        return None
-    return Step(chr(ord(picture.step) + 1))
+    return finer(picture.step) if picture.state.settled else None
 
 
 def _view(scene: Scene, geometry: Geometry) -> dict[str, Any]:
