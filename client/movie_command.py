@@ -16,14 +16,12 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie_formats import check_movie_writable
+from volsplat.client.opened_volume import opened_quietly, servers_from_options
 from volsplat.client.presets import PRESETS
 from volsplat.client.render_options import SceneOptions, size_from_option
-from volsplat.client.renderer import Renderer
-from volsplat.client.session import Session
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Scene, Step
-from volsplat.protocol.tokens import find_token
 
 
 @click.command()
@@ -86,6 +84,7 @@ def movie(
     options.key_scenes(None, keys)
     options.scene_of(None)
     check_movie_writable(output)
+    servers = servers_from_options(workers, None, None, single)
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:
         geometry = known.description.geometry
@@ -96,7 +95,7 @@ def movie(
     console = Console(stderr=True)
     began = time.perf_counter()
     with shown_progress(frames, console) as (say, done):
-        with opened(volume, workers, single, say) as renderer:
+        with opened_quietly(volume, servers, True, say, console) as renderer:
             scenes = scenes_of(renderer.volume)
             with interrupts_held():  # takes a second to import; by now every server works
                 from volsplat.client.movie import write_movie
@@ -104,19 +103,6 @@ def movie(
     image = scenes[0].image
     seconds = time.perf_counter() - began
     console.print(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s", highlight=False)
-
-
-@contextmanager
-def opened(volume: str, workers: int, single: bool, say: Callable[[str], None]) -> Iterator[Renderer]:
-    """The volume, ready to be drawn by this machine."""
-    if single:
-        from volsplat.client.single import SingleProcess
-
-        with SingleProcess(volume, on_progress=say) as process:
-            yield process
-        return
-    with Session(volume, workers=workers, token=find_token(os.environ, None), on_progress=say) as session:
-        yield session
 
 
 @contextmanager

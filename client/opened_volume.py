@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from ipaddress import ip_address
@@ -57,24 +57,33 @@ def opened(volume: str, servers: Servers, spawns: bool, console: Console) -> Ite
             if not console.is_terminal and text.startswith("waiting for servers") and not spawns:
                 console.print(text, highlight=False)
 
-        if servers.single:
-            from volsplat.client.single import SingleProcess
+        with opened_quietly(volume, servers, spawns, say, console) as renderer:
+            yield renderer
 
-            with SingleProcess(volume, on_progress=say) as single:
-                yield single
-            return
-        token = servers.token or new_token()
-        with Session(
-            volume,
-            workers=servers.workers,
-            listen=servers.listen or ANY_LOOPBACK_PORT,
-            spawn=spawns,
-            token=token,
-            on_progress=say,
-        ) as session:
-            if not spawns:
-                tell_how_to_join(session, token, servers.token is not None, console)
-            yield session
+
+@contextmanager
+def opened_quietly(
+    volume: str, servers: Servers, spawns: bool, say: Callable[[str], None], console: Console
+) -> Iterator[Renderer]:
+    """As `opened`, with whatever `say` does with the words for what is going on."""
+    if servers.single:
+        from volsplat.client.single import SingleProcess
+
+        with SingleProcess(volume, on_progress=say) as single:
+            yield single
+        return
+    token = servers.token or new_token()
+    with Session(
+        volume,
+        workers=servers.workers,
+        listen=servers.listen or ANY_LOOPBACK_PORT,
+        spawn=spawns,
+        token=token,
+        on_progress=say,
+    ) as session:
+        if not spawns:
+            tell_how_to_join(session, token, servers.token is not None, console)
+        yield session
 
 
 def tell_how_to_join(session: Session, token: Token, known: bool, console: Console) -> None:
