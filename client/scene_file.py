@@ -68,7 +68,7 @@ def scene_toml(scene: Scene, title: str = "A volsplat scene") -> str:
                 lines += ["", *_comment(meaning)] if meaning else []
                 default = _default_of(key)
                 lines += _comment(f"Allowed: {allowed}." + (f" Default: {default}." if default else ""))
-                lines.append(f"{key.rpartition('.')[2]} = {_toml_value(_value_at(scene, key), key)}")
+                lines.append(f"{key.rpartition('.')[2]} = {toml_value(_value_at(scene, key), key)}")
     return "\n".join(lines) + "\n"
 
 
@@ -94,7 +94,7 @@ def _default_of(key: str) -> str:
         return ""
     kind = _part_type(section)
     field = next(field for field in msgspec.structs.fields(kind) if field.name == name)
-    return _toml_value(field.default, key)
+    return toml_value(field.default, key)
 
 
 def _part_type(section: str) -> type[Part]:
@@ -104,7 +104,8 @@ def _part_type(section: str) -> type[Part]:
     return kind
 
 
-def _toml_value(value: Any, key: str) -> str:
+def toml_value(value: Any, key: str) -> str:
+    """The value of a scene's key as TOML."""
     if key.endswith(".points"):
         coloured = key.split(".")[1] in _COLOUR_TABLES
         rows = [f"  [{point!r}, {_toml_colour(entry) if coloured else repr(entry)}]," for point, entry in value]

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import tomllib
 
-from volsplat.client.colours import hex_of_colour
-from volsplat.client.scene_file import scene_from_toml
+from volsplat.client.scene_file import scene_from_toml, toml_value
 from volsplat.client.scene_keys import KEYS, SECTIONS
 from volsplat.client.ui.table_edits import Table
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.scene import Colour, ColourTable, Scene
+from volsplat.protocol.scene import ColourTable, Scene
 
 
 def table_toml(scene: Scene, which: str) -> str:
@@ -17,8 +16,8 @@ def table_toml(scene: Scene, which: str) -> str:
     key = f"tables.{which}"
     points = f"{key}.points"
     table: Table = getattr(scene.tables, which)
-    rows = [f"  [{position!r}, {_value_toml(value)}]," for position, value in table.points]
-    return "\n".join([*_comment(SECTIONS[key]), f"# {KEYS[points].allowed}", f"[{key}]", "points = [", *rows, "]", ""])
+    written = toml_value(table.points, points)
+    return "\n".join([*_comment(SECTIONS[key]), f"# {KEYS[points].allowed}", f"[{key}]", f"points = {written}", ""])
 
 
 def table_from_toml(text: str, base: Scene, which: str, name: str) -> Table:
@@ -40,10 +39,3 @@ def table_from_toml(text: str, base: Scene, which: str, name: str) -> Table:
 
 def _comment(text: str) -> list[str]:
     return [f"# {line}" for line in text.splitlines()]
-
-
-def _value_toml(value: float | Colour) -> str:
-    if not isinstance(value, tuple):
-        return repr(value)
-    text = hex_of_colour(value)
-    return f'"{text}"' if text else "[" + ", ".join(repr(channel) for channel in value) + "]"
