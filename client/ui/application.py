@@ -17,13 +17,12 @@ from starlette.websockets import WebSocket
 
 from volsplat.client.ui.gate import Gate
 from volsplat.client.ui.loss_watch import watch_for_losses
-from volsplat.client.ui.saving import scene_from_link
+from volsplat.client.ui.saving import SCENE_PARAMETER, scene_from_link
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.ui.viewport_link import serve_viewport
 from volsplat.protocol.errors import BadInput
 
 STATIC = Path(__file__).parent / "static"
-SCENE_PARAMETER = "scene"  # of a copied link
 SHUTDOWN_SECONDS = 1  # for open sockets, at the end
 LONGEST_ADDRESS = 1 << 18  # bytes: a link may hold four tables drawn freehand
 CHECK_SECONDS = 1.0  # between looks at whether a page is open

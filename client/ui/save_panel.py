@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import re
-from collections.abc import Awaitable, Callable
 from functools import partial
 
-from nicegui import context, events, ui
+from nicegui import events, ui
 
 from volsplat.client.scene_file import scene_from_toml
 from volsplat.client.ui.movie_dialog import MovieDialog
@@ -24,18 +23,14 @@ def save_panel(viewing: Viewing) -> None:
     opening = _scene_upload(viewing)
     with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
         with ui.menu().props("auto-close"):
-            _item("image as PNG", partial(_save_image, viewing, "png"))
-            _item("image as EXR, with alpha", partial(_save_image, viewing, "exr"))
+            ui.menu_item("image as PNG", partial(_save_image, viewing, "png"))
+            ui.menu_item("image as EXR, with alpha", partial(_save_image, viewing, "exr"))
             ui.separator()
-            _item("scene as TOML", partial(_save_scene, viewing))
-            _item("open a scene…", partial(_pick_file, opening))
-            _item("copy a link to this scene", partial(_copy_link, viewing))
+            ui.menu_item("scene as TOML", partial(_save_scene, viewing))
+            ui.menu_item("open a scene…", lambda: opening.run_method("pickFiles"))
+            ui.menu_item("copy a link to this scene", partial(_copy_link, viewing))
             ui.separator()
-            _item("movie…", partial(_open_movie, movie))
-
-
-def _item(text: str, action: Callable[[], Awaitable[None]]) -> None:
-    ui.menu_item(text, on_click=action)
+            ui.menu_item("movie…", movie.open)
 
 
 async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
@@ -72,11 +67,11 @@ def file_stem(viewing: Viewing) -> str:
     return re.sub(r"\W+", "-", viewing.volume.description.name.split(".")[0]).strip("-") or "volume"
 
 
-async def _save_scene(viewing: Viewing) -> None:
+def _save_scene(viewing: Viewing) -> None:
     ui.download(scene_bytes(viewing.model.scene), f"{file_stem(viewing)}.toml")
 
 
-async def _copy_link(viewing: Viewing) -> None:
+def _copy_link(viewing: Viewing) -> None:
     link = scene_link(viewing.url, viewing.model.scene, viewing.default_scene)
     ui.clipboard.write(link)
     ui.notify("copied: the link restores this scene, for whoever may see this page")
@@ -96,12 +91,3 @@ def _scene_upload(viewing: Viewing) -> ui.upload:
 
     upload = ui.upload(on_upload=opened, auto_upload=True, max_file_size=LARGEST_SCENE_FILE)
     return upload.props("accept=.toml").style("display: none")
-
-
-async def _pick_file(upload: ui.upload) -> None:
-    upload.run_method("pickFiles")
-
-
-async def _open_movie(movie: MovieDialog) -> None:
-    with context.client:
-        movie.open()
