@@ -37,9 +37,9 @@ def rotation_from_angles(azimuth: float, elevation: float, roll: float = 0.0) ->
     Azimuth turns the volume about the physical +z axis, counter-clockwise as seen from above; elevation then tips
     its top towards the viewer; roll turns the picture counter-clockwise.
     """
-    turned = product(_FRONT, _about(2, azimuth))
-    tipped = product(_about(0, elevation), turned)
-    return product(_about(2, roll), tipped)
+    turned = product(_FRONT, about(2, azimuth))
+    tipped = product(about(0, elevation), turned)
+    return product(about(2, roll), tipped)
 
 
 def rotation_from_option(text: str) -> Quaternion:
@@ -66,7 +66,7 @@ def rotation_from_option(text: str) -> Quaternion:
     return rotation_from_angles(*numbers)
 
 
-def _about(axis: int, degrees: float) -> Quaternion:
+def about(axis: int, degrees: float) -> Quaternion:
     """The turn about a coordinate axis; whole half turns are exact."""
     turn = math.remainder(degrees, 720.0)
     if abs(turn) == 180.0:

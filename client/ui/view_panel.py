@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Literal
 
 import msgspec
@@ -21,8 +20,9 @@ from volsplat.client.ui.fields import (
     whole_number_field,
 )
 from volsplat.client.ui.image_size_fields import image_size_fields
+from volsplat.client.ui.steps_bar import ORDER_WORDS
 from volsplat.client.ui.viewing import Viewing
-from volsplat.client.view_rotation import Quaternion, named_view, product
+from volsplat.client.view_rotation import Quaternion, about, named_view, product
 from volsplat.protocol.footprint_shape import DEFAULT_RADIUS
 from volsplat.protocol.frame_plan import resolved_bounds, resolved_center
 from volsplat.protocol.scene import Bounds, Colour, Kernel, Order, Scene, Step, View
@@ -37,11 +37,7 @@ SIDES = {  # the viewer's place; what is there of a patient, and of anything els
     "bottom": ("inferior", "-z"),
 }
 ROLL_DEGREES = 15.0
-ORDERS = {
-    Order.FASTEST: "fastest",
-    Order.BACK_TO_FRONT: "back to front",
-    Order.FRONT_TO_BACK: "front to back",
-}
+ORDERS = {Order.FASTEST: "fastest", **ORDER_WORDS}
 AXES = "ijk"
 
 replace = msgspec.structs.replace
@@ -105,8 +101,7 @@ def _turn(editor: SceneEditor, rotation: Quaternion) -> None:
 
 def rolled(rotation: Quaternion, degrees: float) -> Quaternion:
     """The rotation with the picture turned counter-clockwise."""
-    half = math.radians(degrees) / 2
-    return product((0.0, 0.0, math.sin(half), math.cos(half)), rotation)
+    return product(about(2, degrees), rotation)
 
 
 def _viewed(scene: Scene, **parts: object) -> Scene:
