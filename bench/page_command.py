@@ -6,6 +6,7 @@ import bisect
 import math
 import re
 import shutil
+import statistics
 import subprocess
 import sys
 import time
@@ -69,7 +70,7 @@ class Drag:
         """Seconds by which the last third of the latencies is worse than the first, in the median."""
         late = self.latencies()
         third = max(len(late) // 3, 1)
-        return _median(late[-third:]) - _median(late[:third])
+        return statistics.median(late[-third:]) - statistics.median(late[:third])
 
 
 @click.command()
@@ -109,7 +110,7 @@ def page(
         GOALS,
     )
     p95 = late[math.ceil(0.95 * len(late)) - 1]
-    table.add("event to canvas, ms", *(significant(value * 1e3) for value in (_median(late), p95, late[-1])))
+    table.add("event to canvas, ms", *(significant(value * 1e3) for value in (statistics.median(late), p95, late[-1])))
     facts = {
         "images a second": significant(drag.images_per_second()),
         "stale images": str(drag.stale()),
@@ -220,8 +221,3 @@ def _link(text: str) -> tuple[float, float]:
     if not (megabits > 0 and milliseconds >= 0):
         raise BadInput(f"--link {text}: give MBIT,MS, as in 20,40 for 20 Mbit/s and 40 ms a round trip")
     return megabits * 1e6, milliseconds / 1e3
-
-
-def _median(values: list[float]) -> float:
-    ordered = sorted(values)
-    return ordered[len(ordered) // 2]
