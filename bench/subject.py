@@ -19,6 +19,7 @@ from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Order, Scene
 from volsplat.protocol.volume import Index
+from volsplat.protocol.volume_name import check_is_there
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -75,8 +76,8 @@ def subject_of(
     """What the options ask for. Raises BadInput; also where the volume should be `here` and is not."""
     if (volume is None) == (phantom is None):
         raise BadInput("give a VOLUME, or --phantom NAME:SIZE in its place")
-    if volume is not None and here and not Path(volume).exists():
-        raise BadInput(f"{volume}: no such file or folder")
+    if volume is not None and here:
+        check_is_there(volume)
     if tables not in (None, TableName.PRESET) and (scene is not None or preset is not None):
         raise BadInput(f"--tables {tables} is a scene of its own; leave out --scene and --preset")
     made = phantom_of(phantom) if phantom is not None else None

@@ -1,21 +1,18 @@
 """`volsplat info`: what a volume is, as a map/shade server tells it."""
 
-from pathlib import Path
-
 import click
 from rich.console import Console
 
 from volsplat.client.session import Session
 from volsplat.client.volume_info import info_text
-from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume_name import check_is_there
 
 
 @click.command()
 @click.argument("volume")
 def info(volume: str) -> None:
     """Print dimensions, spacing, orientation, type, range and histogram of VOLUME."""
-    if not Path(volume).exists():
-        raise BadInput(f"{volume}: no such file or folder")
+    check_is_there(volume)
     with Console(stderr=True).status("reading") as status:
         with Session(volume, workers=1, on_progress=status.update) as session:
             known = session.volume

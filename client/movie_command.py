@@ -22,6 +22,7 @@ from volsplat.client.render_options import SceneOptions, size_from_option
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume_name import check_is_there, volume_name
 
 
 @click.command()
@@ -75,9 +76,8 @@ def movie(
     options = SceneOptions(scene=scene, preset=preset, size=size_from_option(size) if size else None, rotate=rotate)
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
-    if not Path(volume).exists():
-        raise BadInput(f"{volume}: no such file or folder")
-    if output.exists() and output.samefile(volume):
+    check_is_there(volume)
+    if output.exists() and output.samefile(volume_name(volume).place):
         raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
     if keys:
         check_key_count(len(keys), frames)

@@ -58,6 +58,8 @@ def opened(volume: str, servers: Servers, spawns: bool, console: Console) -> Ite
                 console.print(text, highlight=False)
 
         with opened_quietly(volume, servers, spawns, say, console) as renderer:
+            for warning in renderer.volume.description.warnings:
+                console.print(f"note: {warning}", highlight=False, markup=False, soft_wrap=True)
             yield renderer
 
 

@@ -22,6 +22,7 @@ from volsplat.client.render_outputs import Outputs, step_image_path
 from volsplat.client.renderer import Refinement, Renderer, finished_whole
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Order, Scene, Step
+from volsplat.protocol.volume_name import check_is_there, volume_name
 
 
 @click.command()
@@ -91,10 +92,10 @@ def render(
         raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
     if single and listen is not None:
         raise BadInput("--single has no servers to listen for; leave out --single or --listen")
-    if spawns and not Path(volume).exists():
-        raise BadInput(f"{volume}: no such file or folder")
+    if spawns:
+        check_is_there(volume)
     scene_options.scene_of(None)
-    outputs.check(Path(volume))
+    outputs.check(Path(volume_name(volume).place))
     servers = servers_from_options(workers, listen, token_file, single)
     console = Console(stderr=True)
     with opened(volume, servers, spawns, console) as renderer:

@@ -65,6 +65,7 @@ from volsplat.protocol.listener import IdCounter, Listener
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.tokens import Token, new_token
+from volsplat.protocol.volume_name import absolute_name
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -135,7 +136,7 @@ class Session:
                 self._servers.start(Program.SPLAT_SERVER, address, token)
                 for _ in range(wanted):
                     self._servers.start(Program.MAPSHADE_SERVER, address, token)
-            self._events.put(VolumeAsked(str(Path(volume).absolute()) if spawn else str(volume), wanted))
+            self._events.put(VolumeAsked(absolute_name(str(volume)) if spawn else str(volume), wanted))
         except BaseException:
             self.close()
             raise

@@ -21,6 +21,7 @@ from volsplat.client.session import Session
 from volsplat.protocol.addresses import LOOPBACK
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Refine, Step
+from volsplat.protocol.volume_name import check_is_there
 
 TOKEN_BYTES = 24
 GRACE_SECONDS = 600
@@ -64,8 +65,8 @@ def view(
     _need_extra()
     options = SceneOptions(scene=scene, preset=preset)
     options.scene_of(None)
-    if listen is None and not Path(volume).exists():
-        raise BadInput(f"{volume}: no such file or folder")
+    if listen is None:
+        check_is_there(volume)
     free_port = _free_port(port)
     servers = servers_from_options(workers, listen, token_file)
     console = Console(stderr=True)

@@ -60,7 +60,8 @@ def _rows(
         ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
         ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
         ("orientation", orientation_text(geometry, description.anatomical)),
-        ("type", description.scalar_type),
+        *_axis_rows(description),
+        ("type", description.scalar_type + (f", in {description.value_unit}" if description.value_unit else "")),
     ]
     if survey.low > survey.high:
         rows.append(("range", "no voxel has a value"))
@@ -80,6 +81,19 @@ def _rows(
         rows.append(("servers read", "only their sub-cube and its halo"))
     else:
         rows.append(("servers read", f"more than their sub-cube: {description.why_whole}"))
+    rows += [("note", warning) for warning in description.warnings]
+    return rows
+
+
+def _axis_rows(description: VolumeDescription) -> list[tuple[str, str]]:
+    """What indices stand for, where the file tells."""
+    if description.axes is None:
+        return []
+    rows = []
+    for letter, axis, count in zip("ijk", description.axes, description.geometry.dims, strict=True):
+        last = axis.first + (count - 1) * axis.step
+        unit = f" {axis.unit}" if axis.unit else ""
+        rows.append((f"{letter} is", f"{axis.name}, {axis.first:.7g} to {last:.7g}{unit}, step {axis.step:.6g}"))
     return rows
 
 

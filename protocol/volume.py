@@ -73,6 +73,22 @@ class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return matrices.plus(matrices.applied(self.index_to_physical, index), self.origin)
 
 
+class GridAxis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the indices of one grid axis stand for, where that is more than a length: inlines, time, velocity, ...
+
+    Index n stands for first + n * step, in `unit`.
+    """
+
+    name: str
+    unit: str
+    first: float
+    step: float
+
+    def __post_init__(self) -> None:
+        for field in ("name", "unit"):
+            msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
+
+
 class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a reader tells of a volume without reading its voxels; texts are made printable, for they are shown."""
 
@@ -81,6 +97,9 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     geometry: Geometry
     scalar_type: str  # a torch name: uint8, int16, float32, ...
     unit: str = ""  # of lengths: "mm", or "" where the file states none
+    value_unit: str = ""  # of the voxels' values: "HU", or "" where the file states none
+    axes: tuple[GridAxis, GridAxis, GridAxis] | None = None  # of i, j, k, where the file names them
+    warnings: tuple[str, ...] = ()  # what the reader had to change, for the person to know
     anatomical: bool = False  # physical axes are left, posterior, superior
     density_name: str = "density"  # what the packet's first byte holds
     strength_name: str = "gradient strength"  # what its second byte holds
@@ -88,5 +107,9 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     why_whole: str = ""  # the reason, when it does
 
     def __post_init__(self) -> None:
-        for field in ("name", "format", "scalar_type", "unit", "density_name", "strength_name", "why_whole"):
+        for field in _TEXTS:
             msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
+        msgspec.structs.force_setattr(self, "warnings", tuple(printable(warning) for warning in self.warnings))
+
+
+_TEXTS = ("name", "format", "scalar_type", "unit", "value_unit", "density_name", "strength_name", "why_whole")

@@ -1,4 +1,4 @@
-"""Opens a volume with the reader that knows its content. A new format is one more line of the table."""
+"""Opens a volume with the reader that knows its content. A new format is one more line of a table."""
 
 import os
 import zlib
@@ -9,53 +9,85 @@ from pathlib import Path
 from volsplat.mapshade_server.readers import dicom_series, metaimage, nifti, nrrd, tiff_stack
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume_name import volume_name
 
 HEAD_BYTES = 4096
 
 
+Open = Callable[[Path, str], VolumeReader]  # given the part that is named, "" for none
+
+
 @dataclass(frozen=True)
 class VolumeFormat:
-    """A format of files: `recognises` gets a file's first bytes, unzipped where the file is gzip."""
+    """A format of files: `recognises` gets a file's first bytes, unzipped where the file is gzip.
+
+    Where no format recognises a file, the extension decides among those that have no mark of their own.
+    """
 
     name: str  # with the usual extensions, as a person is told of it
-    recognises: Callable[[bytes], bool]
-    open: Callable[[Path], VolumeReader]
+    open: Open
+    recognises: Callable[[bytes], bool] = lambda head: False
+    extensions: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class FolderFormat:
+    """A format of folders; the first that recognises one has it."""
+
+    name: str
+    open: Open
+    recognises: Callable[[Path], bool]
+
+
+def _whole(open_file: Callable[[Path], VolumeReader]) -> Open:
+    """For formats whose files hold one volume."""
+
+    def opened(path: Path, part: str) -> VolumeReader:
+        if part:
+            raise BadInput(f"{path}: holds one volume, it has no part “{part}”; leave out #{part}")
+        return open_file(path)
+
+    return opened
 
 
 FORMATS = (
-    VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.recognises, nrrd.open_nrrd),
-    VolumeFormat("MetaImage (.mha, .mhd)", metaimage.recognises, metaimage.open_metaimage),
-    VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.recognises, nifti.open_nifti),
+    VolumeFormat("NRRD (.nrrd, .nhdr)", _whole(nrrd.open_nrrd), nrrd.recognises),
+    VolumeFormat("MetaImage (.mha, .mhd)", _whole(metaimage.open_metaimage), metaimage.recognises),
+    VolumeFormat("NIfTI (.nii, .nii.gz)", _whole(nifti.open_nifti), nifti.recognises),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
-    VolumeFormat("DICOM series (a folder)", dicom_series.recognises, dicom_series.open_slice),
-    VolumeFormat("TIFF stack (.tif)", tiff_stack.recognises, tiff_stack.open_tiff_stack),
+    VolumeFormat("DICOM series (a folder)", _whole(dicom_series.open_slice), dicom_series.recognises),
+    VolumeFormat("TIFF stack (.tif)", _whole(tiff_stack.open_tiff_stack), tiff_stack.recognises),
 )
 
+FOLDER_FORMATS = (FolderFormat("DICOM series", _whole(dicom_series.open_folder), lambda folder: True),)
 
-def open_volume(path: str) -> VolumeReader:
-    """The reader for the file or DICOM folder at `path`, chosen by its content.
+
+def open_volume(name: str) -> VolumeReader:
+    """The reader for the file, folder or part of one that is named, chosen by its content.
 
     Raises BadInput where there is nothing, where the format is unknown, and where the header is not that of a
     volume or promises more than the file holds.
     """
+    place, part = volume_name(name)
     try:
-        return _opened(Path(path))
+        return _opened(Path(place), part)
     except FileNotFoundError:
-        raise BadInput(f"{path}: there is no such file; check the path") from None
+        raise BadInput(f"{place}: there is no such file; check the path") from None
     except OSError as error:
         reason = os.strerror(error.errno or 0)
-        raise BadInput(f"{path}: cannot be read ({reason}); check its permissions and its disk") from None
+        raise BadInput(f"{place}: cannot be read ({reason}); check its permissions and its disk") from None
 
 
-def _opened(path: Path) -> VolumeReader:
+def _opened(path: Path, part: str) -> VolumeReader:
     if path.is_dir():
-        return dicom_series.open_folder(path)
+        return next(one for one in FOLDER_FORMATS if one.recognises(path)).open(path, part)
     head = _head(path)
     if not head:
         raise BadInput(f"{path}: the file is empty; fetch or export the volume again")
-    for volume_format in FORMATS:
-        if volume_format.recognises(head):
-            return volume_format.open(path)
+    by_content = (one for one in FORMATS if one.recognises(head))
+    by_extension = (one for one in FORMATS if path.name.lower().endswith(one.extensions))
+    if found := next(by_content, None) or next(by_extension, None):
+        return found.open(path, part)
     known = ", ".join(volume_format.name for volume_format in FORMATS)
     raise BadInput(f"{path}: its format is not known; volumes are read from {known}")
 
