@@ -30,7 +30,7 @@ class Person:
             cwd=self.folder,
             env=self.environment,
             capture_output=True,
-            text=True,
+            encoding="utf-8",
             timeout=TIME_LIMIT,
         )
 
@@ -41,7 +41,7 @@ class Person:
             env=self.environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
-            text=True,
+            encoding="utf-8",
         )
 
     def servers(self) -> list[psutil.Process]:

@@ -115,7 +115,7 @@ def near(value: float) -> object:
 
 @pytest.fixture(scope="module")
 def url() -> Iterator[str]:
-    with subprocess.Popen([sys.executable, str(PROGRAM)], stdout=subprocess.PIPE, text=True) as program:
+    with subprocess.Popen([sys.executable, str(PROGRAM)], stdout=subprocess.PIPE, encoding="utf-8") as program:
         assert program.stdout is not None
         yield program.stdout.readline().strip()
         program.terminate()

@@ -229,7 +229,7 @@ def draw_without_memory_for_lists() -> None:
 def test_without_memory_for_lists_a_frame_is_the_same() -> None:
     program = "from test_classified_rows import draw_without_memory_for_lists as draw; draw()"
     done = subprocess.run(
-        [sys.executable, "-c", program], cwd=Path(__file__).parent, capture_output=True, text=True, timeout=300
+        [sys.executable, "-c", program], cwd=Path(__file__).parent, capture_output=True, encoding="utf-8", timeout=300
     )
     assert done.returncode == 0, done.stderr
 

@@ -161,7 +161,7 @@ def path_in_a_new_process(path: str) -> subprocess.CompletedProcess[str]:
         [sys.executable, "-c", program],
         env={**os.environ, "VOLSPLAT_CPU_PATH": path},
         capture_output=True,
-        text=True,
+        encoding="utf-8",
         check=False,
     )
 

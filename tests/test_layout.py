@@ -64,7 +64,7 @@ def test_there_is_a_link_for_each_part_and_for_nothing_else() -> None:
 
 def run_python(code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
     clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    return subprocess.run([sys.executable, "-c", code], cwd=folder, env=clean, capture_output=True, text=True)
+    return subprocess.run([sys.executable, "-c", code], cwd=folder, env=clean, capture_output=True, encoding="utf-8")
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -82,7 +82,9 @@ def test_servers_and_session_start_without_torch(module: str, tmp_path: Path) ->
 
 
 def test_no_file_names_a_place_that_only_one_machine_has() -> None:
-    tracked = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()
+    tracked = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, encoding="utf-8", check=True
+    ).stdout.split()
     forbidden = ("/wo" + "rk/", "/ro" + "ot/", "/ho" + "me/")
     for name in tracked:
         path = ROOT / name

@@ -24,7 +24,7 @@ def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost(se
             server_command(server, "--connect", str(clients.address)),
             env=token.added_to(os.environ),
             stderr=subprocess.PIPE,
-            text=True,
+            encoding="utf-8",
         )
         control = clients.accept(PATIENCE)
         assert control is not None

@@ -44,7 +44,7 @@ def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @contextmanager
 def served(volume: Path) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """The panels' address, and the program that serves them."""
-    program = subprocess.Popen([sys.executable, str(PROGRAM), str(volume)], stdout=subprocess.PIPE, text=True)
+    program = subprocess.Popen([sys.executable, str(PROGRAM), str(volume)], stdout=subprocess.PIPE, encoding="utf-8")
     try:
         assert program.stdout is not None
         yield program.stdout.readline().strip(), program
