@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from volsplat.mapshade_server.readers import dicom_series, metaimage, nifti, nrrd, tiff_stack
+from volsplat.mapshade_server.readers import dicom_series, gaussian_cube, metaimage, nifti, nrrd, tiff_stack
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume_name import volume_name
@@ -57,6 +57,9 @@ FORMATS = (
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", _whole(dicom_series.open_slice), dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif)", _whole(tiff_stack.open_tiff_stack), tiff_stack.recognises),
+    VolumeFormat(
+        "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
+    ),
 )
 
 FOLDER_FORMATS = (FolderFormat("DICOM series", _whole(dicom_series.open_folder), lambda folder: True),)
