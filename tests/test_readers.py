@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import SimpleITK as sitk
+from counted_bytes import bytes_read
 from hypothesis import given
 from hypothesis import strategies as st
 from volume_files import ALL_TYPES, DIMS, SKEWED, TURNED, dicom_series, sheared_nifti, values_of, written
@@ -174,14 +175,6 @@ def test_rows_too_far_apart_are_read_one_by_one(tmp_path: Path) -> None:
     values = np.arange(ni * 3 * 2, dtype=np.uint16).reshape(2, 3, ni)
     reader = open_volume(str(written(tmp_path / "wide.nrrd", values)))
     np.testing.assert_array_equal(reader.read(Box((40, 1, 0), (50, 3, 2))), values[:, 1:3, 40:50])
-
-
-def bytes_read() -> int:
-    """How many bytes this process has read so far, from the cache or not."""
-    counts = Path("/proc/self/io")
-    if not counts.is_file():
-        pytest.skip("this system does not count the bytes that a process reads")
-    return int(counts.read_text().split()[1])
 
 
 @pytest.mark.parametrize("extension", [".nrrd", ".nhdr", ".mha", ".mhd", ".nii"])

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from volume_files import values_of, written
 
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.errors import BadInput
@@ -34,7 +35,6 @@ def test_a_missing_file_is_told_without_its_part(tmp_path: Path) -> None:
 
 
 def test_a_format_without_parts_says_so(tmp_path: Path) -> None:
-    path = tmp_path / "head.nrrd"
-    path.write_bytes(b"NRRD0004\n")
+    path = written(tmp_path / "head.nrrd", values_of("uint8"))
     with pytest.raises(BadInput, match="holds one volume, it has no part “second”; leave out #second"):
         open_volume(f"{path}#second")

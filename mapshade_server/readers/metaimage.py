@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.frames import chosen_frame
 from volsplat.mapshade_server.readers.simple_itk import (
-    check_is_volume,
     extracted,
     geometry_of,
     header_of,
@@ -47,44 +47,56 @@ def recognises(head: bytes) -> bool:
 
 
 class MetaImageReader:
-    """One MetaImage volume; `voxels` is None where SimpleITK reads them."""
+    """One MetaImage volume; `voxels` is None where SimpleITK reads them, and else holds all frames along k."""
 
-    def __init__(self, path: Path, description: VolumeDescription, reader: Any, voxels: StoredVoxels | None) -> None:
+    def __init__(
+        self, path: Path, description: VolumeDescription, reader: Any, voxels: StoredVoxels | None, frame: int
+    ) -> None:
         self._path = path
         self._description = description
         self._reader = reader
         self._voxels = voxels
+        self._before = frame * description.geometry.dims[2]
 
     def describe(self) -> VolumeDescription:
         return self._description
 
     def read(self, box: Box) -> Voxels:
-        return extracted(self._path, self._reader, box) if self._voxels is None else self._voxels.read(box)
+        if self._voxels is None:
+            return extracted(self._path, self._reader, box)
+        (i0, j0, k0), (i1, j1, k1) = box
+        return self._voxels.read(Box((i0, j0, self._before + k0), (i1, j1, self._before + k1)))
 
 
-def open_metaimage(path: Path) -> MetaImageReader:
-    """The reader for a MetaImage. Raises BadInput where the header cannot be used or the data is missing."""
+def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
+    """The reader for a MetaImage, and the frame of it that is named where there are several.
+
+    Raises BadInput where the header cannot be used or the data is missing.
+    """
     fields, end = _fields(path)
     sizes = _integers(path, fields, "DimSize")
     if not sizes or min(sizes) < 1:
         raise _wrong(path, fields, "DimSize")
-    refuse_other_dimensions(path, sizes)
+    refuse_other_dimensions(path, (*sizes[:3], *sizes[4:]))
+    frames = sizes[3] if len(sizes) > 3 else 1
+    frame = chosen_frame(path, part, frames)
     if fields.get("ElementNumberOfChannels", "1") != "1":
         refuse_vectors(path, f"{fields['ElementNumberOfChannels']} channels a voxel")
     if fields.get("ElementType") not in SCALAR_TYPES:
         raise _wrong(path, fields, "ElementType")
     text = fields.get("BinaryData", "True").lower() == "false"
     compressed = fields.get("CompressedData", "False").lower() == "true"
-    voxels = _stored(path, fields, end, (sizes[0], sizes[1], sizes[2]), compressed)
+    if text and frames > 1:
+        raise BadInput(f"{path}: holds several volumes as text, which volsplat cannot tell apart; save it as binary")
+    voxels = _stored(path, fields, end, (sizes[0], sizes[1], sizes[2] * frames), compressed)
     if not text:
         voxels.check_files()
     reader = header_of(path, "MetaImageIO")
-    check_is_volume(path, reader)
     why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
     # SimpleITK's physical axes are LPS; the field tells that they are a patient's.
     anatomical = re.fullmatch("[RLAPSI]{3}", fields.get("AnatomicalOrientation", "").upper()) is not None
     description = VolumeDescription(
-        name=path.name,
+        name=f"{path.name}#{frame}" if frames > 1 else path.name,
         format="MetaImage",
         geometry=geometry_of(path, reader),
         scalar_type=scalar_type_of(path, reader),
@@ -93,7 +105,7 @@ def open_metaimage(path: Path) -> MetaImageReader:
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )
-    return MetaImageReader(path, description, reader, None if text else voxels)
+    return MetaImageReader(path, description, reader, None if text else voxels, frame)
 
 
 def _fields(path: Path) -> tuple[dict[str, str], int]:

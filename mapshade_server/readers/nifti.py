@@ -13,13 +13,14 @@ from typing import Literal
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.frames import chosen_frame
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.volume import Box, Index, VolumeDescription
 
 HEADER_BYTES = {1: 348, 2: 540}
 MAGICS = {1: (b"n+1\0", b"ni1\0"), 2: (b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n")}
@@ -100,10 +101,14 @@ class NiftiReader:
         return (stored.astype(np.float64) * self._slope + self._intercept).astype(self._description.scalar_type)
 
 
-def open_nifti(path: Path) -> NiftiReader:
-    """The reader for a NIfTI file. Raises BadInput where the header cannot be used or promises too much."""
+def open_nifti(path: Path, part: str = "") -> NiftiReader:
+    """The reader for a NIfTI file, and the frame of it that is named where there are several.
+
+    Raises BadInput where the header cannot be used or promises too much.
+    """
     header = _header_of(path)
-    dims = _dims(path, header)
+    dims, frames = _dims(path, header)
+    frame = chosen_frame(path, part, frames)
     code = int(header.values("datatype")[0])
     if code not in SCALAR_TYPES:
         refuse_vectors(path, f"voxels of NIfTI's type {code}, no plain number")
@@ -117,7 +122,7 @@ def open_nifti(path: Path) -> NiftiReader:
     start = header.values("vox_offset")[0]
     if not 0 <= start <= LARGEST_OFFSET:
         raise BadInput(f"{path}: the NIfTI header's vox_offset {start} makes no sense; correct the header")
-    offset = int(start)
+    offset = int(start) + frame * math.prod(dims) * stored_type.itemsize
     raw = packing == Packing.RAW
     voxels = StoredVoxels(
         source=path,
@@ -130,7 +135,7 @@ def open_nifti(path: Path) -> NiftiReader:
     unit_code = int(header.values("units")[0]) & 7
     to_millimetres = MILLIMETRES_PER_UNIT.get(unit_code, 1.0)
     description = VolumeDescription(
-        name=path.name,
+        name=f"{path.name}#{frame}" if frames > 1 else path.name,
         format=f"NIfTI-{header.version}",
         geometry=checked_geometry(
             path, dims, matrices.times(matrix, to_millimetres), matrices.scaled(origin, to_millimetres)
@@ -145,12 +150,7 @@ def open_nifti(path: Path) -> NiftiReader:
 
 
 def _header_of(path: Path) -> _Header:
-    opened = gzip.open(path) if _is_gzip(path) else path.open("rb")
-    with opened as file:
-        try:
-            raw = file.read(HEADER_BYTES[2])
-        except (OSError, EOFError, zlib.error):
-            raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
+    raw = first_bytes(path, HEADER_BYTES[2])
     for version, size in HEADER_BYTES.items():
         for order in BYTE_ORDERS:
             if len(raw) >= size and int.from_bytes(raw[:4], "little" if order == "<" else "big") == size:
@@ -158,32 +158,50 @@ def _header_of(path: Path) -> _Header:
     raise BadInput(f"{path}: the NIfTI header is truncated or its size field is wrong; fetch the file again")
 
 
+def first_bytes(path: Path, count: int) -> bytes:
+    """The file's first bytes, unzipped where it is gzip. Raises BadInput where it cannot be unzipped."""
+    opened = gzip.open(path) if _is_gzip(path) else path.open("rb")
+    with opened as file:
+        try:
+            return file.read(count)
+        except (OSError, EOFError, zlib.error):
+            raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
+
+
 def _is_gzip(path: Path) -> bool:
     with path.open("rb") as file:
         return file.read(2) == b"\x1f\x8b"
 
 
-def _dims(path: Path, header: _Header) -> tuple[int, int, int]:
+def _dims(path: Path, header: _Header) -> tuple[Index, int]:
+    """The size of one volume, and how many there are one after the other."""
     count, *sizes = (int(n) for n in header.values("dim"))
     if not 1 <= count <= 7 or min(sizes[:count]) < 1:
         raise BadInput(f"{path}: the NIfTI header's dim {[count, *sizes]} makes no sense; correct the header")
     if count >= 5 and sizes[4] > 1:
         refuse_vectors(path, f"{sizes[4]} components a voxel")
-    refuse_other_dimensions(path, tuple(sizes[:count]))
-    return (sizes[0], sizes[1], sizes[2])
+    frames = sizes[3] if count >= 4 else 1
+    refuse_other_dimensions(path, (*sizes[: min(count, 3)], *sizes[4:count]))
+    return (sizes[0], sizes[1], sizes[2]), frames
 
 
 def _data_file(path: Path, header: _Header) -> tuple[Path, Packing]:
     """The file with the voxels: the header's own, or the .img beside a .hdr."""
     magic = header.raw[344:348] if header.version == 1 else header.raw[4:8]
-    data = path
-    if magic.startswith(b"ni"):
-        folder, name = path.parent, path.name
-        candidates = [folder / re_named for re_named in (name.replace(".hdr", ".img"), name.replace(".hdr", ".img.gz"))]
-        data = next((candidate for candidate in candidates if candidate.is_file()), candidates[0])
-    if not data.is_file():
-        return data, Packing.RAW
-    return data, Packing.DEFLATE if _is_gzip(data) else Packing.RAW
+    return image_beside(path) if magic.startswith(b"ni") else (path, _packing(path))
+
+
+def image_beside(path: Path) -> tuple[Path, Packing]:
+    """The .img that belongs to a .hdr, whether it is there or not, and how it is packed."""
+    header = path.with_name(path.name.removesuffix(".gz"))
+    image = header.with_suffix(".IMG" if header.suffix.isupper() else ".img")
+    zipped = image.with_name(image.name + ".gz")
+    data = zipped if zipped.is_file() and not image.is_file() else image
+    return data, _packing(data)
+
+
+def _packing(path: Path) -> Packing:
+    return Packing.DEFLATE if path.is_file() and _is_gzip(path) else Packing.RAW
 
 
 def _place(header: _Header) -> tuple[Matrix, Vector, bool]:

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.frames import chosen_frame
 from volsplat.mapshade_server.readers.simple_itk import (
     checked_geometry,
     extracted,
@@ -22,7 +23,7 @@ from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, Store
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import IDENTITY, Matrix, Vector, transposed
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
 
 LONGEST_HEADER = 1 << 20
 LONGEST_LINE = 1 << 16
@@ -61,6 +62,7 @@ ANATOMICAL_SPACES: dict[str, Vector] = {
     "lps": (1.0, 1.0, 1.0),
 }
 SPATIAL_KINDS = ("domain", "space")
+FRAME_KINDS = ("list", "time", "none", "???", "")  # of an axis along which there are volumes, not components
 
 
 def recognises(head: bytes) -> bool:
@@ -111,18 +113,51 @@ class _Header:
         return found
 
 
-class NrrdReader:
-    """One NRRD volume whose voxels are raw, gzip or bzip2."""
+@dataclass(frozen=True)
+class _Axes:
+    """What the header's axes are: the three of one volume and, where there are several volumes, that along them.
 
-    def __init__(self, description: VolumeDescription, voxels: StoredVoxels) -> None:
+    `frames` volumes lie interleaved, voxel by voxel, or one after the other.
+    """
+
+    sizes: tuple[int, ...]
+    of_volume: tuple[int, int, int]
+    frames: int
+    kind: str  # of the axis along the volumes, "" where the header states none
+    interleaved: bool
+
+    @property
+    def dims(self) -> Index:
+        i, j, k = self.of_volume
+        return (self.sizes[i], self.sizes[j], self.sizes[k])
+
+    @property
+    def stored(self) -> Index:
+        """The size of all volumes as one grid: side by side along i where they are interleaved, else along k."""
+        ni, nj, nk = self.dims
+        return (ni * self.frames, nj, nk) if self.interleaved else (ni, nj, nk * self.frames)
+
+
+class NrrdReader:
+    """One volume of an NRRD file whose voxels are raw, gzip or bzip2."""
+
+    def __init__(self, description: VolumeDescription, voxels: StoredVoxels, axes: _Axes, frame: int) -> None:
         self._description = description
         self._voxels = voxels
+        self._axes = axes
+        self._frame = frame
 
     def describe(self) -> VolumeDescription:
         return self._description
 
     def read(self, box: Box) -> Voxels:
-        return self._voxels.read(box)
+        (i0, j0, k0), (i1, j1, k1) = box
+        if self._axes.interleaved:
+            frames = self._axes.frames
+            every = self._voxels.read(Box((i0 * frames, j0, k0), (i1 * frames, j1, k1)))
+            return every[:, :, self._frame :: frames].copy()
+        before = self._frame * self._axes.dims[2]
+        return self._voxels.read(Box((i0, j0, before + k0), (i1, j1, before + k1)))
 
 
 class TextNrrdReader:
@@ -139,19 +174,25 @@ class TextNrrdReader:
         return extracted(self._path, header_of(self._path, "NrrdImageIO"), box)
 
 
-def open_nrrd(path: Path) -> NrrdReader | TextNrrdReader:
-    """The reader for an NRRD file. Raises BadInput where the header cannot be used or the data is missing."""
+def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
+    """The reader for an NRRD file, and the volume of it that is named where there are several.
+
+    Raises BadInput where the header cannot be used or the data is missing.
+    """
     header = _header_of(path)
-    sizes, axes = _volume_axes(header)
-    dims = (sizes[axes[0]], sizes[axes[1]], sizes[axes[2]])
+    axes = _axes(header)
+    if axes.frames > 1 and not part and axes.kind not in FRAME_KINDS:
+        what = f"{axes.frames} components a voxel, of kind {axes.kind}"
+        raise BadInput(f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0")
+    frame = chosen_frame(path, part, axes.frames)
     scalar_type = SCALAR_TYPES.get(header.fields.get("type", "").lower())
     if scalar_type is None:
         raise header.wrong("type", "is not a type of number that volsplat reads")
     encoding = header.fields.get("encoding", "").lower()
-    geometry, anatomical = _geometry(header, dims, axes)
+    geometry, anatomical = _geometry(header, axes)
     why_whole = "" if encoding == "raw" else f"the voxels are stored as {encoding}"
     description = VolumeDescription(
-        name=path.name,
+        name=f"{path.name}#{frame}" if axes.frames > 1 else path.name,
         format="NRRD",
         geometry=geometry,
         scalar_type=scalar_type,
@@ -161,6 +202,8 @@ def open_nrrd(path: Path) -> NrrdReader | TextNrrdReader:
         why_whole=why_whole,
     )
     if encoding in TEXT_ENCODINGS:
+        if axes.frames > 1:
+            raise header.wrong("encoding", "holds several volumes as text, which volsplat cannot tell apart")
         return TextNrrdReader(path, description)
     if encoding not in PACKINGS:
         raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
@@ -169,12 +212,12 @@ def open_nrrd(path: Path) -> NrrdReader | TextNrrdReader:
         raise header.wrong("endian", "is neither little nor big")
     voxels = StoredVoxels(
         source=path,
-        dims=dims,
+        dims=axes.stored,
         dtype=np.dtype(scalar_type).newbyteorder(order or "="),
-        pieces=_pieces(header, dims, np.dtype(scalar_type).itemsize, PACKINGS[encoding]),
+        pieces=_pieces(header, axes.stored, np.dtype(scalar_type).itemsize, PACKINGS[encoding]),
     )
     voxels.check_files()
-    return NrrdReader(description, voxels)
+    return NrrdReader(description, voxels, axes, frame)
 
 
 def _header_of(path: Path) -> _Header:
@@ -194,40 +237,58 @@ def _header_of(path: Path) -> _Header:
         return _Header(path, fields, tuple(file_list), file.tell())
 
 
-def _volume_axes(header: _Header) -> tuple[tuple[int, ...], list[int]]:
-    """The sizes of all axes, and which three of them are those of the volume."""
+def _axes(header: _Header) -> _Axes:
     sizes = header.integers("sizes")
     if not sizes or min(sizes) < 1 or header.integers("dimension") != (len(sizes),):
         raise header.wrong("sizes", "does not fit the dimension")
-    kinds = header.fields.get("kinds", "").lower().split()
-    axes = list(range(len(sizes)))
-    if len(sizes) > 3:
-        for axis in reversed(range(len(sizes))):
-            spatial = len(kinds) != len(sizes) or kinds[axis] in SPATIAL_KINDS
-            if sizes[axis] > 1 and not spatial:
-                refuse_vectors(header.path, f"an axis of {sizes[axis]} values of kind {kinds[axis]}")
-            if sizes[axis] == 1 and len(axes) > 3 and (not spatial or axis >= 3):
-                axes.remove(axis)
+    spatial = _spatial(header, len(sizes))
+    all_axes = range(len(sizes))
+    # Axes of several values that lead nowhere in space.
+    along = [axis for axis in all_axes if sizes[axis] > 1 and not spatial[axis]] if len(sizes) > 3 else []
+    axes = [axis for axis in all_axes if axis not in along]
+    for axis in reversed(all_axes):
+        if axis in axes and sizes[axis] == 1 and len(axes) > 3 and (not spatial[axis] or axis >= 3):
+            axes.remove(axis)
+    if len(along) > 1 or along and along[0] not in (0, len(sizes) - 1):
+        told = " and ".join(f"{sizes[axis]}" for axis in along)
+        refuse_vectors(header.path, f"axes of {told} values that are not axes of space")
     refuse_other_dimensions(header.path, tuple(sizes[axis] for axis in axes))
-    return sizes, axes
+    of_volume = (axes[0], axes[1], axes[2])
+    if not along:
+        return _Axes(sizes, of_volume, 1, "", False)
+    kind = (*_kinds(header), *[""] * len(sizes))[along[0]]
+    return _Axes(sizes, of_volume, sizes[along[0]], kind, along == [0])
 
 
-def _geometry(header: _Header, dims: tuple[int, int, int], axes: list[int]) -> tuple[Geometry, bool]:
+def _kinds(header: _Header) -> list[str]:
+    return header.fields.get("kinds", "").lower().split()
+
+
+def _spatial(header: _Header, count: int) -> list[bool]:
+    """Which axes lead through space, as the kinds have it or else the directions."""
+    kinds = _kinds(header)
+    if len(kinds) == count:
+        return [kind in SPATIAL_KINDS for kind in kinds]
+    directions = header.vectors("space directions") if "space directions" in header.fields else []
+    return [direction is not None for direction in directions] if len(directions) == count else [True] * count
+
+
+def _geometry(header: _Header, axes: _Axes) -> tuple[Geometry, bool]:
     """The place in space, with physical axes turned to LPS where the file names an anatomical space."""
     space = header.fields.get("space", "").lower().removesuffix("-time")
     anatomical = space in ANATOMICAL_SPACES
     signs = ANATOMICAL_SPACES.get(space, (1.0, 1.0, 1.0))
-    count = len(header.integers("sizes"))
+    count = len(axes.sizes)
     matrix: Matrix = IDENTITY
     origin: Vector = (0.0, 0.0, 0.0)
     if "space directions" in header.fields:
         directions = header.vectors("space directions")
-        steps = [directions[axis] for axis in axes] if len(directions) == count else []
+        steps = [directions[axis] for axis in axes.of_volume] if len(directions) == count else []
         if len(steps) != 3 or None in steps:
             raise header.wrong("space directions", "does not give a vector for each axis of the volume")
         matrix = transposed((steps[0] or origin, steps[1] or origin, steps[2] or origin))
     else:
-        lengths, starts = _axis_positions(header, dims, axes, count)
+        lengths, starts = _axis_positions(header, axes)
         matrix = ((lengths[0], 0.0, 0.0), (0.0, lengths[1], 0.0), (0.0, 0.0, lengths[2]))
         origin = (starts[0], starts[1], starts[2])
         anatomical = False  # spacings alone place nothing in the space
@@ -239,18 +300,16 @@ def _geometry(header: _Header, dims: tuple[int, int, int], axes: list[int]) -> t
         origin = origins[0]
     turned = tuple(tuple(sign * x for x in row) for sign, row in zip(signs, matrix, strict=True))
     placed = tuple(sign * x for sign, x in zip(signs, origin, strict=True))
-    return checked_geometry(header.path, dims, turned, placed), anatomical  # type: ignore[arg-type]
+    return checked_geometry(header.path, axes.dims, turned, placed), anatomical  # type: ignore[arg-type]
 
 
-def _axis_positions(
-    header: _Header, dims: tuple[int, int, int], axes: list[int], count: int
-) -> tuple[list[float], list[float]]:
+def _axis_positions(header: _Header, axes: _Axes) -> tuple[list[float], list[float]]:
     """Spacing and start of each axis from spacings and axis mins, which say nothing (NaN) or are 1 and 0."""
     lengths, starts = [1.0] * 3, [0.0] * 3
     for name, values in (("spacings", lengths), ("axis mins", starts)):
         if name in header.fields:
-            given = header.numbers(name, count)
-            for n, axis in enumerate(axes):
+            given = header.numbers(name, len(axes.sizes))
+            for n, axis in enumerate(axes.of_volume):
                 if given[axis] == given[axis]:
                     values[n] = given[axis]
     return lengths, starts
@@ -263,7 +322,7 @@ def _unit(header: _Header, anatomical: bool) -> str:
     return "mm" if anatomical else ""  # what all writers of anatomical spaces mean
 
 
-def _pieces(header: _Header, dims: tuple[int, int, int], item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
+def _pieces(header: _Header, dims: Index, item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
     """The files that hold the voxels, in the order of their sheets."""
     names = _data_files(header)
     paths = [header.path.parent / name for name in names] or [header.path]

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from volsplat.mapshade_server.readers import dicom_series, gaussian_cube, metaimage, nifti, nrrd, tiff_stack
+from volsplat.mapshade_server.readers import analyze, dicom_series, gaussian_cube, metaimage, nifti, nrrd, tiff_stack
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume_name import volume_name
@@ -51,9 +51,11 @@ def _whole(open_file: Callable[[Path], VolumeReader]) -> Open:
 
 
 FORMATS = (
-    VolumeFormat("NRRD (.nrrd, .nhdr)", _whole(nrrd.open_nrrd), nrrd.recognises),
-    VolumeFormat("MetaImage (.mha, .mhd)", _whole(metaimage.open_metaimage), metaimage.recognises),
-    VolumeFormat("NIfTI (.nii, .nii.gz)", _whole(nifti.open_nifti), nifti.recognises),
+    VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises),
+    VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises),
+    VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises),
+    VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises),
+    VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",)),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", _whole(dicom_series.open_slice), dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif)", _whole(tiff_stack.open_tiff_stack), tiff_stack.recognises),
