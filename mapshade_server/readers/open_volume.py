@@ -6,7 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from volsplat.mapshade_server.readers import analyze, dicom_series, gaussian_cube, metaimage, nifti, nrrd, tiff_stack
+from volsplat.mapshade_server.readers import (
+    analyze,
+    density_map,
+    dicom_series,
+    gaussian_cube,
+    metaimage,
+    nifti,
+    nrrd,
+    tiff_stack,
+)
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume_name import volume_name
@@ -59,6 +68,9 @@ FORMATS = (
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", _whole(dicom_series.open_slice), dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif)", _whole(tiff_stack.open_tiff_stack), tiff_stack.recognises),
+    VolumeFormat(
+        "CCP4/MRC map (.map, .mrc)", density_map.open_density_map, density_map.recognises, density_map.EXTENSIONS
+    ),
     VolumeFormat(
         "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
     ),

@@ -1,0 +1,239 @@
+"""CCP4 and MRC maps (.map, .mrc, .ccp4), plain or gzip (ccpem.ac.uk/mrc_format, CCP4's maplib).
+
+The header is read here, so that only the wanted rows are read of the voxels and a wrong byte order stamp is seen
+through; gemmi tells how the cell's axes lie. i, j, k are the columns, rows and sections as they are stored, whichever
+of x, y, z each follows: no voxel is moved, the index-to-physical matrix says it.
+"""
+
+import gzip
+import math
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol import matrices
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import IDENTITY, Matrix
+from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
+
+HEADER_BYTES = 1024
+UNIT = "Å"
+# Files from before 2000 have no mark.
+EXTENSIONS = tuple(name + packed for name in (".mrc", ".mrcs", ".map", ".ccp4") for packed in ("", ".gz"))
+
+# Words of four bytes, counted from 1 as the format's documents do.
+SIZES, MODE, STARTS, INTERVALS, LENGTHS, ANGLES, AXES, LEAST, GREATEST = 1, 4, 5, 8, 11, 14, 17, 20, 21
+SPACE_GROUP, EXTENDED_BYTES, SKEWED, IMOD_STAMP, IMOD_FLAGS, ORIGIN, MACHINE_STAMP = 23, 24, 25, 39, 40, 50, 54
+
+SCALAR_TYPES = {0: "int8", 1: "int16", 2: "float32", 6: "uint16", 12: "float16"}
+COLOUR_MODES = (16,)
+COMPLEX_MODES = (3, 4)
+BYTE_ORDERS: dict[Literal["<", ">"], bytes] = {"<": b"\x44", ">": b"\x11"}  # with their machine stamps
+IMOD = 1146047817
+IMOD_SIGNED = 1
+
+MOST_VOXELS_ASIDE = 1 << 20
+FLATTEST_CELL = 1e-3  # its volume, of that of a right-angled cell
+IMAGE_STACK = 0  # these are space groups
+VOLUME_STACKS = range(401, 631)
+SAME_PLACE = 0.5  # of a step: how far the two statements of the origin may differ
+
+
+def recognises(head: bytes) -> bool:
+    return head[208:211] == b"MAP"
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The header's words in the file's byte order."""
+
+    path: Path
+    raw: bytes
+    order: Literal["<", ">"]
+
+    def integers(self, word: int, count: int = 3) -> tuple[int, ...]:
+        return struct.unpack_from(f"{self.order}{count}i", self.raw, 4 * (word - 1))
+
+    def integer(self, word: int) -> int:
+        return self.integers(word, 1)[0]
+
+    def numbers(self, word: int, count: int = 3) -> tuple[float, ...]:
+        return struct.unpack_from(f"{self.order}{count}f", self.raw, 4 * (word - 1))
+
+    def wrong(self, what: str, values: tuple[float, ...]) -> BadInput:
+        shown = " ".join(f"{value:g}" for value in values)
+        return BadInput(f"{self.path}: the map's {what} ({shown}) cannot be used; correct the header")
+
+
+class DensityMapReader:
+    """One map; half floats are widened to float32."""
+
+    def __init__(self, description: VolumeDescription, voxels: StoredVoxels) -> None:
+        self._description = description
+        self._voxels = voxels
+
+    def describe(self) -> VolumeDescription:
+        return self._description
+
+    def read(self, box: Box) -> Voxels:
+        stored = self._voxels.read(box)
+        return stored.astype(self._description.scalar_type, copy=False)
+
+
+def open_density_map(path: Path, part: str) -> DensityMapReader:
+    """The reader for a map; `part` is the number of a volume in a stack of them. Raises BadInput."""
+    packing = Packing.DEFLATE if _is_gzip(path) else Packing.RAW
+    header = _header_of(path, packing)
+    dims, skipped_sheets = _volume(header, part)
+    stored_type = _stored_type(header)
+    first_voxel = HEADER_BYTES + header.integer(EXTENDED_BYTES)
+    if first_voxel < HEADER_BYTES:
+        raise header.wrong("length of the extended header", (first_voxel - HEADER_BYTES,))
+    first_voxel += skipped_sheets * dims[0] * dims[1] * stored_type.itemsize
+    raw = packing == Packing.RAW
+    voxels = StoredVoxels(
+        source=path,
+        dims=dims,
+        dtype=stored_type,
+        pieces=(Piece(path, dims[2], first_voxel if raw else 0, packing, 0 if raw else first_voxel),),
+    )
+    voxels.check_files()
+    geometry, unit, warnings = _place(header, dims)
+    description = VolumeDescription(
+        name=path.name,
+        format="CCP4/MRC map" + (f", volume {part} of a stack" if part else ""),
+        geometry=geometry,
+        scalar_type="float32" if stored_type.kind == "f" else stored_type.name,
+        unit=unit,
+        warnings=warnings,
+        reads_sub_cubes=raw,
+        why_whole="" if raw else "the file is compressed by gzip",
+    )
+    return DensityMapReader(description, voxels)
+
+
+def _is_gzip(path: Path) -> bool:
+    with path.open("rb") as file:
+        return file.read(2) == b"\x1f\x8b"
+
+
+def _header_of(path: Path, packing: Packing) -> _Header:
+    with path.open("rb") if packing == Packing.RAW else gzip.open(path) as file:
+        try:
+            raw = file.read(HEADER_BYTES)
+        except (OSError, EOFError, zlib.error):
+            raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
+    if len(raw) < HEADER_BYTES:
+        raise BadInput(f"{path}: the map's header is truncated; fetch the file again")
+    for order in BYTE_ORDERS:
+        header = _Header(path, raw, order)
+        sizes, axes = header.integers(SIZES), header.integers(AXES)
+        if 1 <= min(sizes) <= max(sizes) <= MOST_VOXELS_ASIDE and sorted(axes) in ([0, 0, 0], [1, 2, 3]):
+            return header
+    raise BadInput(
+        f"{path}: is no CCP4 or MRC map, or a damaged one: its sizes and axis order make no sense in either byte "
+        "order; fetch or export the map again"
+    )
+
+
+def _volume(header: _Header, part: str) -> tuple[Index, int]:
+    """The sizes of the volume, and how many sheets of a stack of volumes lie before it."""
+    columns, rows, sections = header.integers(SIZES)
+    space_group = header.integer(SPACE_GROUP)
+    if space_group == IMAGE_STACK and sections == 1:
+        refuse_other_dimensions(header.path, (columns, rows))
+    sheets = header.integer(INTERVALS + 2)
+    if space_group not in VOLUME_STACKS or not 0 < sheets < sections:
+        sheets = sections
+    if sections % sheets:
+        raise header.wrong("number of sections in a stack of volumes", (sections, sheets))
+    return (columns, rows, sheets), chosen_frame(header.path, part, sections // sheets) * sheets
+
+
+def _stored_type(header: _Header) -> np.dtype[np.generic]:
+    mode = header.integer(MODE)
+    if mode in COMPLEX_MODES:
+        refuse_vectors(header.path, f"complex numbers (mode {mode}), the transform of a map")
+    if mode in COLOUR_MODES:
+        refuse_vectors(header.path, f"three colours a voxel (mode {mode})")
+    if mode not in SCALAR_TYPES:
+        raise BadInput(
+            f"{header.path}: voxels of mode {mode} are not read, only those of modes 0, 1, 2, 6 and 12; "
+            "convert the map to mode 2 (float32)"
+        )
+    unsigned = mode == 0 and _has_unsigned_bytes(header)
+    return np.dtype("uint8" if unsigned else SCALAR_TYPES[mode]).newbyteorder(header.order)
+
+
+def _has_unsigned_bytes(header: _Header) -> bool:
+    """Whether bytes are meant unsigned, as they were before 2014: IMOD says so, others show it by their range."""
+    if header.integer(IMOD_STAMP) == IMOD:
+        return not header.integer(IMOD_FLAGS) & IMOD_SIGNED
+    least, greatest = header.numbers(LEAST, 2)
+    return least >= 0 and 127 < greatest <= 255
+
+
+def _place(header: _Header, dims: Index) -> tuple[Geometry, str, tuple[str, ...]]:
+    """The map's place in space, the unit of lengths, and what had to be guessed."""
+    warnings = _doubts(header)
+    columns, unit = _steps(header, dims, warnings)
+    matrix = matrices.transposed(columns)
+    starts = header.integers(STARTS)
+    origin = matrices.applied(matrix, (float(starts[0]), float(starts[1]), float(starts[2])))
+    x, y, z = stated = header.numbers(ORIGIN)
+    if any(stated) and all(math.isfinite(number) for number in stated):
+        away = matrices.length(matrices.minus((x, y, z), origin))
+        if any(starts) and away > SAME_PLACE * matrices.length(columns[0]):
+            warnings.append(f"the header places the map twice; its origin {stated} was taken, not its start {starts}")
+        origin = (x, y, z)
+    return checked_geometry(header.path, dims, matrix, origin), unit, tuple(warnings)
+
+
+def _doubts(header: _Header) -> list[str]:
+    doubts = []
+    stamp = header.raw[4 * (MACHINE_STAMP - 1)]
+    if any(stamp == other[0] for order, other in BYTE_ORDERS.items() if order != header.order):
+        doubts.append("the header's stamp tells the other byte order than its numbers have; the numbers were believed")
+    if header.integer(SPACE_GROUP) == IMAGE_STACK:
+        doubts.append("the header says that this is a stack of images (space group 0); it is shown as one volume")
+    if header.integer(SKEWED) == 1:
+        doubts.append("the header's skew transformation (LSKFLG 1) is not applied")
+    return doubts
+
+
+def _steps(header: _Header, dims: Index, warnings: list[str]) -> tuple[Matrix, str]:
+    """The physical steps along i, j, k, and their unit: none where the header states no cell."""
+    axes = [axis - 1 for axis in header.integers(AXES)]  # which of x, y, z the grid's axes follow
+    if axes == [-1, -1, -1]:
+        axes = [0, 1, 2]
+    lengths, angles, intervals = header.numbers(LENGTHS), header.numbers(ANGLES), header.integers(INTERVALS)
+    if not any(lengths):
+        warnings.append("the header states no cell; voxels are taken as cubes, without a unit")
+        return (IDENTITY[axes[0]], IDENTITY[axes[1]], IDENTITY[axes[2]]), ""
+    if not any(angles):
+        warnings.append("the header states no angles of the cell; they are taken as 90 degrees")
+        angles = (90.0, 90.0, 90.0)
+    if not any(intervals):
+        warnings.append("the header states no sampling of the cell; the map is taken to fill it")
+        intervals = tuple(dims[axes.index(axis)] for axis in range(3))
+    if not all(0 < length < math.inf for length in lengths):
+        raise header.wrong("cell lengths", lengths)
+    if not all(0 < angle < 180 for angle in angles):
+        raise header.wrong("cell angles", angles)
+    if min(intervals) < 1:
+        raise header.wrong("sampling of the cell", intervals)
+    cell = library("gemmi", "a CCP4 or MRC map").UnitCell(*lengths, *angles)
+    if not cell.volume > FLATTEST_CELL * math.prod(lengths):
+        raise header.wrong("cell angles", angles)
+    to_physical: Matrix = cell.orth.mat.tolist()
+    i, j, k = (matrices.scaled(matrices.column(to_physical, axis), 1.0 / intervals[axis]) for axis in axes)
+    return (i, j, k), UNIT
