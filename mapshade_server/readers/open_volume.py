@@ -14,6 +14,7 @@ from volsplat.mapshade_server.readers import (
     metaimage,
     nifti,
     nrrd,
+    raw_voxels,
     tiff_stack,
 )
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
@@ -74,6 +75,7 @@ FORMATS = (
     VolumeFormat(
         "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
     ),
+    VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS),
 )
 
 FOLDER_FORMATS = (FolderFormat("DICOM series", _whole(dicom_series.open_folder), lambda folder: True),)
@@ -105,8 +107,13 @@ def _opened(path: Path, part: str) -> VolumeReader:
     by_extension = (one for one in FORMATS if path.name.lower().endswith(one.extensions))
     if found := next(by_content, None) or next(by_extension, None):
         return found.open(path, part)
+    if raw_voxels.describes(path, part):
+        return raw_voxels.open_raw_voxels(path, part)
     known = ", ".join(volume_format.name for volume_format in FORMATS)
-    raise BadInput(f"{path}: its format is not known; volumes are read from {known}")
+    raise BadInput(
+        f"{path}: its format is not known; volumes are read from {known}; "
+        f"raw voxels in a file of any name are described as in {path}#{raw_voxels.EXAMPLE}"
+    )
 
 
 def _head(path: Path) -> bytes:

@@ -1,0 +1,143 @@
+"""Raw voxels without a header, i fastest. What they are is told, never guessed:
+
+by the part of the volume's name, head.raw#dims=256x256x113,type=uint16,endian=big,skip=512,spacing=1x1x2,unit=mm;
+by the same keys in head.raw.toml beside the file; or by the file's name, as the collections of volvis.org and
+open-scivis have it, tooth_103x94x161_uint8.raw. The first of these counts for each key.
+"""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.array_part import ArrayPart, array_part
+from volsplat.mapshade_server.readers.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
+from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, VolumeDescription
+
+EXTENSIONS = (".raw", ".raw.gz")
+KEYS = ("dims", "type", "endian", "skip", "spacing", "unit")
+EXAMPLE = "dims=256x256x113,type=uint16,endian=big,skip=512,spacing=1x1x2"
+NAME = re.compile(r"_(?P<dims>\d+x\d+x\d+)_(?P<type>\w+)\.raw(\.gz)?$", re.IGNORECASE)
+BYTE_ORDERS: dict[str, Literal["<", ">"]] = {"little": "<", "big": ">"}
+LONGEST_SIDECAR = 1 << 16
+HEADERS = (".nhdr", ".mhd", ".hdr")  # that people keep beside raw files
+
+
+def describes(path: Path, part: str) -> bool:
+    """Whether anybody says what is in the file, so that it may be read as raw voxels whatever its extension."""
+    return "dims" in array_part(path, part).options or _sidecar(path).is_file() or NAME.search(path.name) is not None
+
+
+class RawVoxelsReader:
+    """One file of raw voxels."""
+
+    def __init__(self, description: VolumeDescription, voxels: StoredVoxels) -> None:
+        self._description = description
+        self._voxels = voxels
+
+    def describe(self) -> VolumeDescription:
+        return self._description
+
+    def read(self, box: Box) -> Voxels:
+        return self._voxels.read(box)
+
+
+def open_raw_voxels(path: Path, part: str) -> RawVoxelsReader:
+    """The reader for raw voxels. Raises BadInput where they are not described or do not fill the file exactly."""
+    said = _said(path, part)
+    dims, scalar_type = said.whole_numbers("dims", 3), said.text("type", SCALAR_TYPES)
+    if dims is None or scalar_type is None:
+        raise _undescribed(path, said)
+    if min(dims) < 1:
+        raise said.wrong("dims", "needs at least one voxel on each axis")
+    endian = said.text("endian", BYTE_ORDERS)
+    dtype = np.dtype(scalar_type).newbyteorder(BYTE_ORDERS[endian or "little"])
+    (skip,) = said.whole_numbers("skip", 1) or (0,)
+    packing = _packing(path)
+    raw = packing == Packing.RAW
+    voxels = StoredVoxels(
+        source=path,
+        dims=(dims[0], dims[1], dims[2]),
+        dtype=dtype,
+        pieces=(Piece(path, dims[2], skip if raw else 0, packing, 0 if raw else skip),),
+    )
+    _check_size(voxels, path.stat().st_size if raw else unpacked_size(path, 0, packing), skip)
+    di, dj, dk = said.numbers("spacing", 3) or (1.0, 1.0, 1.0)
+    warning = "nobody says in which byte order it is: little endian is taken; endian=big would be the other"
+    description = VolumeDescription(
+        name=path.name,
+        format="raw voxels",
+        geometry=checked_geometry(path, dims, ((di, 0.0, 0.0), (0.0, dj, 0.0), (0.0, 0.0, dk)), (0.0, 0.0, 0.0)),
+        scalar_type=scalar_type,
+        unit=said.options.get("unit", ""),
+        warnings=(warning,) if dtype.itemsize > 1 and endian is None else (),
+        reads_sub_cubes=raw,
+        why_whole="" if raw else "the file is compressed by gzip",
+    )
+    return RawVoxelsReader(description, voxels)
+
+
+def _said(path: Path, part: str) -> ArrayPart:
+    """All that is said of the file: by the part, the sidecar and its name."""
+    given = array_part(path, part)
+    if given.path:
+        raise BadInput(f"{path}: “{given.path}” does not describe raw voxels; write it as in {path}#{EXAMPLE}")
+    match = NAME.search(path.name)
+    by_name = {"dims": match["dims"].lower(), "type": match["type"].lower()} if match else {}
+    said = ArrayPart(str(path), "", {**by_name, **_in_sidecar(path), **given.options})
+    said.check_known(KEYS)
+    return said
+
+
+def _sidecar(path: Path) -> Path:
+    return path.with_name(f"{path.name}.toml")
+
+
+def _in_sidecar(path: Path) -> dict[str, str]:
+    sidecar = _sidecar(path)
+    if not sidecar.is_file():
+        return {}
+    try:
+        with sidecar.open("rb") as file:
+            entries = tomllib.loads(file.read(LONGEST_SIDECAR).decode())
+    except ValueError as error:  # TOML's own and UTF-8's
+        raise BadInput(f"{sidecar}: is not TOML ({' '.join(str(error).split())}); correct the file") from None
+    return {
+        key: "x".join(str(entry) for entry in value) if isinstance(value, list) else str(value)
+        for key, value in entries.items()
+    }
+
+
+def _undescribed(path: Path, said: ArrayPart) -> BadInput:
+    for header in (path.with_suffix(extension) for extension in HEADERS):
+        if header.is_file() and not said.options:
+            return BadInput(f"{path}: raw voxels without a header; open {header.name} beside it instead")
+    missing = " and ".join(key for key in ("dims", "type") if key not in said.options)
+    return BadInput(
+        f"{path}: raw voxels without a header, of unknown {missing}; say what they are, as in {path}#{EXAMPLE} "
+        f"or with these keys in {_sidecar(path).name}"
+    )
+
+
+def _packing(path: Path) -> Packing:
+    with path.open("rb") as file:
+        zipped = file.read(2) == b"\x1f\x8b"
+    return Packing.DEFLATE if zipped and path.name.lower().endswith(".gz") else Packing.RAW
+
+
+def _check_size(voxels: StoredVoxels, size: int, skip: int) -> None:
+    """Raises BadInput unless the voxels are all that the file holds."""
+    promised = voxels.dims[2] * voxels.sheet_bytes
+    if size == skip + promised:
+        return
+    shown = "x".join(str(n) for n in voxels.dims)
+    hint = f"; skip={size - promised} would fit, if its first bytes are a header" if size > promised else ""
+    raise BadInput(
+        f"{voxels.source}: {shown} voxels of {voxels.dtype.name} are {promised} bytes"
+        f"{f' after {skip} skipped' if skip else ''}, but the file has {size}; correct dims, type or skip{hint}"
+    )
