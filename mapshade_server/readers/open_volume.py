@@ -8,10 +8,12 @@ from pathlib import Path
 
 from volsplat.mapshade_server.readers import (
     analyze,
+    atoms,
     density_map,
     dicom_series,
     gaussian_cube,
     metaimage,
+    mmcif,
     nifti,
     nrrd,
     raw_voxels,
@@ -69,6 +71,8 @@ FORMATS = (
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", _whole(dicom_series.open_slice), dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif)", _whole(tiff_stack.open_tiff_stack), tiff_stack.recognises),
+    VolumeFormat("PDB coordinates (.pdb, .ent)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS),
+    VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS),
     VolumeFormat(
         "CCP4/MRC map (.map, .mrc)", density_map.open_density_map, density_map.recognises, density_map.EXTENSIONS
     ),

@@ -1,0 +1,177 @@
+"""Molecules by the coordinates of their atoms, in PDB files (.pdb, .ent, also gzip) and in mmCIF, through gemmi.
+
+They become voxels by atom_density, in the coordinates' own axes and Å, so that a map of the same molecule lies in the
+same place. After `#`, parted by commas: `density` (if nothing is said) or `elements`; the spacing of the grid in Å;
+`waters=keep`, which are left out else; `model=2`, else the first. As in 4hhb.pdb#elements,0.5,waters=keep
+"""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.atom_density import (
+    BAND,
+    BOND_CLASS,
+    CLASSES,
+    OTHER_CLASS,
+    AtomGrid,
+    Atoms,
+    chosen_spacing,
+    grid_around,
+)
+from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.part_options import part_options
+from volsplat.mapshade_server.readers.unzipped_text import unzipped_text
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+
+KINDS = ("density", "elements")
+EXTENSIONS = tuple(name + packed for name in (".pdb", ".ent") for packed in ("", ".gz"))
+MOST_VOXELS_ASIDE = 4096
+
+_RECORDS = (
+    "HEADER|OBSLTE|TITLE |SPLIT |CAVEAT|COMPND|SOURCE|KEYWDS|EXPDTA|NUMMDL|MDLTYP|AUTHOR|REVDAT|SPRSDE|JRNL  |REMARK|"
+    "DBREF |SEQRES|CRYST1|MODEL |ATOM  |HETATM"
+)
+_FIRST_RECORD = re.compile(rf"\s*({_RECORDS})[ 0-9]".encode())
+_BROKEN_ATOM = re.compile(r"^(?:ATOM  |HETATM)(?!.{24}(?: *-?[0-9]+\.[0-9]* *){3}).*", re.MULTILINE)
+_END = re.compile(r"^END *\r?$", re.MULTILINE)
+_BANDS = ", ".join(f"{name} {max(n * BAND, 1)}-{(n + 1) * BAND - 1}" for n, name in enumerate(CLASSES))
+
+
+def recognises(head: bytes) -> bool:
+    return _FIRST_RECORD.match(head) is not None
+
+
+class AtomReader:
+    """One molecule on a grid."""
+
+    def __init__(self, description: VolumeDescription, grid: AtomGrid, elements: bool) -> None:
+        self._description = description
+        self._grid = grid
+        self._elements = elements
+
+    def describe(self) -> VolumeDescription:
+        return self._description
+
+    def read(self, box: Box) -> Voxels:
+        return self._grid.elements(box) if self._elements else self._grid.density(box)
+
+
+def open_pdb(path: Path, part: str) -> AtomReader:
+    """The reader for a PDB file. Raises BadInput."""
+    text = unzipped_text(path)
+    if broken := _BROKEN_ATOM.search(text):  # gemmi would take what is no number for 0
+        line = text.count("\n", 0, broken.start()) + 1
+        raise BadInput(f"{path}: line {line} has no three coordinates where a PDB file has them; fetch it again")
+    try:
+        structure = library("gemmi", "a PDB file").read_pdb_string(text)
+    except (RuntimeError, ValueError) as error:
+        raise BadInput(f"{path}: is no PDB file or a damaged one: {' '.join(str(error).split())}") from None
+    warnings = [] if _END.search(text) else ["the file has no END record; it may be truncated"]
+    return open_structure(path, part, "PDB", structure, warnings)
+
+
+def open_structure(path: Path, part: str, name: str, structure: Any, warnings: list[str]) -> AtomReader:
+    """The reader for the atoms of gemmi's structure, from a file in the format `name`. Raises BadInput."""
+    word, options = part_options(part, ("waters", "model"))
+    kind, spacing = _kind_and_spacing(path, word)
+    model = _model(path, structure, options.get("model"), warnings)
+    if options.get("waters", "leave") not in ("leave", "keep"):
+        raise BadInput(f"{path}: “waters={options['waters']}” is neither waters=keep nor waters=leave")
+    waters = sum(residue.is_water() for chain in model for residue in chain)
+    if waters and options.get("waters") != "keep":
+        warnings.append(f"{waters} waters are left out; {path.name}#{part or kind},waters=keep keeps them")
+        model.remove_waters()
+    atoms = _atoms(path, model, warnings)
+    geometry = _geometry(path, atoms, chosen_spacing(atoms) if spacing is None else spacing)
+    elements = kind == "elements"
+    drawn = f"by element: {_BANDS}" if elements else "as a synthetic electron density"
+    description = VolumeDescription(
+        name=path.name,
+        format=f"{name}, {len(atoms.radii)} atoms {drawn}",
+        geometry=geometry,
+        scalar_type="uint8" if elements else "float32",
+        unit="Å",
+        density_name="element" if elements else "synthetic density",
+        warnings=tuple(warnings),
+        reads_sub_cubes=False,
+        why_whole="the list of atoms is read whole, but only a sub-cube's own voxels are made of it",
+    )
+    return AtomReader(description, AtomGrid(atoms, geometry), elements)
+
+
+def _kind_and_spacing(path: Path, word: str) -> tuple[str, float | None]:
+    words = [text.strip() for text in word.split(",")] if word else []
+    kind = words.pop(0) if words and words[0] in KINDS else KINDS[0]
+    if not words:
+        return kind, None
+    try:
+        (spacing,) = (float(text) for text in words)
+    except ValueError:
+        raise BadInput(
+            f"{path}: has no part “{word}”; it is {' or '.join(KINDS)}, then a spacing in Å, as in {path}#{kind},0.5"
+        ) from None
+    if not 0 < spacing < math.inf:
+        raise BadInput(f"{path}: a spacing of {spacing:g} Å cannot be; give one above 0")
+    return kind, spacing
+
+
+def _model(path: Path, structure: Any, wanted: str | None, warnings: list[str]) -> Any:
+    models = {str(model.num): model for model in structure}
+    if not models:
+        raise BadInput(f"{path}: has no atoms; give a file with coordinates")
+    first = next(iter(models))
+    if wanted is not None and wanted not in models:
+        raise BadInput(f"{path}: has no model {wanted}; its models are {_listed(list(models))}")
+    if wanted is None and len(models) > 1:
+        warnings.append(f"of {len(models)} models the first is shown; {path.name}#density,model=N shows another")
+    return models[wanted or first]
+
+
+def _listed(numbers: list[str]) -> str:
+    return ", ".join(numbers) if len(numbers) < 10 else f"{numbers[0]} to {numbers[-1]}"
+
+
+def _atoms(path: Path, model: Any, warnings: list[str]) -> Atoms:
+    every = [atom for chain in model for residue in chain for atom in residue]
+    known = [atom for atom in every if atom.element.atomic_number > 0]
+    if not known:
+        raise BadInput(f"{path}: has no atoms; give a file with coordinates")
+    if len(known) < len(every):
+        warnings.append(f"{len(every) - len(known)} atoms of no known element are left out")
+    places = np.array([atom.pos.tolist() for atom in known])
+    occupancies = np.array([atom.occ for atom in known])
+    if not (np.isfinite(places).all() and np.isfinite(occupancies).all()):
+        raise BadInput(f"{path}: an atom's coordinates or occupancy are not numbers; correct the file")
+    if not occupancies.any():
+        warnings.append("all atoms have the occupancy 0; it is taken as 1")
+        occupancies[:] = 1.0
+    return Atoms(
+        places=places,
+        radii=np.array([round(atom.element.covalent_r, 4) for atom in known]),  # gemmi has them in float32
+        heights=np.array([float(atom.element.atomic_number) for atom in known]) * np.clip(occupancies, 0.0, 1.0),
+        classes=np.array([_element_class(atom.element) for atom in known]),
+        alternatives=np.array([ord(atom.altloc) for atom in known]),
+    )
+
+
+def _element_class(element: Any) -> int:
+    name = "H" if element.is_hydrogen else element.name
+    found = CLASSES.index(name) if name in CLASSES else OTHER_CLASS
+    return OTHER_CLASS if found == BOND_CLASS else found
+
+
+def _geometry(path: Path, atoms: Atoms, spacing: float) -> Geometry:
+    extent = float((atoms.places.max(axis=0) - atoms.places.min(axis=0)).max())
+    if extent / spacing > MOST_VOXELS_ASIDE:
+        least = float(f"{1.1 * extent / MOST_VOXELS_ASIDE:.1e}")
+        raise BadInput(
+            f"{path}: its atoms lie {extent:g} Å apart, too far for a spacing of {spacing:g} Å; "
+            f"give at least {least:g}, as in {path}#density,{least:g}"
+        )
+    return grid_around(atoms, spacing)
