@@ -67,16 +67,15 @@ def view(
     options.scene_of(None)
     if listen is None:
         check_is_there(volume)
-    free_port = _free_port(port)
     servers = servers_from_options(workers, listen, token_file)
     console = Console(stderr=True)
-    with opened(volume, servers, listen is None, console) as session:
+    with _bound(port) as bound, opened(volume, servers, listen is None, console) as session:
         assert isinstance(session, Session)
-        _serve(session, options, free_port, grace, no_browser, console)
+        _serve(session, options, bound, grace, no_browser, console)
 
 
 def _serve(
-    session: Session, options: SceneOptions, port: int, grace: float, no_browser: bool, console: Console
+    session: Session, options: SceneOptions, bound: socket.socket, grace: float, no_browser: bool, console: Console
 ) -> None:
     with interrupts_held():
         from volsplat.client.ui.application import Application
@@ -84,12 +83,12 @@ def _serve(
         from volsplat.client.ui.page import page
 
     token = secrets.token_urlsafe(TOKEN_BYTES)
-    url = f"http://{LOOPBACK}:{port}/?token={token}"
+    url = f"http://{LOOPBACK}:{bound.getsockname()[1]}/?token={token}"
     first = options.scene_of(session.volume)
     if options.scene is None:
         first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
     viewing = opened_viewing(session, first, url)
-    application = Application(viewing, page, token, LOOPBACK, port, grace)
+    application = Application(viewing, page, token, bound, grace)
 
     def ready() -> None:
         console.print(f"{session.volume.description.name} is at\n\n    {url}\n", soft_wrap=True, highlight=False)
@@ -107,12 +106,13 @@ def _need_extra() -> None:
             raise BadInput(f"the page needs {package}, which is not installed: pip install 'volsplat[ui]'")
 
 
-def _free_port(port: int) -> int:
-    """The port itself, or any free one for 0. Raises BadInput where it is taken."""
-    with socket.socket() as probe:
-        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            probe.bind((LOOPBACK, port))
-        except OSError as error:
-            raise BadInput(f"--port {port}: {error.strerror}; choose another, or leave it out") from error
-        return int(probe.getsockname()[1])
+def _bound(port: int) -> socket.socket:
+    """A socket at the port, or at any free one for 0; nobody is answered yet. Raises BadInput where it is taken."""
+    bound = socket.socket()
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        bound.bind((LOOPBACK, port))
+    except OSError as error:
+        bound.close()
+        raise BadInput(f"--port {port}: {error.strerror}; choose another, or leave it out") from error
+    return bound

@@ -28,11 +28,11 @@ def test_what_is_chosen_is_expected_to_hold_the_rate(times: dict[Step, float]) -
         pacing.measured(step, seconds)
     chosen = pacing.step_while_moving()
     expected = pacing.expected(chosen)
-    assert chosen == Step.A or (expected is not None and expected < 1 / 30)
+    assert chosen == Step.A or (expected is not None and expected <= 1 / 30)
 
 
-@given(SECONDS, SECONDS, st.floats(1.1, 50.0))
-def test_a_step_that_becomes_slower_takes_the_others_along(a: float, f: float, factor: float) -> None:
+@given(SECONDS, SECONDS, st.floats(4.1, 50.0))
+def test_a_step_that_becomes_much_slower_takes_the_others_along(a: float, f: float, factor: float) -> None:
     pacing = StepPacing()
     pacing.measured(Step.A, a)
     pacing.measured(Step.F, f)
@@ -40,3 +40,18 @@ def test_a_step_that_becomes_slower_takes_the_others_along(a: float, f: float, f
     pacing.measured(Step.F, f * factor)
     after = pacing.expected(Step.A)
     assert before is not None and after is not None and after > before
+
+
+def test_a_step_is_kept_while_its_times_vary_around_the_margin() -> None:
+    pacing = StepPacing(images_per_second=30.0)
+    for step, seconds in {Step.A: 0.003, Step.E: 0.020}.items():
+        pacing.measured(step, seconds)
+    for seconds in (0.030, 0.025, 0.032, 0.024):
+        pacing.measured(Step.E, seconds)
+        assert pacing.step_while_moving() == Step.E
+    for _ in range(5):
+        pacing.measured(Step.E, 0.040)
+    assert pacing.step_while_moving() == Step.A
+    for seconds in (0.0040, 0.0022, 0.0028):  # E is still thought to take too long
+        pacing.measured(Step.A, seconds)
+        assert pacing.step_while_moving() == Step.A

@@ -179,6 +179,22 @@ def test_a_handle_stops_at_the_volume_and_at_its_partner(
         assert {"low": said["low"], "high": said["high"]} == expected
 
 
+@pytest.mark.parametrize(("voxels", "expected"), [(5, (15, 25)), (100, (54, 64)), (-100, (0, 10))])
+def test_a_handle_moves_the_whole_slab_with_shift(shown: ShownViewport, voxels: int, expected: tuple[int, int]) -> None:
+    shown.process.say_scene(bounds={"low": [10, 0, 0], "high": [20, *VOLUME["dims"][1:]]})
+    shown.show_and_wait()
+    x, y = place_of(handle(shown, "low-i"))
+    shown.page.mouse.move(x, y)
+    shown.page.keyboard.down("Shift")
+    shown.page.mouse.down()
+    shown.page.mouse.move(x + voxels * PIXELS_PER_VOXEL, y, steps=3)
+    shown.page.mouse.up()
+    shown.page.keyboard.up("Shift")
+    said = shown.process.wait_for_settled("bounds")
+    assert (said["low"][0], said["high"][0]) == expected
+    assert shown.process.heard_of("view") == []
+
+
 def test_the_box_shows_while_the_pointer_is_over_the_viewport(shown: ShownViewport) -> None:
     box = shown.page.locator(".vs-box")
     shown.page.mouse.move(SIZE[0] + 100, SIZE[1] + 100)

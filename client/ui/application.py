@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -49,10 +50,10 @@ class OpenPages:
 
 
 class Application:
-    """Serves one Viewing on one port until told to stop, or until no page has been open for `grace` seconds."""
+    """Serves one Viewing on the bound socket until told to stop, or until no page has been open for `grace` seconds."""
 
     def __init__(
-        self, viewing: Viewing, build_page: Callable[[Viewing], None], token: str, host: str, port: int, grace: float
+        self, viewing: Viewing, build_page: Callable[[Viewing], None], token: str, bound: socket.socket, grace: float
     ) -> None:
         self._viewing = viewing
         self._build_page = build_page
@@ -63,14 +64,14 @@ class Application:
         application.add_api_websocket_route("/viewport", self._viewport)
         ui.page("/")(self._page)
         ui.run_with(application, title="volsplat", dark=None, tailwind=False, show_welcome_message=False)
+        self._bound = bound
         self._server = uvicorn.Server(
             uvicorn.Config(
-                Gate(application, token, port),
-                host=host,
-                port=port,
+                Gate(application, token, bound.getsockname()[1]),
                 log_level="warning",
                 timeout_graceful_shutdown=SHUTDOWN_SECONDS,
                 ws_max_size=1 << 16,  # a page says little
+                ws_per_message_deflate=False,  # pictures are compressed already
                 h11_max_incomplete_event_size=LONGEST_ADDRESS,
             )
         )
@@ -79,7 +80,7 @@ class Application:
     def run(self, on_ready: Callable[[], None]) -> None:
         """Serve; `on_ready` is called once the port is open. Raises KeyboardInterrupt on Ctrl-C."""
         self._on_ready = on_ready
-        self._server.run()
+        self._server.run(sockets=[self._bound])
 
     @asynccontextmanager
     async def _lifespan(self, application: FastAPI) -> AsyncIterator[None]:

@@ -12,6 +12,7 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.scene_model import SceneModel, SceneState
+from volsplat.client.ui.throttle import Throttle
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Geometry
@@ -19,6 +20,7 @@ from volsplat.protocol.volume import Geometry
 STYLE = Path(__file__).parent / "static" / "panels.css"
 # Colours that Quasar does not know, so that the style sheet alone decides.
 TOGGLE_PROPS = "dense no-caps unelevated toggle-color=vs toggle-text-color=vs"
+MOVING_INTERVAL = 0.25  # seconds between two updates of controls while the scene is not settled
 _styled: WeakSet[Client] = WeakSet()
 
 Edit = Callable[[Scene], Scene]
@@ -51,6 +53,10 @@ class SceneEditor:
         self._model = model
         self._geometry = geometry
         self._by = f"{panel} {context.client.id}"
+        self._followers: list[Callable[[Scene], object]] = []
+        self._throttle = Throttle(MOVING_INTERVAL, self._show)
+        context.client.on_delete(self._throttle.cancel)
+        context.client.on_delete(model.subscribe(self._on_change))
 
     @property
     def scene(self) -> Scene:
@@ -75,13 +81,24 @@ class SceneEditor:
         return True
 
     def follow(self, show: Callable[[Scene], object]) -> None:
-        """Call `show` now and after every change, whoever made it, as long as the tab is there."""
+        """Call `show` now and after every change, whoever made it, as long as the tab is there.
 
-        def changed(state: SceneState) -> None:
-            show(state.scene)
-
-        context.client.on_delete(self._model.subscribe(changed))
+        While a person is still at it (the scene is not settled) it is called now and then only: each time the whole
+        page is rendered anew, which the picture would have to wait for.
+        """
+        self._followers.append(show)
         show(self.scene)
+
+    def _on_change(self, state: SceneState) -> None:
+        if state.settled:
+            self._throttle.cancel()
+            self._show()
+        else:
+            self._throttle()
+
+    def _show(self) -> None:
+        for show in self._followers:
+            show(self.scene)
 
 
 class TextField:

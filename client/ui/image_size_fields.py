@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import msgspec
 from nicegui import ui
 
 from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, whole_number_field
-from volsplat.client.ui.viewing import ImageSize
+from volsplat.client.ui.image_size import ImageSize, sized
 from volsplat.protocol.scene import Scene
 
 CHOICES = {True: "follows the window", False: "fixed"}
-
-replace = msgspec.structs.replace
 
 
 def image_size_fields(editor: SceneEditor, image_size: ImageSize) -> None:
@@ -23,7 +20,7 @@ def image_size_fields(editor: SceneEditor, image_size: ImageSize) -> None:
         image_size.follows_window = follows
         window = image_size.window
         editor.change(  # also where the size stays, for other tabs to show what was chosen
-            lambda scene: _sized(scene, width=window[0], height=window[1]) if follows and window else scene,
+            lambda scene: sized(scene, width=window[0], height=window[1]) if follows and window else scene,
             undoable=False,
         )
 
@@ -48,11 +45,7 @@ def _extent_field(editor: SceneEditor, name: str) -> None:
         editor,
         name,
         lambda scene: getattr(scene.image, name),
-        lambda scene, value: _sized(scene, **{name: value}),
+        lambda scene, value: sized(scene, **{name: value}),
         undoable=False,
     )
     field.props(f'prefix="{name[0]}"')
-
-
-def _sized(scene: Scene, **size: int) -> Scene:
-    return replace(scene, image=replace(scene.image, **size))

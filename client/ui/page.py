@@ -42,7 +42,7 @@ def page(viewing: Viewing) -> None:
 
 
 def _theme_button() -> None:
-    dark = ui.dark_mode(None)
+    # NiceGUI's own element for this sets the theme at each rendering of the page, which styles all of it anew.
     button = ui.button(icon="contrast").props("flat dense round aria-label='light or dark'")
     button.tooltip("light or dark")
-    button.on_click(lambda: dark.set_value(not dark.value))
+    button.on("click", js_handler="() => Quasar.Dark.toggle()")

@@ -18,15 +18,17 @@ PNG_EFFORT = 1  # 0 to 9; more costs time and hardly saves bytes
 
 def encoded(image: Tensor, background: Colour, *, lossless: bool) -> bytes:
     """(H, W, 4) float32, associated, over the background: PNG with the very levels of a saved image, or JPEG."""
-    levels = stored_levels(image, background) if lossless else _quick_levels(image, background)
-    height, width, _ = levels.shape
-    picture = PillowImage.frombuffer("RGB", (width, height), levels.contiguous().numpy().tobytes(), "raw", "RGB", 0, 1)
     out = io.BytesIO()
     if lossless:
-        picture.save(out, "PNG", compress_level=PNG_EFFORT)
+        _picture(stored_levels(image, background), "RGB").save(out, "PNG", compress_level=PNG_EFFORT)
     else:
-        picture.save(out, "JPEG", quality=JPEG_QUALITY, subsampling=0)
+        _picture(_quick_levels(image, background), "RGBX").save(out, "JPEG", quality=JPEG_QUALITY, subsampling=0)
     return out.getvalue()
+
+
+def _picture(levels: Tensor, layout: str) -> PillowImage.Image:
+    height, width, _ = levels.shape
+    return PillowImage.frombuffer("RGB", (width, height), levels.contiguous().numpy(), "raw", layout, 0, 1)
 
 
 def stored_levels(image: Tensor, background: Colour) -> Tensor:
@@ -37,10 +39,9 @@ def stored_levels(image: Tensor, background: Colour) -> Tensor:
 
 
 def _quick_levels(image: Tensor, background: Colour) -> Tensor:
-    """As stored_levels, rounded in float32."""
+    """(H, W, 4) uint8, colours as stored_levels but rounded in float32; the fourth is nothing, and quicker kept."""
     import torch
 
-    colour = image[..., :3]
     if any(background):
-        colour = colour + (1.0 - image[..., 3:]) * torch.tensor(background)
-    return colour.mul(255.0).add_(0.5).clamp_(0.0, 255.0).to(torch.uint8)
+        image = image + (1.0 - image[..., 3:]) * torch.tensor((*background, 0.0))
+    return image.mul(255.0).add_(0.5).clamp_(0.0, 255.0).to(torch.uint8)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import time
+from dataclasses import asdict, dataclass
 
 import msgspec
 from nicegui import context, ui
 from nicegui.element import Element
 
 from volsplat.client.frame_report import STEP_WORDS
-from volsplat.client.ui.fields import SceneEditor, show_pressed, show_prop
+from volsplat.client.ui.fields import SceneEditor, show_pressed
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.running_step import progress
 from volsplat.client.ui.throttle import Throttle
@@ -24,83 +24,82 @@ ORDER_WORDS = {Order.BACK_TO_FRONT: "back to front", Order.FRONT_TO_BACK: "front
 def steps_bar(viewing: Viewing) -> None:
     """A chip for each step, and the order."""
     editor = SceneEditor(viewing.model, viewing.volume.description.geometry, "steps")
-    with ui.element("div").classes("vs-steps").props('role=group aria-label="steps"'):
-        chips = Chips(viewing)
+    chips = StepChips()
+    state = StepsState(viewing)
     with ui.element("div").classes("vs-order"):
         _order(editor, viewing)
-    throttle = Throttle(INTERVAL, chips.show)
+    throttle = Throttle(INTERVAL, lambda: chips.show(state.chips()))
     context.client.on_delete(throttle.cancel)
 
     def note(picture: Picture) -> None:
-        chips.note(picture)
+        state.note(picture)
         throttle()
 
     context.client.on_delete(viewing.on_picture(note))
     context.client.on_delete(viewing.model.subscribe(lambda _: throttle()))
-    chips.show()
+    throttle()
 
 
-class Chips:
-    """The six chips of one tab."""
+@dataclass(frozen=True)
+class ChipState:
+    """How one chip looks. `fill`: seconds that its step will take, and has taken, while it is drawn."""
+
+    current: bool
+    finished: bool
+    time: str
+    fill: tuple[float, float] | None
+
+
+class StepChips(Element, component="step_chips_component.js"):
+    """One chip a step: its letter, the milliseconds that it took, and a bar that fills while it is drawn.
+
+    It changes with every picture; NiceGUI would go over the whole page for that, so the browser is told by a call.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.props["steps"] = [{"letter": step.value, "title": f"step {step}: {STEP_WORDS[step]}"} for step in Step]
+        self._shown: list[ChipState] = []
+
+    def show(self, states: list[ChipState]) -> None:
+        """One state a step."""
+        if states != self._shown:
+            self._shown = states
+            self.run_method("show", [asdict(state) for state in states])
+
+
+class StepsState:
+    """What is known of the steps, as pictures come."""
 
     def __init__(self, viewing: Viewing) -> None:
         self._viewing = viewing
-        self._chips = {step: Chip(step, viewing.loop.pacing.expected(step)) for step in Step}
+        self._seconds = {step: viewing.loop.pacing.expected(step) for step in Step}
         self._running: tuple[int, Step] | None = None  # revision and step
-        self._began = 0.0
+        self._fill: tuple[float, float] | None = None  # of the running one
 
     def note(self, picture: Picture) -> None:
         """Remember what the picture's step took."""
         if picture.outcome is not None:
-            self._chips[picture.step].seconds = picture.outcome.wall_seconds
+            self._seconds[picture.step] = picture.outcome.wall_seconds
 
-    def show(self) -> None:
-        """Bring the chips to what is known now."""
+    def chips(self) -> list[ChipState]:
+        """How the chips should look now."""
         state, pacing = self._viewing.model.now, self._viewing.loop.pacing
         now = progress(self._viewing.pictures.newest, state, pacing.step_while_moving())
         running = (state.revision, now.running) if now.running else None
         if running != self._running:
-            self._running, self._began = running, time.monotonic()
-        for step, chip in self._chips.items():
-            chip.show(
+            self._running = running
+            expected = pacing.expected(now.running) if now.running and state.settled else None
+            self._fill = None if expected is None else (expected, 0.0)
+        return [
+            ChipState(
                 current=step == (now.running or now.finished),
                 finished=now.finished is not None and step <= now.finished,
+                time="" if seconds is None else milliseconds(seconds),
+                fill=self._fill if step == now.running else None,
             )
-            expected = pacing.expected(step) if step == now.running and state.settled else None
-            chip.fill(expected, time.monotonic() - self._began)
-
-
-class Chip:
-    """One step: its letter, the milliseconds that it took, and a bar that fills while it is drawn."""
-
-    def __init__(self, step: Step, seconds: float | None) -> None:
-        self.seconds = seconds
-        self._filling = False
-        self._times_filled = 0
-        with ui.element("div").classes("vs-step").props(f"data-step={step}") as self._chip:
-            self._chip.tooltip(f"step {step}: {STEP_WORDS[step]}")
-            ui.label(step.value).classes("vs-step-letter")
-            self._milliseconds = ui.label().classes("vs-step-time")
-            with ui.element("div").classes("vs-step-track"):
-                self._bar = Element("div").classes("vs-step-bar")
-
-    def show(self, *, current: bool, finished: bool) -> None:
-        for name, on in (("vs-now", current), ("vs-done", finished)):
-            self._chip.classes(add=name if on else "", remove="" if on else name)
-        show_prop(self._chip, "aria-current", "step" if current else "false")
-        self._milliseconds.set_text("" if self.seconds is None else milliseconds(self.seconds))
-
-    def fill(self, expected: float | None, elapsed: float) -> None:
-        """Have the bar fill within `expected` seconds from `elapsed` seconds ago; None empties it."""
-        if expected is None:
-            if self._filling:
-                self._bar.style(replace="")
-            self._filling = False
-        elif not self._filling:
-            self._filling = True
-            self._times_filled += 1  # another name starts the browser's animation anew
-            name = f"vs-fill-{self._times_filled % 2}"
-            self._bar.style(replace=f"animation: {name} {expected:.3f}s linear {-elapsed:.3f}s forwards")
+            for step, seconds in self._seconds.items()
+        ]
 
 
 def milliseconds(seconds: float) -> str:

@@ -10,6 +10,7 @@ from typing import Generic, TypeVar
 from volsplat.client.session import Session
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.drawing_loop import DrawingLoop
+from volsplat.client.ui.image_size import ImageSize
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneModel
 from volsplat.protocol.errors import VolsplatError
@@ -46,14 +47,6 @@ class Feed(Generic[News]):
         self.newest = news
         for subscriber in list(self._subscribers):
             subscriber(news)
-
-
-@dataclass
-class ImageSize:
-    """Whether the image is as large as the window of whoever used it last, or what the scene says."""
-
-    follows_window: bool = True
-    window: tuple[int, int] | None = None  # width and height of the viewport that was sized last, in pixels
 
 
 @dataclass(frozen=True)

@@ -16,12 +16,13 @@ from typing import Any
 import msgspec
 
 from volsplat.client.ui import viewport_messages as said
+from volsplat.client.ui.image_size import sized
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneState
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import resolved_bounds
-from volsplat.protocol.scene import GREATEST_ZOOM, LEAST_ZOOM, Bounds, Scene, View
+from volsplat.protocol.scene import Bounds, Scene, View
 
 log = logging.getLogger(__name__)
 
@@ -98,7 +99,7 @@ class ViewportTalk:
             case said.Size(width=width, height=height):
                 self._viewing.image_size.window = (width, height)
                 if self._viewing.image_size.follows_window:
-                    model.change(lambda s: _sized(s, width, height), by=self._tab, undoable=False)
+                    model.change(lambda s: sized(s, width=width, height=height), by=self._tab, undoable=False)
             case said.ViewTurned(settled=settled, event=event):
                 view = View(rotation=message.rotation, zoom=message.zoom, center=message.center)
                 model.change(
@@ -151,12 +152,3 @@ class ViewportTalk:
         self._viewing.model.change(
             lambda s: msgspec.structs.replace(s, view=msgspec.structs.replace(s.view, center=center)), undoable=False
         )
-
-
-def _sized(scene: Scene, width: int, height: int) -> Scene:
-    """With as much of the volume in the image as before."""
-    old, view = scene.image, scene.view
-    if view.zoom != "fit":
-        zoom = view.zoom * min(width, height) / min(old.width, old.height)
-        view = msgspec.structs.replace(view, zoom=min(max(zoom, LEAST_ZOOM), GREATEST_ZOOM))
-    return msgspec.structs.replace(scene, image=msgspec.structs.replace(old, width=width, height=height), view=view)

@@ -1,4 +1,5 @@
-// The box of the bounds over a picture, with a handle on each face: dragging it moves that face along its axis.
+// The box of the bounds over a picture, with a handle on each face: dragging it moves that face along its axis, and with
+// Shift the one across as well.
 
 import { Projection } from "./camera.js";
 import { cross, dot } from "./rotation.js";
@@ -97,7 +98,8 @@ export class BoundsBox {
       "pointermove",
       (event) => {
         const voxels = ((event.clientX - down.clientX) * sx + (event.clientY - down.clientY) * sy) / pixels;
-        const bounds = this.#moved(began, face, Math.round(voxels));
+        const moved = event.shiftKey ? slabMoved : faceMoved;
+        const bounds = moved(began, face, Math.round(voxels), this.#grid.dims);
         if (bounds[face.end][face.axis] === this.#bounds[face.end][face.axis]) return;
         this.bounds = bounds;
         this.#tell(face);
@@ -112,12 +114,6 @@ export class BoundsBox {
     };
     handle.addEventListener("pointerup", end, { signal });
     handle.addEventListener("pointercancel", end, { signal });
-  }
-
-  #moved(began, { axis, end }, voxels) {
-    const [least, most] = end === "low" ? [0, began.high[axis] - 1] : [began.low[axis] + 1, this.#grid.dims[axis]];
-    const place = Math.min(most, Math.max(least, began[end][axis] + voxels));
-    return { ...began, [end]: began[end].map((part, n) => (n === axis ? place : part)) };
   }
 
   #tell(face) {
@@ -148,6 +144,27 @@ export class Wires {
       this.edges[n].classList.toggle("vs-behind", !faces.some((face) => facesViewer(face, projection)));
     });
   }
+}
+
+/** The bounds with one face moved. @param {Bounds} began @param {Face} face @param {number} voxels @param {number[]} dims */
+function faceMoved(began, { axis, end }, voxels, dims) {
+  const [least, most] = end === "low" ? [0, began.high[axis] - 1] : [began.low[axis] + 1, dims[axis]];
+  return { ...began, [end]: shifted(began[end], axis, clamped(began[end][axis] + voxels, least, most)) };
+}
+
+/** The bounds with a face and the one across moved alike. @type {typeof faceMoved} */
+function slabMoved({ low, high }, { axis }, voxels, dims) {
+  const by = clamped(voxels, -low[axis], dims[axis] - high[axis]);
+  return { low: shifted(low, axis, low[axis] + by), high: shifted(high, axis, high[axis] + by) };
+}
+
+/** @returns {Vector} */
+function shifted(corner, axis, place) {
+  return corner.map((part, n) => (n === axis ? place : part));
+}
+
+function clamped(value, least, most) {
+  return Math.min(most, Math.max(least, value));
 }
 
 /** Each edge with its two corners and the two faces that it joins. */

@@ -29,6 +29,8 @@ const LIST = [
   ["drag", "turn"],
   ["Ctrl drag", "roll"],
   ["Shift drag, right drag", "move"],
+  ["drag a handle", "cut"],
+  ["Shift drag a handle", "move the slab"],
   ["wheel", "zoom to the pointer"],
   ["click", "centre what is there"],
   ["1 2 3 4 5 6", AXIS_VIEWS.join(", ")],

@@ -42,6 +42,7 @@ export class Viewport {
   #help = document.createElement("div");
   #asked = { width: 0, height: 0 }; // the size of pictures last asked for
   #resized = 0;
+  #box = { width: 0, height: 0 }; // of the element; to ask it at every picture would lay out the page each time
   #observer = new ResizeObserver(() => this.#onResize());
 
   /**
@@ -74,6 +75,7 @@ export class Viewport {
     this.#help.append(keyList());
     this.element.append(this.canvas, this.#helpButton(), this.#help, this.#trouble.element);
     host.append(this.element);
+    this.#box = this.#measured();
     new Gestures(this);
     this.element.addEventListener("keydown", (event) => this.#onKey(event));
     this.#observer.observe(this.element);
@@ -138,7 +140,7 @@ export class Viewport {
 
   /** Where an event is, in pixels of the picture that the view is for. @param {MouseEvent} event @returns {Point} */
   pointAt(event) {
-    return new Frame(this.size, this.#box()).toPicture(this.#inElement(event));
+    return new Frame(this.size, this.#box).toPicture(this.#inElement(event));
   }
 
   /** The visible voxel under an event becomes the centre. @param {MouseEvent} event */
@@ -231,13 +233,14 @@ export class Viewport {
   }
 
   #onResize() {
+    this.#box = this.#measured();
     this.#place();
     clearTimeout(this.#resized);
     this.#resized = setTimeout(() => this.#sendSize(), RESIZED_AFTER);
   }
 
   #sendSize() {
-    const { width, height } = this.#box();
+    const { width, height } = this.#box;
     if (width === 0 || height === 0) return; // not on the screen
     const [w, h] = [width, height].map((side) => Math.max(1, Math.round(side * window.devicePixelRatio)));
     if (w === this.#asked.width && h === this.#asked.height) return;
@@ -252,10 +255,10 @@ export class Viewport {
   }
 
   #frame() {
-    return new Frame(this.#picture, this.#box());
+    return new Frame(this.#picture, this.#box);
   }
 
-  #box() {
+  #measured() {
     return { width: this.element.clientWidth, height: this.element.clientHeight };
   }
 
