@@ -75,7 +75,6 @@ export class Viewport {
     this.#help.append(keyList());
     this.element.append(this.canvas, this.#helpButton(), this.#help, this.#trouble.element);
     host.append(this.element);
-    this.#box = this.#measured();
     new Gestures(this);
     this.element.addEventListener("keydown", (event) => this.#onKey(event));
     this.#observer.observe(this.element);
@@ -168,6 +167,7 @@ export class Viewport {
     this.#contained = this.#outbox.event; // what was said into the drop is lost
     this.#pictures.reconnected();
     this.#asked = { width: 0, height: 0 };
+    this.#box = this.#measured();
     this.#sendSize();
   }
 
@@ -236,7 +236,8 @@ export class Viewport {
     this.#box = this.#measured();
     this.#place();
     clearTimeout(this.#resized);
-    this.#resized = setTimeout(() => this.#sendSize(), RESIZED_AFTER);
+    const first = this.#asked.width === 0; // for which nobody should have to wait
+    this.#resized = setTimeout(() => this.#sendSize(), first ? 0 : RESIZED_AFTER);
   }
 
   #sendSize() {
