@@ -16,6 +16,7 @@ from volsplat.mapshade_server.readers import (
     mmcif,
     nifti,
     nrrd,
+    numpy_array,
     raw_voxels,
     tiff_stack,
 )
@@ -79,6 +80,8 @@ FORMATS = (
     VolumeFormat(
         "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
     ),
+    VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises),
+    VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
     VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS),
 )
 

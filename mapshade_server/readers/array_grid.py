@@ -1,0 +1,226 @@
+"""An array as a volume: which three of its axes are the grid, the indices on the others, and its place in space.
+
+The last of the three is i, as C and numpy store arrays. Axes that the file calls x, y and z, or that `axes=` does,
+lie along those physical axes whatever their order; others lie along z, y, x in turn.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from volsplat.mapshade_server.readers.array_part import ArrayPart
+from volsplat.mapshade_server.readers.length_units import length_unit
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import Vector
+from volsplat.protocol.volume import Box, Geometry, GridAxis
+
+LETTERS = "xyz"
+OPTIONS = ("axes", "spacing", "unit")  # beside the names of axes
+MOST_COMPONENTS = 4  # an axis without a name, last and not longer, holds components: colours, a vector
+
+
+@dataclass(frozen=True)
+class ArrayAxis:
+    """One axis of an array, as its file describes it: index n stands for first + n * step, in `unit`."""
+
+    length: int
+    name: str = ""
+    unit: str = ""
+    first: float = 0.0
+    step: float = 1.0
+    along: str = ""  # the physical axis, x, y or z; "" where the file does not tell
+    down: bool = False  # it counts against that axis, as a depth does
+
+
+class ArrayGrid(NamedTuple):
+    """The volume in an array."""
+
+    indices: tuple[int | None, ...]  # on each of the array's axes; None on the three of the grid
+    geometry: Geometry
+    unit: str
+    axes: tuple[GridAxis, GridAxis, GridAxis] | None
+    warnings: tuple[str, ...]
+
+    def selection(self, box: Box) -> tuple[int | slice, ...]:
+        """What to index the array with to have the voxels of `box`, as (k, j, i)."""
+        ranges = [slice(low, high) for low, high in zip(*box, strict=True)]  # i, then j, then k: popped as k, j, i
+        return tuple(ranges.pop() if index is None else index for index in self.indices)
+
+
+def array_grid(part: ArrayPart, axes: Sequence[ArrayAxis]) -> ArrayGrid:
+    """The volume that the person means. Raises BadInput where the array has none or they must choose."""
+    named = _named(part, axes)
+    indices = _indices(part, named)
+    k, j, i = (axis for axis, index in zip(named, indices, strict=True) if index is None)
+    grid = _along_physical_axes((i, j, k))
+    lengths = _lengths(part, grid)
+    return ArrayGrid(indices, _geometry(part, grid, lengths), lengths.unit, _grid_axes(grid), lengths.warnings)
+
+
+def _named(part: ArrayPart, axes: Sequence[ArrayAxis]) -> list[ArrayAxis]:
+    """The axes with the names that the person gives them, one letter each."""
+    names = part.options.get("axes")
+    if names is None:
+        return list(axes)
+    if len(names) != len(axes) or len(set(names)) != len(names):
+        raise part.wrong("axes", f"needs {len(axes)} different letters, one for each of the axes {_shown(axes)}")
+    return [
+        replace(axis, name=name, along=name if name in LETTERS else "") for axis, name in zip(axes, names, strict=True)
+    ]
+
+
+def _indices(part: ArrayPart, axes: list[ArrayAxis]) -> tuple[int | None, ...]:
+    """The index on each axis, None on three: what the person says, 0 on what is 1 long."""
+    indices: list[int | None] = [None] * len(axes)
+    for key in part.options:
+        if key not in OPTIONS:
+            n = _axis_called(part, key, axes)
+            indices[n] = index = part.whole_number(key)
+            if index is not None and index >= axes[n].length:
+                raise part.wrong(key, f"is beyond the axis, whose last index is {axes[n].length - 1}")
+    free = [n for n, index in enumerate(indices) if index is None]
+    for n in [n for n in free if axes[n].length == 1 and not axes[n].along]:
+        if len(free) > 3:
+            free.remove(n)
+            indices[n] = 0
+    if len(free) < 3:
+        kind = "a single number" if not axes else "a 1-D list" if len(free) == 1 else "a 2-D image"
+        chosen = " after the choice of indices" if len(axes) >= 3 else ""
+        raise BadInput(
+            f"{part.whole}: {kind}{chosen}, volsplat needs a volume: its axes are {_shown(axes) or 'none'}; "
+            "name an array with three axes"
+        )
+    if min(axes[n].length for n in free) == 0:
+        raise BadInput(f"{part.whole}: holds no voxels, its axes are {_shown(axes)}; fetch or export it again")
+    if len(free) > 3:
+        raise _choice(part, axes, free)
+    return tuple(indices)
+
+
+def _axis_called(part: ArrayPart, key: str, axes: list[ArrayAxis]) -> int:
+    """The axis that `key` names: by its name or how this begins, or as axis0, axis1, ..."""
+    numbered = [n for n in range(len(axes)) if key == f"axis{n}"]
+    exact = [n for n, axis in enumerate(axes) if axis.name == key]
+    begun = [n for n, axis in enumerate(axes) if axis.name.lower().startswith(key.lower())]
+    found = exact or numbered or begun
+    if len(found) != 1:
+        raise part.wrong(key, f"names no axis; the axes are {_shown(axes)}, other options {', '.join(OPTIONS)}")
+    return found[0]
+
+
+def _choice(part: ArrayPart, axes: list[ArrayAxis], free: list[int]) -> BadInput:
+    """Asks for indices on all but three axes: those least likely to be of space."""
+
+    def likely_of_space(n: int) -> int:
+        components = not axes[n].name and n == free[-1] and axes[n].length <= MOST_COMPONENTS
+        return -1 if components else 1 if axes[n].along else 0
+
+    chosen = sorted(sorted(free, key=likely_of_space)[: len(free) - 3])
+    names = [_name(axes, n) for n in chosen]
+    return BadInput(
+        f"{part.whole}: has axes {_shown(axes)}, volsplat needs three of them; choose an index of "
+        f"{' and of '.join(names)}, as in {part.advice(','.join(f'{name}=0' for name in names))}"
+    )
+
+
+def _name(axes: Sequence[ArrayAxis], n: int) -> str:
+    """What an option can call the axis."""
+    return axes[n].name if axes[n].name.isidentifier() else f"axis{n}"
+
+
+def _shown(axes: Sequence[ArrayAxis]) -> str:
+    return ", ".join(f"{_name(axes, n)} ({axis.length} long)" for n, axis in enumerate(axes))
+
+
+def _along_physical_axes(grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> tuple[ArrayAxis, ArrayAxis, ArrayAxis]:
+    """i, j, k, each along its own physical axis: where the file says, else the first that is left."""
+    told = [axis.along for axis in grid if axis.along]
+    if len(set(told)) != len(told):
+        told, grid = [], (replace(grid[0], along=""), replace(grid[1], along=""), replace(grid[2], along=""))
+    left = [letter for letter in LETTERS if letter not in told]
+    i, j, k = (axis if axis.along else replace(axis, along=left.pop(0)) for axis in grid)
+    return i, j, k
+
+
+class _Lengths(NamedTuple):
+    """Steps and first positions of i, j, k in one unit."""
+
+    steps: tuple[float, ...]
+    firsts: tuple[float, ...]
+    unit: str
+    warnings: tuple[str, ...] = ()
+
+
+def _geometry(part: ArrayPart, grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis], lengths: _Lengths) -> Geometry:
+    rows = [[0.0, 0.0, 0.0] for _ in range(3)]
+    origin = [0.0, 0.0, 0.0]
+    for n, axis in enumerate(grid):
+        sign, row = -1.0 if axis.down else 1.0, LETTERS.index(axis.along)
+        rows[row][n] = sign * lengths.steps[n]
+        origin[row] = sign * lengths.firsts[n] + 0.0  # which turns -0.0 into 0.0
+    try:
+        if not all(math.isfinite(x) for x in origin):
+            raise ValueError("the origin is not finite")
+        return Geometry(
+            dims=(grid[0].length, grid[1].length, grid[2].length),
+            index_to_physical=(_vector(rows[0]), _vector(rows[1]), _vector(rows[2])),
+            origin=_vector(origin),
+        )
+    except ValueError as error:
+        advice = part.advice("spacing=1x1x1")
+        raise BadInput(f"{part.whole}: its spacing cannot be used: {error}; give it yourself, as in {advice}") from None
+
+
+def _vector(numbers: list[float]) -> Vector:
+    return (numbers[0], numbers[1], numbers[2])
+
+
+def _lengths(part: ArrayPart, grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> _Lengths:
+    unit = part.options.get("unit")
+    if (spacing := part.numbers("spacing", 3)) is not None:
+        return _Lengths(tuple(spacing[LETTERS.index(axis.along)] for axis in grid), (0.0, 0.0, 0.0), unit or "")
+    lengths = _in_one_unit(grid) or _without_unit(grid)
+    return lengths if unit is None else lengths._replace(unit=unit)
+
+
+def _in_one_unit(axes: Sequence[ArrayAxis]) -> _Lengths | None:
+    """The axes' lengths in the first one's unit, None where they have none in common."""
+    units = [length_unit(axis.unit) for axis in axes]
+    if first := units[0]:
+        factors = [unit.metres / first.metres for unit in units if unit]
+        if len(factors) == len(axes):
+            steps = tuple(axis.step * factor for axis, factor in zip(axes, factors, strict=True))
+            firsts = tuple(axis.first * factor for axis, factor in zip(axes, factors, strict=True))
+            return _Lengths(steps, firsts, first.symbol)
+    if len({axis.unit for axis in axes}) == 1:
+        return _Lengths(tuple(axis.step for axis in axes), tuple(axis.first for axis in axes), axes[0].unit)
+    return None
+
+
+def _without_unit(grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> _Lengths:
+    """Two axes of one unit keep their steps and the third is drawn like them; without such two, voxels are cubes."""
+    steps = [math.copysign(1.0, axis.step) for axis in grid]
+    firsts = [0.0, 0.0, 0.0]
+    for odd in (2, 0, 1):
+        pair = [n for n in range(3) if n != odd]
+        if alike := _in_one_unit([grid[n] for n in pair]):
+            for n, step, first in zip(pair, alike.steps, alike.firsts, strict=True):
+                steps[n], firsts[n] = step, first
+            steps[odd] = math.copysign(math.sqrt(abs(alike.steps[0] * alike.steps[1])), grid[odd].step)
+            break
+    told = ", ".join(f"{axis.name or axis.along} in {axis.unit or 'no unit'}" for axis in grid)
+    return _Lengths(
+        tuple(steps),
+        tuple(firsts),
+        "",
+        (f"its axes have no unit in common ({told}); drawn with like spacing, which spacing=1x1x1 would set",),
+    )
+
+
+def _grid_axes(grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> tuple[GridAxis, GridAxis, GridAxis] | None:
+    """What the indices stand for, where that is more than a place in space."""
+    if all(axis.name in ("", *LETTERS) and (not axis.unit or length_unit(axis.unit)) for axis in grid):
+        return None
+    i, j, k = (GridAxis(axis.name or axis.along, axis.unit, axis.first, axis.step) for axis in grid)
+    return i, j, k
