@@ -18,6 +18,7 @@ from volsplat.mapshade_server.readers import (
     nrrd,
     numpy_array,
     raw_voxels,
+    tiff_folder,
     tiff_stack,
 )
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
@@ -71,7 +72,7 @@ FORMATS = (
     VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",)),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", _whole(dicom_series.open_slice), dicom_series.recognises),
-    VolumeFormat("TIFF stack (.tif)", _whole(tiff_stack.open_tiff_stack), tiff_stack.recognises),
+    VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
     VolumeFormat("PDB coordinates (.pdb, .ent)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS),
     VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS),
     VolumeFormat(
@@ -85,7 +86,10 @@ FORMATS = (
     VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS),
 )
 
-FOLDER_FORMATS = (FolderFormat("DICOM series", _whole(dicom_series.open_folder), lambda folder: True),)
+FOLDER_FORMATS = (
+    FolderFormat("TIFF slices", tiff_folder.open_tiff_folder, tiff_folder.recognises_folder),
+    FolderFormat("DICOM series", _whole(dicom_series.open_folder), lambda folder: True),
+)
 
 
 def open_volume(name: str) -> VolumeReader:
