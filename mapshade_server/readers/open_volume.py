@@ -20,6 +20,7 @@ from volsplat.mapshade_server.readers import (
     raw_voxels,
     tiff_folder,
     tiff_stack,
+    vtk_image,
 )
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
 from volsplat.protocol.errors import BadInput
@@ -83,6 +84,7 @@ FORMATS = (
     ),
     VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises),
     VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
+    VolumeFormat("VTK image (.vti)", vtk_image.open_vtk_image, vtk_image.recognises),
     VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS),
 )
 
