@@ -148,3 +148,15 @@ ONE_PIXEL_OF_A_TABLE = 0.02
 
 FREEHAND_PIXELS = 0.035
 """Entries of a curve drawn by the mouse: a pixel of its height, half an entry of its steepest stroke, the thinning."""
+
+FLOAT32_SCALED = 3e-7
+"""Relative, of float32 made from scaled integers: we round once, astropy after each operation."""
+
+SKY_CURVATURE = 2e-3
+"""Relative, of a step in right ascension: half a pixel from the reference, of the scale that changes with Dec."""
+
+SKY_STEP = 5e-5
+"""Arcseconds: steps of a few arcseconds are rounded to a millionth of a pixel, along slightly curved parallels."""
+
+ELECTRON_VOLT = 2e-7
+"""Relative: astropy's interpreter of coordinates has an older value of it than its units."""

@@ -11,6 +11,7 @@ from volsplat.mapshade_server.readers import (
     atoms,
     density_map,
     dicom_series,
+    fits_cube,
     gaussian_cube,
     metaimage,
     mmcif,
@@ -79,6 +80,7 @@ FORMATS = (
     VolumeFormat(
         "CCP4/MRC map (.map, .mrc)", density_map.open_density_map, density_map.recognises, density_map.EXTENSIONS
     ),
+    VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises),
     VolumeFormat(
         "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
     ),
