@@ -47,13 +47,24 @@ def shared_token(token_file: Path | None, makes: bool) -> Token | None:
     return find_token(os.environ, token_file)
 
 
+def ignored(text: str) -> None:
+    """Tells nobody."""
+
+
 @contextmanager
-def opened(volume: str, servers: Servers, spawns: bool, console: Console) -> Iterator[Renderer]:
-    """The volume, ready to be drawn, with a line on the terminal that says what is going on."""
+def opened(
+    volume: str,
+    servers: Servers,
+    spawns: bool,
+    console: Console,
+    also_say: Callable[[str], None] = ignored,
+) -> Iterator[Renderer]:
+    """The volume, ready to be drawn, with a line on the terminal that says what is going on, and elsewhere as well."""
     with console.status("starting") as status:
 
         def say(text: str) -> None:
             status.update(text)
+            also_say(text)
             if not console.is_terminal and text.startswith("waiting for servers") and not spawns:
                 console.print(text, highlight=False)
 

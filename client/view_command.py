@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import secrets
 import socket
-import webbrowser
+from contextlib import nullcontext
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -14,16 +13,17 @@ import msgspec
 from rich.console import Console
 
 from volsplat.client.interrupts import interrupts_held
-from volsplat.client.opened_volume import opened, servers_from_options
+from volsplat.client.opened_volume import ignored, opened, servers_from_options
 from volsplat.client.presets import PRESETS
 from volsplat.client.render_options import SceneOptions
 from volsplat.client.session import Session
+from volsplat.client.ui.browser_tab import BrowserTab
+from volsplat.client.ui.page_address import PageAddress
 from volsplat.protocol.addresses import LOOPBACK
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Refine, Step
-from volsplat.protocol.volume_name import check_is_there
+from volsplat.protocol.volume_name import check_is_there, volume_name
 
-TOKEN_BYTES = 24
 GRACE_SECONDS = 600
 LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
@@ -69,32 +69,42 @@ def view(
         check_is_there(volume)
     servers = servers_from_options(workers, listen, token_file)
     console = Console(stderr=True)
-    with _bound(port) as bound, opened(volume, servers, listen is None, console) as session:
-        assert isinstance(session, Session)
-        _serve(session, options, bound, grace, no_browser, console)
+    with _bound(port) as bound:
+        address = PageAddress(bound)
+        with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
+            with opened(volume, servers, listen is None, console, tab.say if tab else ignored) as session:
+                assert isinstance(session, Session)
+                _serve(session, options, address, grace, tab, console)
 
 
 def _serve(
-    session: Session, options: SceneOptions, bound: socket.socket, grace: float, no_browser: bool, console: Console
+    session: Session,
+    options: SceneOptions,
+    address: PageAddress,
+    grace: float,
+    tab: BrowserTab | None,
+    console: Console,
 ) -> None:
     with interrupts_held():
         from volsplat.client.ui.application import Application
         from volsplat.client.ui.opened_viewing import opened_viewing
         from volsplat.client.ui.page import page
 
-    token = secrets.token_urlsafe(TOKEN_BYTES)
-    url = f"http://{LOOPBACK}:{bound.getsockname()[1]}/?token={token}"
     first = options.scene_of(session.volume)
     if options.scene is None:
         first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
-    viewing = opened_viewing(session, first, url)
-    application = Application(viewing, page, token, bound, grace)
+    viewing = opened_viewing(session, first, address.url)
+    application = Application(viewing, page, address, grace)
 
     def ready() -> None:
-        console.print(f"{session.volume.description.name} is at\n\n    {url}\n", soft_wrap=True, highlight=False)
-        if not no_browser:
-            webbrowser.open(url)
+        console.print(
+            f"{session.volume.description.name} is at\n\n    {address.url}\n", soft_wrap=True, highlight=False
+        )
+        if tab is not None:
+            tab.open()
 
+    if tab is not None:
+        tab.make_room()
     application.run(ready)
     if application.ended_by_grace:
         console.print(f"no page was open for {grace:g} s: everything has ended", highlight=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
@@ -18,6 +17,7 @@ from starlette.websockets import WebSocket
 
 from volsplat.client.ui.gate import Gate
 from volsplat.client.ui.loss_watch import watch_for_losses
+from volsplat.client.ui.page_address import PageAddress
 from volsplat.client.ui.saving import SCENE_PARAMETER, scene_from_link
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.ui.viewport_link import serve_viewport
@@ -50,10 +50,10 @@ class OpenPages:
 
 
 class Application:
-    """Serves one Viewing on the bound socket until told to stop, or until no page has been open for `grace` seconds."""
+    """Serves one Viewing at the address until told to stop, or until no page has been open for `grace` seconds."""
 
     def __init__(
-        self, viewing: Viewing, build_page: Callable[[Viewing], None], token: str, bound: socket.socket, grace: float
+        self, viewing: Viewing, build_page: Callable[[Viewing], None], address: PageAddress, grace: float
     ) -> None:
         self._viewing = viewing
         self._build_page = build_page
@@ -64,10 +64,10 @@ class Application:
         application.add_api_websocket_route("/viewport", self._viewport)
         ui.page("/")(self._page)
         ui.run_with(application, title="volsplat", dark=None, tailwind=False, show_welcome_message=False)
-        self._bound = bound
+        self._bound = address.bound
         self._server = uvicorn.Server(
             uvicorn.Config(
-                Gate(application, token, bound.getsockname()[1]),
+                Gate(application, address.token, address.port),
                 log_level="warning",
                 timeout_graceful_shutdown=SHUTDOWN_SECONDS,
                 ws_max_size=1 << 16,  # a page says little

@@ -14,7 +14,8 @@ from starlette.responses import PlainTextResponse, RedirectResponse
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-TOKEN_PARAMETER = "token"
+from volsplat.client.ui.page_address import TOKEN_PARAMETER
+
 _REFUSAL = "volsplat: this page needs the token of its address; use the whole address that `volsplat view` printed\n"
 
 
