@@ -54,12 +54,12 @@ class SingleProcess:
         self._walker = ThreadPoolExecutor(1, "walk") if threads > 1 else None
         self._reader = open_volume(str(volume))
         description = self._reader.describe()
-        self._sub_cube = SubCube(description.geometry, description.geometry.box)
+        self._sub_cube = SubCube(description.geometry, description.geometry.box, description.second_scalar)
         self._read()
         survey = self._sub_cube.survey()
         self._say("counting the histograms")
-        density, gradient = self._sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
-        self._volume = SurveyedVolume(description, survey, density.tolist(), gradient.tolist())
+        density, strength = self._sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
+        self._volume = SurveyedVolume(description, survey, density.tolist(), strength.tolist())
         self._quantisation: Quantisation | None = None
         self._image: ImageBuffer | None = None
         self._frame = 0

@@ -17,17 +17,24 @@ class SurveyedVolume:
 
     description: VolumeDescription
     survey: Survey
-    density_counts: list[int]
-    strength_counts: list[int]
+    density_counts: list[int]  # over survey.low..survey.high
+    strength_counts: list[int]  # over strength_range
 
     @cached_property
     def automatic_window(self) -> tuple[float, float]:
         """The density window that the data chooses, in its own units."""
         return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type)
 
+    @property
+    def strength_range(self) -> tuple[float, float]:
+        """What the packets' second byte may hold: |gradient|, or a second scalar."""
+        return self.description.second_scalar or (0.0, self.survey.max_gradient)
+
     @cached_property
     def strength_scale(self) -> float:
-        """Bytes per unit of |gradient|."""
+        """Bytes per unit of |gradient|, or of the second scalar."""
+        if self.description.second_scalar is not None:
+            return index_rules.second_scalar_scale(self.description.second_scalar)
         return index_rules.strength_scale(self.survey, self.strength_counts)
 
     def quantisation(self, quantise: Quantise) -> Quantisation:
@@ -36,6 +43,7 @@ class SurveyedVolume:
             window=self.automatic_window if quantise.window == "auto" else quantise.window,
             strength_scale=self.strength_scale,
             directions=quantise.directions,
+            strength_low=self.strength_range[0],
         )
 
     def density_histogram(self) -> DensityHistogram:

@@ -30,7 +30,7 @@ def info_text(
 ) -> Group:
     """What a person wants to know of a volume before rendering it, for rich's console.
 
-    `density_counts` splits survey.low..survey.high into even bins, `strength_counts` 0..survey.max_gradient;
+    `density_counts` splits survey.low..survey.high into even bins, `strength_counts` the range of strengths;
     `window` is the density window that the servers will use.
     """
     table = Table(box=None, show_header=False, pad_edge=False)
@@ -76,7 +76,7 @@ def _rows(
     rows.append(
         ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
     )
-    rows.append(("packet byte 2", description.strength_name + _strength_text(survey, strength_counts)))
+    rows.append(("packet byte 2", description.strength_name + _strength_text(description, survey, strength_counts)))
     if description.reads_sub_cubes:
         rows.append(("servers read", "only their sub-cube and its halo"))
     else:
@@ -97,7 +97,10 @@ def _axis_rows(description: VolumeDescription) -> list[tuple[str, str]]:
     return rows
 
 
-def _strength_text(survey: Survey, strength_counts: list[int] | None) -> str:
+def _strength_text(description: VolumeDescription, survey: Survey, strength_counts: list[int] | None) -> str:
+    if description.second_scalar is not None:
+        low, high = description.second_scalar
+        return f": {low:.6g} becomes 0, {high:.6g} becomes 255"
     top = f", up to {survey.max_gradient:.5g} per unit of length"
     if not strength_counts or not any(strength_counts):
         return top

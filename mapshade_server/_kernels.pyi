@@ -30,21 +30,32 @@ def survey(source: object, low: Index, size: Index, matrix: _Vector) -> tuple[fl
     """
 
 def histograms(
-    source: object, low: Index, size: Index, matrix: _Vector, least: float, greatest: float, max_gradient: float
+    source: object,
+    low: Index,
+    size: Index,
+    matrix: _Vector,
+    second: object | None,
+    density: tuple[float, float],
+    strength: tuple[float, float],
 ) -> tuple[Array, Array]:
-    """int64 counts of values over least..greatest and of |gradient| over 0..max_gradient, 65536 bins each."""
+    """int64 counts of values over the range `density` and of strengths over the range `strength`, 65536 bins each.
+
+    Strength is |gradient|, or what `second` holds, an array of the box alone: (k, j, i), of any scalar type.
+    """
 
 def pack(
     source: object,
     low: Index,
     size: Index,
     matrix: _Vector,
+    second: object | None,
     window_low: float,
     density_scale: float,
+    strength_low: float,
     strength_scale: float,
     octahedral: bool,
 ) -> Array:
-    """The voxel packets of a box within a source array: uint32 (k, j, i)."""
+    """The voxel packets of a box within a source array: uint32 (k, j, i). `second` as above."""
 
 def bare_loop(packets: Array) -> int:
     """The exclusive or of voxel packets: the floor that benchmarks compare the walk with."""

@@ -99,10 +99,10 @@ class MapShadeServer:
     def _on_ReadSubCubes(self, request: messages.ReadSubCubes) -> None:
         started = time.perf_counter()
         reader = open_volume(request.path)
-        geometry = reader.describe().geometry
+        description = reader.describe()
         self._sub_cubes, self._assignment = [], 0  # nothing, should the reading fail
         for box in request.boxes:
-            sub_cube = SubCube(geometry, box)
+            sub_cube = SubCube(description.geometry, box, description.second_scalar)
             sub_cube.read(reader)
             self._sub_cubes.append(sub_cube)
         self._assignment = request.assignment

@@ -4,7 +4,7 @@ import math
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.readers.volume_reader import VolumeReader
+from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader
 from volsplat.protocol.errors import BadInput, LocalProtocolError
 from volsplat.protocol.index_rules import Quantisation, Survey, physical_gradient
 from volsplat.protocol.volume import Box, Geometry, Index
@@ -16,18 +16,23 @@ class Histograms(NamedTuple):
     """Counts of index_rules.HISTOGRAM_BINS bins each, int64."""
 
     density: memoryview  # over the survey's low..high
-    gradient: memoryview  # over 0..max_gradient
+    strength: memoryview  # over 0..max_gradient, or over the second scalar's range
 
 
 class SubCube:
-    """One box of a volume. Order of use: `read` (or `hold`), `survey`, `histograms`, `pack`; then it has `packets`."""
+    """One box of a volume. Order of use: `read` (or `hold`), `survey`, `histograms`, `pack`; then it has `packets`.
 
-    def __init__(self, geometry: Geometry, box: Box) -> None:
+    `second_scalar` is the range of what its packets hold in place of gradient strength, None where they hold that.
+    """
+
+    def __init__(self, geometry: Geometry, box: Box, second_scalar: tuple[float, float] | None = None) -> None:
         self.geometry = geometry
         self.box = box
         self.source_bytes = 0  # what was read, halo included
+        self._second_scalar = second_scalar
         self._matrix = [entry for row in physical_gradient(geometry) for entry in row]
         self._source: Any = None
+        self._second: Any = None
         self._low: Index = (0, 0, 0)
         self._packets: _kernels.Array | None = None
         self._classified_rows = _kernels.ClassifiedRows(box.size)
@@ -42,18 +47,24 @@ class SubCube:
 
     def read(self, reader: VolumeReader) -> None:
         """Read the box and its halo. Raises BadInput where the file turns out to be unusable."""
-        self.hold(reader.read(self.box.grown(HALO, self.geometry.dims)))
+        source = reader.read(self.box.grown(HALO, self.geometry.dims))
+        self.hold(source, reader.read_second(self.box) if isinstance(reader, SecondScalarReader) else None)
 
-    def hold(self, source: Any) -> None:
-        """Take the values of the box and its halo, shaped (k, j, i), of any integer or float type."""
+    def hold(self, source: Any, second: Any = None) -> None:
+        """Take the values of the box and its halo, shaped (k, j, i), of any integer or float type.
+
+        `second` has the second scalar of the box alone, where there is one.
+        """
         whole = self.box.grown(HALO, self.geometry.dims)
         ni, nj, nk = whole.size
         if tuple(source.shape) != (nk, nj, ni):
             raise LocalProtocolError(f"a sub-cube of {(nk, nj, ni)} voxels with halo was given {tuple(source.shape)}")
+        if (second is None) != (self._second_scalar is None):
+            raise LocalProtocolError("a sub-cube needs a second scalar where the volume's description states its range")
         low = self.box.low
         self._low = (low[0] - whole.low[0], low[1] - whole.low[1], low[2] - whole.low[2])
-        self._source = source
-        self.source_bytes = source.nbytes
+        self._source, self._second = source, second
+        self.source_bytes = source.nbytes + (0 if second is None else second.nbytes)
         self._packets = None
 
     def survey(self) -> Survey:
@@ -72,19 +83,22 @@ class SubCube:
 
     def histograms(self, low: float, high: float, max_gradient: float) -> Histograms:
         """Counts of the box's voxels over the whole volume's ranges."""
-        density, gradient = _kernels.histograms(*self._source_box(), low, high, max_gradient)
-        return Histograms(memoryview(density), memoryview(gradient))
+        strengths = self._second_scalar or (0.0, max_gradient)
+        density, strength = _kernels.histograms(*self._source_box(), self._second, (low, high), strengths)
+        return Histograms(memoryview(density), memoryview(strength))
 
     def pack(self, quantisation: Quantisation) -> None:
         """Make the voxel packets and let the source go."""
         self._packets = _kernels.pack(
             *self._source_box(),
+            self._second,
             window_low=quantisation.window[0],
             density_scale=quantisation.density_scale,
+            strength_low=quantisation.strength_low,
             strength_scale=quantisation.strength_scale,
             octahedral=quantisation.directions == "octahedral",
         )
-        self._source = None
+        self._source = self._second = None
         self._classified_rows = _kernels.ClassifiedRows(self.box.size)
 
     @property

@@ -1,7 +1,8 @@
 """What becomes 8 bits, by one rule for the whole volume (design, section 3.7). Arithmetic is IEEE float64.
 
 density     byte = floor(min(max((v - low) * scale, 0), 255) + 0.5), scale = 255 / (high - low)
-strength    byte = floor(min(|gradient| * strength_scale, 255) + 0.5), |gradient| per unit of physical length
+strength    byte = floor(min(max((s - strength_low) * strength_scale, 0), 255) + 0.5), s = |gradient| per unit of
+            physical length and strength_low = 0, or s the volume's second scalar, over its range; 0 where s is NaN
 gradient i, j, k
             byte = floor(128.5 + 127 * c), c the component of the unit direction along the physical direction
             of that grid axis; 128 where there is no gradient
@@ -38,8 +39,9 @@ class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The numbers that every server of a session quantises with."""
 
     window: tuple[float, float]
-    strength_scale: float  # bytes per unit of |gradient|
+    strength_scale: float  # bytes per unit of |gradient|, or of the second scalar
     directions: Literal["octahedral", "paper"] = "octahedral"
+    strength_low: float = 0.0  # what becomes byte 0
 
     @property
     def density_scale(self) -> float:
@@ -50,8 +52,8 @@ class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return self.window[0] + byte / self.density_scale
 
     def strength_of_byte(self, byte: int) -> float:
-        """Likewise, |gradient| per unit of physical length; 0 in a volume without gradients."""
-        return byte / self.strength_scale if self.strength_scale else 0.0
+        """Likewise, |gradient| per unit of physical length, 0 in a volume without gradients; or the second scalar."""
+        return self.strength_low + byte / self.strength_scale if self.strength_scale else self.strength_low
 
 
 class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -117,6 +119,11 @@ def strength_scale(survey: Survey, counts: list[int]) -> float:
         with_gradient = counts
     top = percentile(with_gradient, 0.0, survey.max_gradient, STRENGTH_PERCENTILE)
     return 255.0 / top
+
+
+def second_scalar_scale(values: tuple[float, float]) -> float:
+    """Bytes per unit of a second scalar: the whole of its range is told apart."""
+    return (TABLE_ENTRIES - 1) / (values[1] - values[0])
 
 
 def physical_gradient(geometry: Geometry) -> Matrix:

@@ -95,12 +95,12 @@ class ProbedVoxel(Detail, frozen=True):
     """A voxel of the picture.
 
     Its values are those that it is drawn with: of 256 steps, and where they are beyond the density window or the
-    greatest gradient strength that steps are made for, those ends.
+    greatest strength that steps are made for, those ends.
     """
 
     index: Index
     density: float  # in the data's own units
-    strength: float  # |gradient|, in these per unit of physical length
+    strength: float  # |gradient|, in these per unit of physical length; or the second scalar
 
 
 # The volume: client and map/shade servers.
@@ -141,7 +141,10 @@ class SubCubesRead(Message, frozen=True):
 
 
 class CountHistograms(Message, frozen=True):
-    """Client to map/shade server: count values over low..high and gradient strengths over 0..max_gradient."""
+    """Client to map/shade server: count values over low..high and gradient strengths over 0..max_gradient.
+
+    Of a volume with a second scalar that is counted in their place, over the range that its description states.
+    """
 
     assignment: AssignmentId
     low: float
@@ -150,7 +153,7 @@ class CountHistograms(Message, frozen=True):
 
 
 class HistogramsCounted(Message, frozen=True):
-    """Map/shade server to client: payload `bins` int64 of density, then `bins` int64 of gradient strength."""
+    """Map/shade server to client: payload `bins` int64 of density, then `bins` int64 of strength."""
 
     assignment: AssignmentId
     bins: Annotated[int, Meta(ge=1, le=HISTOGRAM_BINS)]

@@ -3,7 +3,7 @@
 Voxel packet (32 bits, paper: "Shading"):
 
     bits  0.. 7  density
-    bits  8..15  gradient strength
+    bits  8..15  gradient strength, or a second scalar that the volume has
     bits 16..30  direction code (see index_rules)
     bit  31      no data: never drawn
 

@@ -1,5 +1,6 @@
 """What a volume is to everybody but its reader: its grid, its place in physical space, and boxes of its grid."""
 
+import math
 from typing import NamedTuple
 
 import msgspec
@@ -103,6 +104,7 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     anatomical: bool = False  # physical axes are left, posterior, superior
     density_name: str = "density"  # what the packet's first byte holds
     strength_name: str = "gradient strength"  # what its second byte holds
+    second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
     reads_sub_cubes: bool = True  # False: every server reads the whole file
     why_whole: str = ""  # the reason, when it does
 
@@ -110,6 +112,10 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         for field in _TEXTS:
             msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
         msgspec.structs.force_setattr(self, "warnings", tuple(printable(warning) for warning in self.warnings))
+        if self.second_scalar is not None:
+            low, high = self.second_scalar
+            if not (low < high and math.isfinite(1.0 / (high - low)) and math.isfinite(high - low)):
+                raise ValueError(f"the second scalar needs a range, not {low} to {high}")
 
 
 _TEXTS = ("name", "format", "scalar_type", "unit", "value_unit", "density_name", "strength_name", "why_whole")

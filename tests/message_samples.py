@@ -121,10 +121,16 @@ finite = st.floats(allow_nan=False)
 lines = st.text(max_size=20)
 paths = st.text(min_size=1, max_size=20)
 blobs = st.binary(min_size=32, max_size=32)
-quantisations = st.builds(Quantisation, window=st.tuples(finite, finite), strength_scale=finite)
+quantisations = st.builds(Quantisation, window=st.tuples(finite, finite), strength_scale=finite, strength_low=finite)
 surveys = st.builds(Survey, low=finite, high=finite, max_gradient=finite, voxels=counts, no_data=counts)
 descriptions = st.builds(
-    VolumeDescription, name=lines, format=lines, geometry=geometries(), scalar_type=lines, unit=lines
+    VolumeDescription,
+    name=lines,
+    format=lines,
+    geometry=geometries(),
+    scalar_type=lines,
+    unit=lines,
+    second_scalar=st.none() | st.just((-180.0, 180.0)),
 )
 _voxel = st.tuples(*[st.integers(0, 100)] * 3)
 boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 100)] * 3)).map(

@@ -8,7 +8,7 @@ import torch
 from arbitrary import geometries
 from hypothesis import given
 from hypothesis import strategies as st
-from shadings import WINDOW, directions, partitions, quantisations, volumes
+from shadings import WINDOW, Scheme, directions, partitions, quantisations, volumes
 from torch import Tensor
 from torch.utils.dlpack import from_dlpack
 
@@ -16,16 +16,17 @@ from reference import voxel_packets
 from tolerances import SQUARE_ROOT
 from volsplat.bench.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.sub_cube import HALO, SubCube
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import LocalProtocolError
-from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation
+from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, second_scalar_scale
 from volsplat.protocol.packet_layout import NO_DATA_BIT
 from volsplat.protocol.volume import Box, Geometry
 
 SCALAR_TYPES = [getattr(torch, sign + bits) for sign in ("int", "uint") for bits in ("8", "16", "32", "64")]
 SCALAR_TYPES += [torch.float32, torch.float64]
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
+DEGREES = (-180.0, 180.0)
 
 
 def packed(geometry: Geometry, values: Tensor, quantisation: Quantisation, box: Box | None = None) -> Tensor:
@@ -101,7 +102,62 @@ def test_histograms_count_what_torch_counts(data: st.DataObject, geometry: Geome
     there = torch.isfinite(values)
     strengths = voxel_packets.strengths(voxel_packets.gradients(values, geometry))
     assert torch.equal(sum_of([counts.density]), counted(values[there], *WINDOW))
-    assert torch.equal(sum_of([counts.gradient]), counted(strengths[there], 0.0, survey.max_gradient))
+    assert torch.equal(sum_of([counts.strength]), counted(strengths[there], 0.0, survey.max_gradient))
+
+
+@given(data=st.data(), geometry=geometries(largest=20), scheme=directions)
+def test_a_second_scalar_takes_the_place_of_strength_on_every_cpu_path(
+    data: st.DataObject, geometry: Geometry, scheme: Scheme
+) -> None:
+    values, second = data.draw(volumes(geometry)), 100.0 * data.draw(volumes(geometry))
+    scale = second_scalar_scale(DEGREES)
+    quantisation = Quantisation(window=WINDOW, strength_scale=scale, strength_low=DEGREES[0], directions=scheme)
+    expected = voxel_packets.pack(values, geometry, quantisation, second)
+    there = torch.isfinite(values)
+    both = there & torch.isfinite(second)
+    for path in _kernels.cpu_paths():
+        with kernels_on(_kernels, path):
+            sub_cube = with_second(geometry, values, second, geometry.box)
+            counts = sub_cube.histograms(*WINDOW, 1.0)
+            sub_cube.pack(quantisation)
+        assert torch.equal(from_dlpack(sub_cube.packets).to(torch.int64), expected), path
+        assert torch.equal(sum_of([counts.density]), counted(values[there], *WINDOW)), path
+        assert torch.equal(sum_of([counts.strength]), counted(second[both], *DEGREES)), path
+
+
+@given(data=st.data(), geometry=geometries())
+def test_a_second_scalar_does_not_depend_on_the_partition(data: st.DataObject, geometry: Geometry) -> None:
+    values, second = data.draw(volumes(geometry)), 100.0 * data.draw(volumes(geometry))
+    quantisation = Quantisation(window=WINDOW, strength_scale=second_scalar_scale(DEGREES), strength_low=DEGREES[0])
+    whole = voxel_packets.pack(values, geometry, quantisation, second)
+    for box in data.draw(partitions(geometry)):
+        (i0, j0, k0), (i1, j1, k1) = box
+        sub_cube = with_second(geometry, values, second, box)
+        sub_cube.pack(quantisation)
+        assert torch.equal(from_dlpack(sub_cube.packets).to(torch.int64), whole[k0:k1, j0:j1, i0:i1])
+
+
+def with_second(geometry: Geometry, values: Tensor, second: Tensor, box: Box) -> SubCube:
+    (i0, j0, k0), (i1, j1, k1) = box
+    sub_cube = SubCube(geometry, box, DEGREES)
+    low, high = box.grown(HALO, geometry.dims)
+    sub_cube.hold(values[low[2] : high[2], low[1] : high[1], low[0] : high[0]], second[k0:k1, j0:j1, i0:i1])
+    return sub_cube
+
+
+def test_a_second_scalar_of_another_shape_is_refused() -> None:
+    geometry = Geometry((4, 4, 4))
+    sub_cube = SubCube(geometry, Box((0, 0, 0), (2, 4, 4)), DEGREES)
+    sub_cube.hold(torch.zeros(4, 4, 3), torch.zeros(4, 4, 3))
+    with pytest.raises(ValueError, match="the shape of the box"):
+        sub_cube.pack(PLAIN)
+
+
+@pytest.mark.parametrize(("range_", "second"), [(None, torch.zeros(2, 2, 2)), ((0.0, 1.0), None)])
+def test_a_second_scalar_comes_with_its_range(range_: tuple[float, float] | None, second: Tensor | None) -> None:
+    geometry = Geometry((2, 2, 2))
+    with pytest.raises(LocalProtocolError, match="second scalar"):
+        SubCube(geometry, geometry.box, range_).hold(torch.zeros(2, 2, 2), second)
 
 
 def counted(values: Tensor, low: float, high: float) -> Tensor:

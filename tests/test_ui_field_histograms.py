@@ -18,11 +18,22 @@ DIMS = (30, 256, 1000)
 WITHOUT = [field for field in Field if field not in (Field.DENSITY, Field.STRENGTH)]
 
 
-def volume_of(counts: list[int], strengths: list[int], low: float = -1000.0, high: float = 3000.0) -> SurveyedVolume:
+def volume_of(
+    counts: list[int],
+    strengths: list[int],
+    low: float = -1000.0,
+    high: float = 3000.0,
+    second_scalar: tuple[float, float] | None = None,
+) -> SurveyedVolume:
     voxels = sum(counts)
     return SurveyedVolume(
         description=VolumeDescription(
-            name="a.nrrd", format="NRRD", geometry=Geometry(dims=DIMS), scalar_type="int16", unit="mm"
+            name="a.nrrd",
+            format="NRRD",
+            geometry=Geometry(dims=DIMS),
+            scalar_type="int16",
+            unit="mm",
+            second_scalar=second_scalar,
         ),
         survey=Survey(low=low, high=high, max_gradient=500.0, voxels=voxels, no_data=0),
         density_counts=counts,
@@ -70,6 +81,19 @@ def test_strengths_above_the_scale_are_in_the_last_entry() -> None:
     assert histogram is not None
     assert histogram[-1] == 3
     assert sum(histogram[:-1]) == 1000
+
+
+@given(counts=st.lists(st.integers(0, 10**9), min_size=510, max_size=510).filter(any))
+def test_a_second_scalar_is_counted_over_the_whole_of_its_range(counts: list[int]) -> None:
+    volume = volume_of([1], counts, second_scalar=(-180.0, 180.0))
+    rules = volume.quantisation(Quantise())
+    assert (rules.strength_of_byte(0), rules.strength_of_byte(255)) == (-180.0, 180.0)
+    expected = [0] * TABLE_ENTRIES
+    for n, count in enumerate(counts):
+        expected[(n + 1) // 2] += count  # half a byte wide each
+    assert field_histogram(volume, Field.STRENGTH, Quantise()) == tuple(expected)
+    axis = field_axis(volume, Field.STRENGTH, Quantise())
+    assert (axis.low, axis.high) == (-180.0, 180.0)
 
 
 def test_a_volume_without_gradients_still_has_an_axis() -> None:

@@ -55,8 +55,9 @@ def test_it_tells_why_a_file_is_read_whole() -> None:
 
 
 def test_it_names_a_second_scalar() -> None:
-    text = printed(description(density_name="amplitude", strength_name="phase"))
-    assert "amplitude: -500" in text and "phase" in text and "gradient strength" not in text
+    text = printed(description(density_name="amplitude", strength_name="phase", second_scalar=(-180.0, 180.0)))
+    assert "amplitude: -500" in text and "phase: -180 becomes 0, 180 becomes 255" in text
+    assert "gradient strength" not in text and "per unit of length" not in text
 
 
 def test_it_counts_what_is_not_a_number() -> None:

@@ -35,13 +35,14 @@ def density_counts(volume: SurveyedVolume, quantise: Quantise) -> DensityHistogr
 
 
 def strength_counts(volume: SurveyedVolume) -> tuple[int, ...]:
-    """How many voxels have each byte of gradient strength, under the one scale of the whole volume."""
+    """How many voxels have each byte of strength, under the one scale of the whole volume."""
     counts = volume.strength_counts
-    width = volume.survey.max_gradient / len(counts)
+    low, high = volume.strength_range
+    scale_of_bins = (high - low) / len(counts) * volume.strength_scale
     result = [0] * TABLE_ENTRIES
     for n, count in enumerate(counts):
         if count:
-            result[math.floor(min((n + 0.5) * width * volume.strength_scale, LAST) + 0.5)] += count
+            result[math.floor(min((n + 0.5) * scale_of_bins, LAST) + 0.5)] += count
     return tuple(result)
 
 
@@ -61,8 +62,8 @@ def field_axis(volume: SurveyedVolume, field: Field, quantise: Quantise) -> Fiel
     if field is Field.DENSITY:
         return FieldAxis(description.density_name, *volume.quantisation(quantise).window)
     if field is Field.STRENGTH:
-        scale = volume.strength_scale
-        return FieldAxis(description.strength_name, 0.0, LAST / scale if scale > 0 else 1.0)
+        low, scale = volume.strength_range[0], volume.strength_scale
+        return FieldAxis(description.strength_name, low, low + LAST / scale if scale > 0 else 1.0)
     if field in GRID_FIELDS:
         size = description.geometry.dims[GRID_FIELDS.index(field)]
         return FieldAxis(f"grid {field.value[-1]}", 0.0, size * LAST / TABLE_ENTRIES)

@@ -2,6 +2,7 @@
 #include <nanobind/nanobind.h>
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/tuple.h>
@@ -33,10 +34,10 @@ NB_MODULE(_kernels, m) {
   m.def("set_cpu_path", &set_cpu_path, "name"_a);
 
   m.def("survey", &python_survey, "source"_a, "low"_a, "size"_a, "matrix"_a);
-  m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "least"_a, "greatest"_a,
-        "max_gradient"_a);
-  m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "window_low"_a, "density_scale"_a,
-        "strength_scale"_a, "octahedral"_a);
+  m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "density"_a,
+        "strength"_a);
+  m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "window_low"_a,
+        "density_scale"_a, "strength_low"_a, "strength_scale"_a, "octahedral"_a);
 
   m.def("bare_loop", [](const PacketArray& packets) { return bare_loop(packets.data(), packets.size()); }, "packets"_a);
   m.def("power", [](double base, double exponent) { return path_kernels().power(base, exponent); }, "base"_a,

@@ -16,6 +16,14 @@ Interior interior_of(const SourceVolume& source, const Index3& low, const Index3
   return {low, size};
 }
 
+// The second scalar, which must be that of the box alone.
+std::optional<SourceVolume> second_of(const std::optional<SourceArray>& second, const Index3& size) {
+  if (!second) return std::nullopt;
+  const SourceVolume volume = source_of(*second);
+  if (volume.size != size) throw nb::value_error("the second scalar must have the shape of the box");
+  return volume;
+}
+
 }  // namespace
 
 nb::tuple python_survey(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix) {
@@ -30,26 +38,32 @@ nb::tuple python_survey(const SourceArray& source, const Index3& low, const Inde
 }
 
 nb::tuple python_histograms(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
-                            double least, double greatest, double max_gradient) {
+                            const std::optional<SourceArray>& second, const std::pair<double, double>& density,
+                            const std::pair<double, double>& strength) {
   const SourceVolume volume = source_of(source);
   const Interior interior = interior_of(volume, low, size);
+  const std::optional<SourceVolume> other = second_of(second, size);
   Histograms counts;
   {
     nb::gil_scoped_release unlocked;
-    counts = histograms(volume, interior, matrix, least, greatest, max_gradient);
+    counts = histograms(volume, interior, matrix, other ? &*other : nullptr, {density.first, density.second},
+                        {strength.first, strength.second});
   }
   return nb::make_tuple(owned_array(std::move(counts.density), kHistogramBins),
-                        owned_array(std::move(counts.gradient), kHistogramBins));
+                        owned_array(std::move(counts.strength), kHistogramBins));
 }
 
 nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
-                       double window_low, double density_scale, double strength_scale, bool octahedral) {
+                       const std::optional<SourceArray>& second, double window_low, double density_scale,
+                       double strength_low, double strength_scale, bool octahedral) {
   const SourceVolume volume = source_of(source);
   const Interior interior = interior_of(volume, low, size);
+  const std::optional<SourceVolume> other = second_of(second, size);
   const PacketMemory memory = packet_memory(size);
   {
     nb::gil_scoped_release unlocked;
-    pack(volume, interior, matrix, {window_low, density_scale, strength_scale, octahedral}, memory.packets);
+    pack(volume, interior, matrix, other ? &*other : nullptr,
+         {window_low, density_scale, strength_low, strength_scale, octahedral}, memory.packets);
   }
   const auto extent = [&](int axis) { return static_cast<std::size_t>(size[axis]); };
   const nb::ndarray<nb::array_api, std::uint32_t> packets(memory.packets, {extent(2), extent(1), extent(0)},

@@ -2,6 +2,8 @@
 #pragma once
 
 #include <array>
+#include <optional>
+#include <utility>
 
 #include "python_arrays.h"
 #include "shading_tables.h"
@@ -13,9 +15,11 @@ using Matrix3 = std::array<double, 9>;  // row-major
 
 nb::tuple python_survey(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix);
 nb::tuple python_histograms(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
-                            double least, double greatest, double max_gradient);
+                            const std::optional<SourceArray>& second, const std::pair<double, double>& density,
+                            const std::pair<double, double>& strength);
 nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
-                       double window_low, double density_scale, double strength_scale, bool octahedral);
+                       const std::optional<SourceArray>& second, double window_low, double density_scale,
+                       double strength_low, double strength_scale, bool octahedral);
 nb::object python_direction_vectors(bool octahedral);
 nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes);
 nb::object python_light_table(bool octahedral, const Vector3& light, const Vector3& half, bool diffuse, bool specular,

@@ -60,6 +60,22 @@ class PlaneWindow {
   std::vector<double> planes_[3];
 };
 
+// The strengths of a row: the lengths of its gradients, or what a second scalar holds.
+class Strengths {
+ public:
+  Strengths(const SourceVolume* second, std::int64_t n) : second_(second), row_(second ? n + kSpare : 0) {}
+
+  const double* row(std::int64_t k, std::int64_t j, const GradientRow& gradient) {
+    if (!second_) return gradient.length;
+    second_->read_row(k, j, 0, second_->size[0], row_.data());
+    return row_.data();
+  }
+
+ private:
+  const SourceVolume* second_;
+  std::vector<double> row_;
+};
+
 // Calls visit(k, j, values, gradient) for each row of the interior.
 template <typename Visit>
 void for_each_row(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,
@@ -105,25 +121,31 @@ RowExtremes survey(const SourceVolume& source, const Interior& interior, const s
 }
 
 Histograms histograms(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,
-                      double low, double high, double max_gradient) {
+                      const SourceVolume* second, const Range& density, const Range& strength) {
   Histograms counts{std::vector<std::int64_t>(kHistogramBins), std::vector<std::int64_t>(kHistogramBins)};
-  const double density_scale = bins_per_unit(low, high), gradient_scale = bins_per_unit(0.0, max_gradient);
-  for_each_row(source, interior, matrix, [&](std::int64_t, std::int64_t, const double* values, const GradientRow& g) {
-    for (std::int64_t i = 0; i < interior.size[0]; ++i) {
-      if (values[i] != values[i]) continue;
-      ++counts.density[bin(values[i] - low, density_scale)];
-      ++counts.gradient[bin(g.length[i], gradient_scale)];
-    }
-  });
+  const double density_scale = bins_per_unit(density.low, density.high);
+  const double strength_scale = bins_per_unit(strength.low, strength.high);
+  Strengths strengths(second, interior.size[0]);
+  for_each_row(source, interior, matrix,
+               [&](std::int64_t k, std::int64_t j, const double* values, const GradientRow& g) {
+                 const double* row = strengths.row(k, j, g);
+                 for (std::int64_t i = 0; i < interior.size[0]; ++i) {
+                   if (values[i] != values[i]) continue;
+                   ++counts.density[bin(values[i] - density.low, density_scale)];
+                   if (row[i] == row[i]) ++counts.strength[bin(row[i] - strength.low, strength_scale)];
+                 }
+               });
   return counts;
 }
 
 void pack(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,
-          const QuantisationNumbers& numbers, std::uint32_t* packets) {
+          const SourceVolume* second, const QuantisationNumbers& numbers, std::uint32_t* packets) {
   const std::int64_t n = interior.size[0];
+  Strengths strengths(second, n);
   for_each_row(source, interior, matrix,
                [&](std::int64_t k, std::int64_t j, const double* values, const GradientRow& g) {
-                 path_kernels().pack(values, g, n, numbers, packets + (k * interior.size[1] + j) * n);
+                 path_kernels().pack(values, strengths.row(k, j, g), g, n, numbers,
+                                     packets + (k * interior.size[1] + j) * n);
                });
 }
 

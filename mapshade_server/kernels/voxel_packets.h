@@ -18,19 +18,26 @@ struct Interior {
   Index3 size;
 };
 
+// What is counted over even bins; voxels below go into the first one, above into the last.
+struct Range {
+  double low;
+  double high;
+};
+
 struct Histograms {
-  std::vector<std::int64_t> density;   // over low..high
-  std::vector<std::int64_t> gradient;  // over 0..max_gradient
+  std::vector<std::int64_t> density;
+  std::vector<std::int64_t> strength;
 };
 
 // `matrix` (3x3, row-major) turns differences per index step into a gradient per unit of physical length.
 RowExtremes survey(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix);
 
+// Strength is the length of the gradient, or where there is a `second` scalar that: it holds the interior alone.
 Histograms histograms(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,
-                      double low, double high, double max_gradient);
+                      const SourceVolume* second, const Range& density, const Range& strength);
 
-// Writes interior.size voxel packets, i fastest.
+// Writes interior.size voxel packets, i fastest; strength as above.
 void pack(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,
-          const QuantisationNumbers& numbers, std::uint32_t* packets);
+          const SourceVolume* second, const QuantisationNumbers& numbers, std::uint32_t* packets);
 
 }  // namespace volsplat

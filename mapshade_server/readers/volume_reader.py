@@ -1,6 +1,6 @@
 """What every volume reader offers, whatever the format behind it."""
 
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
@@ -21,4 +21,13 @@ class VolumeReader(Protocol):
 
     def read(self, box: Box) -> Voxels:
         """The voxels of `box`, which must lie within the grid."""
+        ...
+
+
+@runtime_checkable
+class SecondScalarReader(VolumeReader, Protocol):
+    """A volume with two numbers a voxel, such as amplitude and phase: its description has a `second_scalar`."""
+
+    def read_second(self, box: Box) -> Voxels:
+        """The second scalar in `box`, as `read` gives the first; NaN becomes the lowest of its range."""
         ...

@@ -80,15 +80,20 @@ def _sign(x: Tensor) -> Tensor:
     return torch.where(x < 0, -1.0, 1.0).to(torch.float64)
 
 
-def pack(values: Tensor, geometry: Geometry, quantisation: Quantisation) -> Tensor:
-    """The voxel packets of a whole volume: int64 (k, j, i) from float64 values (k, j, i), NaN where there are none."""
+def pack(values: Tensor, geometry: Geometry, quantisation: Quantisation, second: Tensor | None = None) -> Tensor:
+    """The voxel packets of a whole volume: int64 (k, j, i) from float64 values (k, j, i), NaN where there are none.
+
+    `second`, of the same shape, is the second scalar that takes the place of the gradient's strength.
+    """
     values = with_no_data_as_nan(values)
     gradient = gradients(values, geometry)
     size = strengths(gradient)
     lit = size > 0
     window_low = quantisation.window[0]
     density = torch.floor(((values - window_low) * quantisation.density_scale).clamp(0, 255) + 0.5)
-    strength = torch.floor((size * quantisation.strength_scale).clamp(max=255) + 0.5)
+    told = size if second is None else with_no_data_as_nan(second)
+    level = (told - quantisation.strength_low) * quantisation.strength_scale
+    strength = torch.floor(level.nan_to_num(nan=0.0).clamp(0, 255) + 0.5)
     octahedral = quantisation.directions == "octahedral"
     coded = (octahedral_codes if octahedral else paper_codes)(torch.where(lit[..., None], gradient, 1.0))
     code = torch.where(lit, coded, OCTAHEDRAL_NO_GRADIENT if octahedral else PAPER_NO_GRADIENT)

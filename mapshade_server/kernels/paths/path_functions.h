@@ -24,7 +24,7 @@ void light(const DirectionVectors& directions, std::size_t n, const Lighting& li
 void opacity_codes(const double* thin, std::size_t n, double exponent, std::uint16_t* codes);
 void gradient(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out);
 void survey(const double* values, const double* length, std::size_t n, RowExtremes* extremes);
-void pack(const double* values, const GradientRow& gradient, std::size_t n, const QuantisationNumbers& numbers,
-          std::uint32_t* packets);
+void pack(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
+          const QuantisationNumbers& numbers, std::uint32_t* packets);
 
 }  // namespace volsplat::VOLSPLAT_PATH

@@ -39,6 +39,7 @@ struct GradientRow {
 struct QuantisationNumbers {
   double window_low;
   double density_scale;
+  double strength_low;
   double strength_scale;
   bool octahedral;
 };
@@ -165,8 +166,9 @@ struct PathKernels {
 
   void (*survey)(const double* values, const double* length, std::size_t n, RowExtremes* extremes);
 
-  void (*pack)(const double* values, const GradientRow& gradient, std::size_t n, const QuantisationNumbers& numbers,
-               std::uint32_t* packets);
+  // `strengths` are the gradient's lengths or a second scalar.
+  void (*pack)(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
+               const QuantisationNumbers& numbers, std::uint32_t* packets);
 };
 
 }  // namespace volsplat

@@ -50,19 +50,20 @@ inline std::uint32_t paper_code(double x, double y, double z, bool none) {
          paper_component(none ? 0.0 : z, size) << 10;
 }
 
+// 0..255; NaN is 0.
+inline double clamped(double level) { return level > 0.0 ? (level < 255.0 ? level : 255.0) : 0.0; }
+
 template <bool octahedral>
-void pack_row(const double* values, const GradientRow& gradient, std::size_t n, const QuantisationNumbers& numbers,
-              std::uint32_t* packets) {
+void pack_row(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
+              const QuantisationNumbers& numbers, std::uint32_t* packets) {
   const double low = numbers.window_low, density_scale = numbers.density_scale;
-  const double strength_scale = numbers.strength_scale;
+  const double strength_low = numbers.strength_low, strength_scale = numbers.strength_scale;
   const double *gx = gradient.x, *gy = gradient.y, *gz = gradient.z, *length = gradient.length;
   for (std::size_t i = 0; i < n; ++i) {
     const double value = values[i];
     const bool no_data = value != value;
-    const double level = (value - low) * density_scale;
-    const double density = level > 0.0 ? (level < 255.0 ? level : 255.0) : 0.0;
-    const double scaled = length[i] * strength_scale;
-    const double strength = scaled < 255.0 ? scaled : 255.0;
+    const double density = clamped((value - low) * density_scale);
+    const double strength = clamped((strengths[i] - strength_low) * strength_scale);
     const bool none = !(length[i] > 0.0);
     const std::uint32_t coded =
         octahedral ? octahedral_code(gx[i], gy[i], gz[i], none) : paper_code(gx[i], gy[i], gz[i], none);
@@ -134,12 +135,12 @@ void survey(const double* values, const double* length, std::size_t n, RowExtrem
   extremes->no_data += no_data;
 }
 
-void pack(const double* values, const GradientRow& gradient, std::size_t n, const QuantisationNumbers& numbers,
-          std::uint32_t* packets) {
+void pack(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
+          const QuantisationNumbers& numbers, std::uint32_t* packets) {
   if (numbers.octahedral) {
-    pack_row<true>(values, gradient, n, numbers, packets);
+    pack_row<true>(values, strengths, gradient, n, numbers, packets);
   } else {
-    pack_row<false>(values, gradient, n, numbers, packets);
+    pack_row<false>(values, strengths, gradient, n, numbers, packets);
   }
 }
 
