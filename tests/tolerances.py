@@ -160,3 +160,6 @@ SKY_STEP = 5e-5
 
 ELECTRON_VOLT = 2e-7
 """Relative: astropy's interpreter of coordinates has an older value of it than its units."""
+
+IBM_FLOAT = 2e-6
+"""Relative: IBM's float32 has 20 to 24 bits, and its file was written from float32."""

@@ -19,6 +19,7 @@ from volsplat.mapshade_server.readers import (
     nrrd,
     numpy_array,
     raw_voxels,
+    segy,
     tiff_folder,
     tiff_stack,
     vtk_image,
@@ -81,6 +82,7 @@ FORMATS = (
         "CCP4/MRC map (.map, .mrc)", density_map.open_density_map, density_map.recognises, density_map.EXTENSIONS
     ),
     VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises),
+    VolumeFormat("SEG-Y survey (.sgy, .segy)", segy.open_segy, extensions=(".sgy", ".segy")),
     VolumeFormat(
         "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
     ),

@@ -1,0 +1,238 @@
+"""SEG-Y 3-D post-stack surveys through segyio: i counts samples down a trace, j crosslines, k inlines.
+
+Only the traces of the box are read. Grid positions without a trace become NaN.
+"""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.part_options import part_options
+from volsplat.mapshade_server.readers.segy_traces import (
+    ByteOrder,
+    SegyFile,
+    TraceGrid,
+    header_fields,
+    sampled,
+    trace_grid,
+)
+from volsplat.mapshade_server.readers.survey_geometry import DEFAULT_VELOCITY, Spot, Vertical, placed
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, GridAxis, VolumeDescription
+
+OPTIONS = ("il", "xl", "velocity", "domain")
+INLINE, CROSSLINE = 189, 193  # where revision 1 has the numbers, by their first byte in the trace header
+
+OFFSET_OF_FORMAT, LEAST_BYTES = 3224, 3600 + 240
+BYTE_ORDERS: tuple[ByteOrder, ...] = ("big", "little")
+SAMPLE_FORMATS = (1, 2, 3, 5, 6, 8, 9, 10, 11, 12, 16)
+REFUSED_FORMATS = {4: "fixed point with gain", 7: "24-bit integers", 15: "24-bit integers"}
+
+# Start time; scalar of the coordinates and their unit; the midpoint's x and y; the source's, which older files fill in.
+SPOT_FIELDS = (109, 71, 89, 181, 185, 73, 77)
+COORDINATE_COLUMNS = ((3, 4), (5, 6))
+SAMPLE_INTERVAL = 117
+BINARY_INTERVAL, MEASUREMENT_SYSTEM = 3217, 3255
+FEET = 2
+
+TRACES_AT_ONCE = 1 << 12
+
+
+class SegyReader:
+    """One survey."""
+
+    def __init__(self, description: VolumeDescription, source: SegyFile, grid: TraceGrid) -> None:
+        self._description = description
+        self._source = source
+        self._grid = grid
+
+    def describe(self) -> VolumeDescription:
+        return self._description
+
+    def read(self, box: Box) -> Voxels:
+        ni, nj, nk = box.size
+        (i0, j0, k0), (i1, j1, k1) = box
+        traces = self._grid.traces[k0:k1, j0:j1].ravel()
+        there = np.flatnonzero(traces >= 0)
+        rows = there[np.argsort(traces[there])]  # in the file's order
+        voxels = np.empty((nk * nj, ni), self._description.scalar_type)
+        if len(rows) < len(traces):
+            voxels[traces < 0] = np.nan
+        with self._source.opened() as file:
+            for part in _runs(traces, rows):
+                first, last = int(traces[part[0]]), int(traces[part[-1]])
+                self._check_numbers(file, box, first, part)
+                for row, samples in zip(part, file.trace[first : last + 1, i0:i1], strict=True):
+                    voxels[row] = samples
+        return voxels.reshape(nk, nj, ni)
+
+    def _check_numbers(self, file: Any, box: Box, first: int, rows: NDArray[np.int64]) -> None:
+        """Raises BadInput where traces inside a line are not those that the line's ends let expect."""
+        k, j = np.divmod(rows, box.size[1])
+        match self._grid.unchecked:
+            case "inline":
+                field, due = self._source.inline, self._grid.inlines.numbers[box.low[2] + k]
+            case "crossline":
+                field, due = self._source.crossline, self._grid.crosslines.numbers[box.low[1] + j]
+            case None:
+                return
+        got = file.attributes(field)[first : first + len(rows)]
+        if wrong := np.flatnonzero(got != due).tolist():
+            n = wrong[0]
+            raise BadInput(
+                f"{self._source.path}: trace {first + n} says {self._grid.unchecked} {got[n]} where the order of the "
+                f"others lets expect {due[n]}; sort the survey by inline and crossline and export it again"
+            )
+
+
+def _runs(traces: NDArray[np.int32], rows: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
+    """The rows in pieces whose traces follow each other in the file, none too long."""
+    breaks = np.flatnonzero(np.diff(traces[rows]) != 1) + 1
+    for run in np.split(rows, breaks):
+        for start in range(0, len(run), TRACES_AT_ONCE):
+            yield run[start : start + TRACES_AT_ONCE]
+
+
+def open_segy(path: Path, part: str) -> SegyReader:
+    """The reader for a 3-D survey; `part` may say il=9,xl=21 (header bytes), domain=depth, velocity=2500 (m/s).
+
+    Raises BadInput for 2-D lines, for pre-stack gathers and where the headers cannot be used.
+    """
+    said = _options(path, part)
+    source = SegyFile(path, _byte_order(path), said.inline, said.crossline)
+    with source.opened(with_lines=True) as file:
+        if not len(file.samples):
+            raise BadInput(f"{path}: its binary header states traces of no samples; correct bytes 3221 and 3222")
+        grid = trace_grid(source, file)
+        spots, units = _spots(path, file, grid)
+        interval, notes = _interval(path, file)
+        start, samples = float(file.samples[0]), len(file.samples)
+        in_feet = file.bin[MEASUREMENT_SYSTEM] == FEET
+        stored = np.dtype(file.dtype)
+    vertical = Vertical(start, interval, said.in_depth, said.velocity)
+    inlines, crosslines = grid.inlines, grid.crosslines
+    place = placed(path, (samples, crosslines.count, inlines.count), spots, units, vertical, in_feet)
+    if grid.missing:
+        notes.append(f"{grid.missing} of {grid.traces.size} traces of the grid are not in the file and hold no data")
+    description = VolumeDescription(
+        name=path.name,
+        format=f"SEG-Y ({source.order} endian)",
+        geometry=place.geometry,
+        scalar_type=np.result_type(stored, np.float32).name if grid.missing else stored.name,
+        unit=place.unit,
+        axes=(
+            place.axis,
+            GridAxis("crossline", "", crosslines.first, crosslines.step),
+            GridAxis("inline", "", inlines.first, inlines.step),
+        ),
+        warnings=(*place.warnings, *notes),
+        density_name="amplitude",
+    )
+    return SegyReader(description, source, grid)
+
+
+@dataclass(frozen=True)
+class _Options:
+    inline: int
+    crossline: int
+    in_depth: bool
+    velocity: float | None
+
+
+def _options(path: Path, part: str) -> _Options:
+    word, values = part_options(part, OPTIONS)
+    example = f"as in {path}#il=9,xl=21"
+    if word:
+        raise BadInput(f"{path}: holds one survey, it has no part “{word}”; header bytes are chosen {example}")
+    places = []
+    for key, usual in (("il", INLINE), ("xl", CROSSLINE)):
+        said = values.get(key, str(usual))
+        if not said.isdecimal() or int(said) not in _headerheader_fields():
+            raise BadInput(
+                f"{path}: “{key}={said}” is no byte where a field of the trace header starts; say it {example}"
+            )
+        places.append(int(said))
+    if (domain := values.get("domain", "time")) not in ("time", "depth"):
+        raise BadInput(f"{path}: “domain={domain}” is neither time nor depth")
+    velocity = None
+    if "velocity" in values:
+        try:
+            velocity = float(values["velocity"])
+        except ValueError:
+            velocity = math.nan
+        if not 0 < velocity < math.inf or domain == "depth":
+            raise BadInput(
+                f"{path}: “velocity={values['velocity']}” is no velocity in m/s that turns time into depth; "
+                f"it is {DEFAULT_VELOCITY:g} where none is given"
+            )
+    return _Options(places[0], places[1], domain == "depth", velocity)
+
+
+def _headerheader_fields() -> set[int]:
+    """The first bytes of the trace header's fields."""
+    return {int(field) for field in library("segyio", "SEG-Y").TraceField.enums()}
+
+
+def _byte_order(path: Path) -> ByteOrder:
+    """By the code of the sample format, which is a small number in the right order alone."""
+    with path.open("rb") as file:
+        head = file.read(LEAST_BYTES)
+    if len(head) < LEAST_BYTES:
+        raise BadInput(f"{path}: is too short for a SEG-Y file with a trace; fetch or export it again")
+    for order in BYTE_ORDERS:
+        code = int.from_bytes(head[OFFSET_OF_FORMAT : OFFSET_OF_FORMAT + 2], order)
+        if code in REFUSED_FORMATS:
+            raise BadInput(
+                f"{path}: its samples are {REFUSED_FORMATS[code]} (format {code}), which volsplat does not read; "
+                "export it as IBM or IEEE floats"
+            )
+        if code in SAMPLE_FORMATS:
+            return order
+    raise BadInput(f"{path}: its binary header states no format of samples; it is no SEG-Y file or a damaged one")
+
+
+def _spots(path: Path, file: Any, grid: TraceGrid) -> tuple[list[Spot], int]:
+    """Where some traces lie on the map, by the first coordinates that are filled in, and the code of their unit.
+
+    Raises BadInput where the traces do not begin together, which a grid cannot hold.
+    """
+    places = list(sampled(grid))
+    headers = [header_fields(file, grid.traces[place], *SPOT_FIELDS) for place in places]
+    times = [header[0] for header in headers]
+    if min(times) != max(times):
+        raise BadInput(
+            f"{path}: its traces begin at different times, {min(times)} to {max(times)} ms; "
+            "export them with one start time"
+        )
+    for x, y in COORDINATE_COLUMNS:
+        if any(header[x] or header[y] for header in headers):
+            spots = [
+                Spot(j, k, _scaled(header[x], header[1]), _scaled(header[y], header[1]))
+                for (k, j), header in zip(places, headers, strict=True)
+            ]
+            return spots, headers[0][2]
+    return [], 0
+
+
+def _scaled(coordinate: int, scalar: int) -> float:
+    """A negative scalar divides, a positive one multiplies."""
+    return coordinate / -scalar if scalar < 0 else float(coordinate * (scalar or 1))
+
+
+def _interval(path: Path, file: Any) -> tuple[float, list[str]]:
+    """The distance of samples in ms (or in thousandths of what a depth counts), and a note where headers disagree."""
+    stated = file.bin[BINARY_INTERVAL] & 0xFFFF
+    of_trace = file.header[0][SAMPLE_INTERVAL] & 0xFFFF
+    if not (stated or of_trace):
+        raise BadInput(f"{path}: its headers state a sample interval of 0; correct bytes 3217 and 3218 of the file")
+    notes = []
+    if stated and of_trace and stated != of_trace:
+        notes.append(f"the binary header's sample interval of {stated} µs is used, the first trace says {of_trace} µs")
+    return (stated or of_trace) / 1000, notes
