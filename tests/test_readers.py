@@ -249,14 +249,6 @@ def test_a_tilted_gantry_stays_a_shear(tmp_path: Path) -> None:
     assert open_volume(str(folder)).describe().geometry.index_to_physical[1] == (0, 0.75, 0.75)
 
 
-def test_the_series_with_most_slices_is_taken_and_the_others_are_told(tmp_path: Path) -> None:
-    values = values_of("int16")
-    folder = dicom_series(tmp_path / "series", values)
-    dicom_series(folder, values[:3], series="1.2.3.4.6", prefix="other")
-    assert "the others have 3 slices" in open_volume(str(folder)).describe().format
-    np.testing.assert_array_equal(read_whole(folder), values)
-
-
 def test_reading_is_silent(stored: tuple[Voxels, list[Path]], capfd: pytest.CaptureFixture[str]) -> None:
     for path in stored[1]:
         read_whole(path)

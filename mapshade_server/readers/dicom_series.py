@@ -1,210 +1,281 @@
-"""DICOM series folders through SimpleITK. Slices are put in order by their positions, never by their names.
+"""DICOM: the series of a folder, told apart and chosen by name, and files of several frames.
 
-The place in space is made from the slices' own tags, so that a tilted gantry stays a shear, and a missing or
-misplaced slice is told instead of drawn.
+`scans/#T2_AX`, by the series' description, `scans/#4`, by its number, `scans/#1.2.840`, by how its UID begins; where
+one series holds several volumes, `scans/#4,echo=2,time=3`.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from statistics import median
-from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.simple_itk import (
-    checked_geometry,
-    extracted,
-    header_of,
-    one_line_errors,
-    refuse_vectors,
-    scalar_type_of,
-    simple_itk,
+from volsplat.mapshade_server.readers import dicom_stack
+from volsplat.mapshade_server.readers.dicom_file import (
+    PREAMBLE,
+    DicomFile,
+    Frame,
+    Rescale,
+    dicom_file,
+    recognises,
+    recognises_old,
 )
+from volsplat.mapshade_server.readers.dicom_stack import Stack
+from volsplat.mapshade_server.readers.part_options import PartOptions, part_options
 from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.volume import Box, VolumeDescription
 
-IMAGE_IO = "GDCMImageIO"
-POSITION, ORIENTATION, PIXEL_SPACING = "0020|0032", "0020|0037", "0028|0030"
+__all__ = ["open_dicom_file", "open_folder", "recognises"]
 
-GAP_TOLERANCE = 0.02  # of the usual distance of slices; scanners round positions to a few decimals
-ORIENTATION_TOLERANCE = 1e-3  # of a direction cosine
-
-
-def recognises(head: bytes) -> bool:
-    return head[128:132] == b"DICM"
+# From narrow to wide; the first that holds all values is taken, beginning with the width of the stored type.
+WHOLE_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "int64")
 
 
 @dataclass(frozen=True)
-class _Slice:
-    path: Path
-    columns: int
-    rows: int
-    scalar_type: str
-    position: Vector
-    row_direction: Vector  # along which the column index grows
-    column_direction: Vector
-    spacing: tuple[float, float]  # between rows, between columns, as the tag has it
+class _Series:
+    """The files of one series, in the order of their names."""
+
+    files: tuple[DicomFile, ...]
 
     @property
-    def height(self) -> float:
-        """The position along the slices' normal, in mm."""
-        return matrices.dot(self.position, matrices.cross(self.row_direction, self.column_direction))
+    def frames(self) -> list[Frame]:
+        return [frame for file in self.files for frame in file.frames]
+
+    @property
+    def is_scout(self) -> bool:
+        """A picture to plan by, or a screen shot, that nobody means by the volume of a folder."""
+        first = self.files[0]
+        placed = first.ordered or any(frame.place is not None for frame in self.frames)
+        return len(self.frames) < 2 or first.localizer or not placed
+
+    @property
+    def title(self) -> str:
+        first = self.files[0]
+        number = first.series_number or "without number"
+        return f"{number} “{first.series_description}”" if first.series_description else number
+
+    @property
+    def told(self) -> str:
+        if not self.frames:
+            return f"{self.title}, in colour or no plain pixels"
+        pixels, count = self.frames[0].pixels, len(self.frames)
+        return f"{self.title}, {count} slice{'s' * (count > 1)} of {pixels.columns} x {pixels.rows}"
+
+    def answers_to(self, word: str) -> bool:
+        first = self.files[0]
+        described = first.series_description.lower() == word.lower()
+        return described or first.series_number == word or "." in word and first.series_uid.startswith(word)
 
 
-class DicomSeriesReader:
-    """One series; only the slices that a box needs are read."""
+class DicomReader:
+    """One stack of frames; only those that a box needs are read, of unpacked ones only its rows."""
 
-    def __init__(self, description: VolumeDescription, slices: Sequence[_Slice]) -> None:
+    def __init__(self, description: VolumeDescription, stack: Stack) -> None:
         self._description = description
-        self._slices = slices
+        self._stack = stack
 
     def describe(self) -> VolumeDescription:
         return self._description
 
     def read(self, box: Box) -> Voxels:
-        ni, nj, nk = box.size
-        voxels = np.empty((nk, nj, ni), self._description.scalar_type)
-        in_slice = Box((*box.low[:2], 0), (*box.high[:2], 1))
-        for n, one in enumerate(self._slices[box.low[2] : box.high[2]]):
-            voxels[n] = extracted(one.path, header_of(one.path, IMAGE_IO), in_slice)[0]
+        frames = self._stack.frames
+        if self._stack.heights is None:
+            voxels = np.empty(box.size[::-1], self._description.scalar_type)
+            for n, frame in enumerate(frames[box.low[2] : box.high[2]]):
+                voxels[n] = _rescaled(frame, box)
+            return voxels
+        return self._resampled(box, np.array(self._stack.heights))
+
+    def _resampled(self, box: Box, heights: Voxels) -> Voxels:
+        """Between the two slices around each sheet of the grid, by the share of the way from one to the other."""
+        voxels = np.empty(box.size[::-1], self._description.scalar_type)
+        read: dict[int, Voxels] = {}
+        for n, k in enumerate(range(box.low[2], box.high[2])):
+            above = int(np.clip(np.searchsorted(heights, k), 1, len(heights) - 1))
+            share = float(np.clip((k - heights[above - 1]) / (heights[above] - heights[above - 1]), 0, 1))
+            read = {
+                m: read[m] if m in read else _rescaled(self._stack.frames[m], box).astype(np.float64)
+                for m in (above - 1, above)
+            }
+            between = (1 - share) * read[above - 1] + share * read[above]
+            voxels[n] = between if voxels.dtype.kind == "f" else np.rint(between)
         return voxels
 
 
-def open_slice(path: Path) -> DicomSeriesReader:
-    """Refuses a single DICOM file with the cure that fits it."""
-    reader = header_of(path, IMAGE_IO)
-    size = tuple(reader.GetSize())
-    if len(size) > 2 and size[2] > 1:
-        raise BadInput(
-            f"{path}: a DICOM file of {size[2]} frames, whose spacing volsplat cannot read; convert it to NRRD or NIfTI"
-        )
-    raise BadInput(f"{path}: one DICOM slice, a 2-D image, volsplat needs a volume: give the folder of its series")
+def _rescaled(frame: Frame, box: Box) -> Voxels:
+    """The meant values of the box's rectangle of one frame."""
+    stored = frame.pixels.read(frame.number, box)
+    rescale = frame.rescale
+    if rescale.table:
+        table = np.array(rescale.table)
+        return np.asarray(table[np.clip(stored.astype(np.int64) - rescale.first, 0, len(table) - 1)])
+    if (rescale.slope, rescale.intercept) == (1.0, 0.0):
+        return stored
+    return np.asarray(stored.astype(np.float64) * rescale.slope + rescale.intercept)
 
 
-def open_folder(folder: Path) -> DicomSeriesReader:
-    """The reader for the series in `folder` that has most slices.
+def open_dicom_file(path: Path, part: str) -> DicomReader:
+    """The reader for a file of several frames. Raises BadInput for a single slice, with the cure that fits it."""
+    file = dicom_file(path)
+    if file is None:
+        raise BadInput(f"{path}: a DICOM file without an image; give a file of several frames, or a series' folder")
+    if len(file.frames) == 1 and not file.refusal:
+        raise BadInput(f"{path}: one DICOM slice, a 2-D image, volsplat needs a volume: give the folder of its series")
+    said = part_options(part, dicom_stack.KEYS)
+    series = _Series((file,))
+    if said.word and not series.answers_to(said.word):
+        raise BadInput(f"{path}: holds series {series.title}, none called “{said.word}”")
+    return _reader(path, series, said)
 
-    Raises BadInput where there is none, where slices are damaged or do not stack evenly.
+
+def open_folder(folder: Path, part: str) -> DicomReader:
+    """The reader for the series in `folder` that is named or, of several, the only one that is a volume.
+
+    Raises BadInput where there is none, where one must be named, and where slices are damaged or do not fit together.
     """
-    finder = simple_itk().ImageSeriesReader
-    with one_line_errors(folder):
-        series = [finder.GetGDCMSeriesFileNames(str(folder), uid) for uid in finder.GetGDCMSeriesIDs(str(folder))]
-    _refuse_damaged(folder, {Path(name) for names in series for name in names})
-    if not series:
-        raise BadInput(f"{folder}: a folder without DICOM images; give a volume file or the folder of a DICOM series")
-    series.sort(key=len, reverse=True)
-    slices = sorted((_slice_of(Path(name)) for name in series[0]), key=lambda one: one.height)
-    geometry = _stacked(folder, slices)
-    others = ", ".join(str(len(names)) for names in series[1:])
-    description = VolumeDescription(
-        name=folder.resolve().name,
-        format="DICOM series" + (f" (the largest of {len(series)}; the others have {others} slices)" if others else ""),
-        geometry=geometry,
-        scalar_type=np.result_type(*(one.scalar_type for one in slices)).name,
-        unit="mm",
-        anatomical=True,
-        reads_sub_cubes=False,
-        why_whole="DICOM slices are read whole, though only those that a sub-cube needs",
-    )
-    return DicomSeriesReader(description, slices)
+    every = _all_series(folder)
+    said = part_options(part, dicom_stack.KEYS)
+    series = _chosen(folder, every, said.word)
+    return _reader(folder, series, said, () if said.word else _left_out(every, series))
 
 
-def _refuse_damaged(folder: Path, in_series: set[Path]) -> None:
-    """Raises BadInput for files that say they are DICOM but could not be parsed: slices would silently be missing."""
+def _all_series(folder: Path) -> list[_Series]:
+    """The series in the folder or, where it has no images itself, in its sub-folders."""
+    files = list(_images(folder)) or [
+        file for inner in sorted(folder.iterdir()) if inner.is_dir() for file in _images(inner)
+    ]
+    if not files:
+        raise BadInput(
+            f"{folder}: a folder without DICOM images, and none one folder further down; give a volume file or the "
+            "folder of a DICOM series"
+        )
+    by_uid: dict[str, list[DicomFile]] = {}
+    for file in files:
+        by_uid.setdefault(file.series_uid, []).append(file)
+    return [_Series(tuple(one)) for one in by_uid.values()]
+
+
+def _images(folder: Path) -> Iterator[DicomFile]:
     for path in sorted(folder.iterdir()):
-        if path in in_series or not path.is_file() or path.name.upper() == "DICOMDIR":
+        if not path.is_file():
             continue
         with path.open("rb") as file:
-            claims = recognises(file.read(132))
-        if claims:
-            raise BadInput(f"{path}: a DICOM file that cannot be parsed, likely truncated; fetch it again or remove it")
+            head = file.read(PREAMBLE + 4)
+        if recognises(head):
+            told = dicom_file(path)
+        elif recognises_old(head):
+            told = _if_readable(path)
+        else:
+            continue
+        if told is not None:
+            yield told
 
 
-def _slice_of(path: Path) -> _Slice:
-    reader = header_of(path, IMAGE_IO)
-    size = tuple(reader.GetSize())
-    if len(size) > 2 and size[2] > 1:
-        raise BadInput(f"{path}: a DICOM file of {size[2]} frames in a series; convert the series to NRRD or NIfTI")
-    if reader.GetNumberOfComponents() != 1:
-        refuse_vectors(path, f"{reader.GetNumberOfComponents()} components a voxel")
-    position = _numbers(path, reader, POSITION, "ImagePositionPatient", 3)
-    orientation = _numbers(path, reader, ORIENTATION, "ImageOrientationPatient", 6)
-    spacing = _numbers(path, reader, PIXEL_SPACING, "PixelSpacing", 2)
-    return _Slice(
-        path=path,
-        columns=size[0],
-        rows=size[1],
-        scalar_type=scalar_type_of(path, reader),
-        position=(position[0], position[1], position[2]),
-        row_direction=(orientation[0], orientation[1], orientation[2]),
-        column_direction=(orientation[3], orientation[4], orientation[5]),
-        spacing=(spacing[0], spacing[1]),
-    )
-
-
-def _numbers(path: Path, reader: Any, key: str, name: str, count: int) -> list[float]:
-    text = reader.GetMetaData(key) if reader.HasMetaDataKey(key) else ""
+def _if_readable(path: Path) -> DicomFile | None:
+    """What a file says that only may be DICOM."""
     try:
-        values = [float(word) for word in text.split("\\")]
-    except ValueError:
-        values = []
-    if len(values) != count:
-        raise BadInput(f"{path}: has no usable {name}, so it has no place in a series; export the series again")
-    return values
+        return dicom_file(path)
+    except BadInput:
+        return None
 
 
-def _stacked(folder: Path, slices: Sequence[_Slice]) -> Geometry:
-    """The place of the whole stack. Raises BadInput where slices differ in kind or are not evenly spaced."""
-    first, last = slices[0], slices[-1]
-    if len(slices) == 1:
-        raise BadInput(f"{folder}: a 2-D image, volsplat needs a volume: the series has one slice; give all its slices")
-    for one in slices[1:]:
-        if (one.columns, one.rows, one.spacing) != (first.columns, first.rows, first.spacing):
-            raise BadInput(
-                f"{folder}: slices {first.path.name} and {one.path.name} differ in size or pixel spacing; "
-                "put one series alone into a folder"
-            )
-        turned = max(
-            abs(a - b)
-            for a, b in zip(
-                (*first.row_direction, *first.column_direction),
-                (*one.row_direction, *one.column_direction),
-                strict=True,
-            )
-        )
-        if turned > ORIENTATION_TOLERANCE:
-            raise BadInput(
-                f"{folder}: slices {first.path.name} and {one.path.name} are oriented differently; "
-                "put one orientation alone into a folder"
-            )
-    _check_even(folder, slices)
-    between_rows, between_columns = first.spacing
-    step = matrices.scaled(matrices.minus(last.position, first.position), 1 / (len(slices) - 1))
-    matrix: Matrix = matrices.transposed(
-        (
-            matrices.scaled(first.row_direction, between_columns),
-            matrices.scaled(first.column_direction, between_rows),
-            step,
-        )
+def _chosen(folder: Path, every: Sequence[_Series], word: str) -> _Series:
+    """The series that is named or, where none is, the only one that is a volume."""
+    named = [series for series in every if series.answers_to(word)] if word else list(every)
+    named = [series for series in named if series.files[0].series_uid == word] or named
+    if not named:
+        raise BadInput(f"{folder}: no series is called “{word}”; {_how_to_choose(folder, every)}")
+    volumes = [series for series in named if not series.is_scout] or named
+    if len(volumes) == 1:
+        return volumes[0]
+    called = f" called “{word}”" if word else ""
+    scouts = ", all of them single slices or localizers" if volumes[0].is_scout else ""
+    raise BadInput(f"{folder}: holds {len(named)} series{called}{scouts}; {_how_to_choose(folder, volumes)}")
+
+
+def _how_to_choose(folder: Path, every: Sequence[_Series]) -> str:
+    """The series, and how to choose one: by what tells all of them apart."""
+    files = [series.files[0] for series in every]
+    told = [series.told for series in every]
+    for words in ([file.series_number for file in files], [file.series_description for file in files]):
+        if all(words) and len(set(words)) == len(words):
+            return f"choose one of {'; '.join(told)}; as in {folder}#{words[0]}"
+    told = [f"{text}, UID {file.series_uid}" for text, file in zip(told, files, strict=True)]
+    return f"choose one of {'; '.join(told)}; by how its UID begins, as in {folder}#{files[0].series_uid}"
+
+
+def _left_out(every: Sequence[_Series], chosen: _Series) -> tuple[str, ...]:
+    others = [series.told for series in every if series is not chosen]
+    return (f"of the folder this series is drawn; left out: {'; '.join(others)}",) if others else ()
+
+
+def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[str, ...] = ()) -> DicomReader:
+    if refusal := next((file.refusal for file in series.files if file.refusal), ""):
+        raise BadInput(refusal)
+    groups = dicom_stack.apart(series.frames)
+    name, frames = _chosen_group(source, groups, said)
+    first = series.files[0]
+    stack = dicom_stack.stacked(source, frames, first)
+    values = ",".join([*([said.word] if said.word else []), *(f"{key}={value}" for key, value in name)])
+    description = VolumeDescription(
+        name=f"{source.resolve().name}#{values}" if values else source.resolve().name,
+        format=f"DICOM {first.modality} series {series.title}",
+        geometry=stack.geometry,
+        scalar_type=_scalar_type(stack.frames),
+        unit=stack.unit,
+        value_unit=first.value_unit,
+        anatomical=stack.anatomical,
+        warnings=(*warnings, *stack.warnings),
     )
-    return checked_geometry(folder, (first.columns, first.rows, len(slices)), matrix, first.position)
+    return DicomReader(description, stack)
 
 
-def _check_even(folder: Path, slices: Sequence[_Slice]) -> None:
-    gaps = [after.height - before.height for before, after in zip(slices, slices[1:], strict=False)]
-    usual = median(gaps)
-    for before, after, gap in zip(slices, slices[1:], gaps, strict=False):
-        between = f"{before.path.name} and {after.path.name}"
-        if gap <= GAP_TOLERANCE * max(usual, max(gaps)):
-            raise BadInput(
-                f"{folder}: slices {between} lie at one position; put one phase or echo of the series into a folder"
-            )
-        if abs(gap - usual) > GAP_TOLERANCE * usual:
-            raise BadInput(
-                f"{folder}: slices are missing or uneven: {between} are {gap:g} mm apart, the others {usual:g} mm; "
-                "complete the series or resample it"
-            )
+def _chosen_group(source: Path, groups: dicom_stack.Groups, said: PartOptions) -> tuple[dicom_stack.Name, list[Frame]]:
+    """The frames that are meant, of one series. Raises BadInput where it is not said which."""
+    there = dicom_stack.choices(groups)
+    for key, value in said.values.items():
+        if value not in there.get(key, ()):
+            told = dicom_stack.told({key: there[key]}) if key in there else "it has nothing to choose by that"
+            raise BadInput(f"{source}: the series has no {key}={value}: {told}")
+    left = {name: frames for name, frames in groups.items() if said.values.items() <= dict(name).items()}
+    if not left:
+        raise BadInput(f"{source}: the series has no volume of {','.join(f'{k}={v}' for k, v in said.values.items())}")
+    volumes = {name: frames for name, frames in left.items() if len(frames) > 1}
+    if not volumes:
+        count = sum(len(frames) for frames in left.values())
+        what = "one slice" if count == 1 else f"{count} single slices that do not belong together"
+        raise BadInput(f"{source}: a 2-D image, volsplat needs a volume: the series has {what}; give all its slices")
+    if len(volumes) > 1:
+        example = ",".join(
+            [*([said.word] if said.word else []), *(f"{key}={value}" for key, value in next(iter(volumes)))]
+        )
+        told = dicom_stack.told(dicom_stack.choices(volumes))
+        raise BadInput(f"{source}: the series holds {len(volumes)} volumes, {told}; choose, as in {source}#{example}")
+    return next(iter(volumes.items()))
+
+
+def _scalar_type(frames: Sequence[Frame]) -> str:
+    """The type that holds all meant values: whole numbers where the rescale keeps them whole."""
+    widths = [frame.pixels.dtype.itemsize for frame in frames]
+    kinds = {(frame.pixels.dtype, frame.pixels.bits_stored, frame.rescale) for frame in frames}
+    if any(dtype.kind == "f" for dtype, _, _ in kinds) or not all(_is_whole(rescale) for _, _, rescale in kinds):
+        return "float32" if max(widths) <= 2 or all(dtype == np.float32 for dtype, _, _ in kinds) else "float64"
+    ends = [end for dtype, bits, rescale in kinds for end in _range(dtype.kind == "i", bits, rescale)]
+    if all(rescale == Rescale() for _, _, rescale in kinds):
+        return np.result_type(*(dtype.newbyteorder("=") for dtype, _, _ in kinds)).name
+    fitting = (name for name in WHOLE_TYPES if np.iinfo(name).min <= min(ends) and max(ends) <= np.iinfo(name).max)
+    return next(fitting, "float64")
+
+
+def _is_whole(rescale: Rescale) -> bool:
+    return rescale.slope.is_integer() and rescale.intercept.is_integer()
+
+
+def _range(signed: bool, bits: int, rescale: Rescale) -> tuple[float, float]:
+    """The least and the greatest meant value that there can be."""
+    if rescale.table:
+        return float(min(rescale.table)), float(max(rescale.table))
+    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+    ends = (low * rescale.slope + rescale.intercept, high * rescale.slope + rescale.intercept)
+    return min(ends), max(ends)

@@ -56,17 +56,6 @@ class FolderFormat:
     recognises: Callable[[Path], bool]
 
 
-def _whole(open_file: Callable[[Path], VolumeReader]) -> Open:
-    """For formats whose files hold one volume."""
-
-    def opened(path: Path, part: str) -> VolumeReader:
-        if part:
-            raise BadInput(f"{path}: holds one volume, it has no part “{part}”; leave out #{part}")
-        return open_file(path)
-
-    return opened
-
-
 FORMATS = (
     VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises),
     VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises),
@@ -74,7 +63,7 @@ FORMATS = (
     VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises),
     VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",)),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
-    VolumeFormat("DICOM series (a folder)", _whole(dicom_series.open_slice), dicom_series.recognises),
+    VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
     VolumeFormat("PDB coordinates (.pdb, .ent)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS),
     VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS),
@@ -94,7 +83,7 @@ FORMATS = (
 
 FOLDER_FORMATS = (
     FolderFormat("TIFF slices", tiff_folder.open_tiff_folder, tiff_folder.recognises_folder),
-    FolderFormat("DICOM series", _whole(dicom_series.open_folder), lambda folder: True),
+    FolderFormat("DICOM series", dicom_series.open_folder, lambda folder: True),
 )
 
 

@@ -1,0 +1,329 @@
+"""What one DICOM file says of itself and of each of its frames, through pydicom.
+
+A plain slice is a file of one frame. In a multi-frame file of the enhanced kinds each frame has functional groups of
+its own, or shares them; what is in neither is asked of the file as a whole. No pixels are read here.
+"""
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Literal
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.dicom_pixels import Pixels, fragments_from
+from volsplat.mapshade_server.readers.extra import library
+from volsplat.protocol import matrices
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import Vector
+
+PREAMBLE = 128
+FIRST_TAGS = tuple(b"\x08\0" + element + b"\0" for element in (b"\x00", b"\x01", b"\x05", b"\x08", b"\x16"))
+MEDIA_DIRECTORY = "1.2.840.10008.1.3.10"
+UNDEFINED_LENGTH = 0xFFFFFFFF
+PIXEL_DATA, FLOAT_PIXELS, DOUBLE_PIXELS = 0x7FE00010, 0x7FE00008, 0x7FE00009
+DEFLATED = "1.2.840.10008.1.2.1.99"
+FUNCTIONAL_GROUPS = ("PerFrameFunctionalGroupsSequence", "SharedFunctionalGroupsSequence")
+SQUARE_TOLERANCE = 0.01  # of direction cosines
+UNITS = {"HU": "HU", "HU_MOD": "HU", "MGML": "mg/ml", "PCT": "%", "OD": "10⁻³ OD", "BQML": "Bq/ml", "GML": "g/ml"}
+UNITS |= {"CNTS": "counts", "CPS": "counts/s", "GY": "Gy", "1CM": "1/cm", "CM2ML": "cm²/ml"}
+
+# What tells frames at one place apart: the word by which a person chooses, and where the value is found, first to
+# last: in a functional group, or in the file as a whole.
+APART = {
+    "stack": (("FrameContentSequence", "StackID"),),
+    "echo": (("", "EchoNumbers"),),
+    "te": (("MREchoSequence", "EffectiveEchoTime"), ("", "EchoTime")),
+    "time": (("FrameContentSequence", "TemporalPositionIndex"), ("", "TemporalPositionIdentifier")),
+    "trigger": (("CardiacSynchronizationSequence", "NominalCardiacTriggerDelayTime"), ("", "TriggerTime")),
+    "phase": (("CardiacSynchronizationSequence", "NominalPercentageOfCardiacPhase"),),
+    "start": (("", "FrameReferenceTime"),),
+    "b": (("MRDiffusionSequence", "DiffusionBValue"), ("", "DiffusionBValue")),
+    "type": (
+        ("MRImageFrameTypeSequence", "FrameType"),
+        ("CTImageFrameTypeSequence", "FrameType"),
+        ("PETFrameTypeSequence", "FrameType"),
+        ("", "ImageType"),
+    ),
+    "acquisition": (("FrameContentSequence", "FrameAcquisitionNumber"), ("", "AcquisitionNumber")),
+}
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a frame lies in the patient. `spacing` is between rows, then between columns, as the tag has it."""
+
+    position: Vector
+    row_direction: Vector  # along which the column index grows
+    column_direction: Vector
+    spacing: tuple[float, float]
+
+    @property
+    def normal(self) -> Vector:
+        return matrices.cross(self.row_direction, self.column_direction)
+
+
+@dataclass(frozen=True)
+class Rescale:
+    """From stored to meant values: by a line, or by a table from `first` on, whose ends hold beyond it."""
+
+    slope: float = 1.0
+    intercept: float = 0.0
+    table: tuple[int, ...] = ()
+    first: int = 0
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One 2-D image of a file. `place` is None where the file states none."""
+
+    pixels: Pixels
+    number: int
+    place: Place | None
+    thickness: float  # 0 where none is stated
+    rescale: Rescale
+    apart: dict[str, tuple[str, ...]]
+
+    @property
+    def name(self) -> str:
+        return f"{self.pixels.path.name} frame {self.number}" if self.pixels.frames > 1 else self.pixels.path.name
+
+
+@dataclass(frozen=True)
+class DicomFile:
+    """One file of images: which series it belongs to, and its frames."""
+
+    path: Path
+    series_uid: str
+    series_number: str
+    series_description: str
+    modality: str
+    localizer: bool
+    ordered: bool  # frames without places follow each other through a volume
+    between_slices: float  # of such frames; 0 where none is stated
+    value_unit: str
+    frames: tuple[Frame, ...]
+    refusal: str  # why its pixels cannot be read, "" where they can; then it has no frames
+
+
+def recognises(head: bytes) -> bool:
+    return head[PREAMBLE : PREAMBLE + 4] == b"DICM"
+
+
+def recognises_old(head: bytes) -> bool:
+    """Whether these may be the first bytes of a DICOM file without a preamble, as the oldest are."""
+    return head[:4] in FIRST_TAGS and (head[4:6].isalpha() or head[6:8] == b"\0\0")
+
+
+def dicom_file(path: Path) -> DicomFile | None:
+    """What a DICOM file says; None where it holds no image, but a report, a plan or an index.
+
+    Raises BadInput where it is damaged or truncated.
+    """
+    pydicom = library("pydicom", "DICOM")
+    try:
+        with path.open("rb") as file, warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of values that are against the standard: those that matter are checked
+            head = pydicom.dcmread(file, stop_before_pixels=True, force=True)
+            return _told(path, head, file)
+    except (BadInput, OSError):
+        raise
+    except Exception as error:  # of a damaged header pydicom makes anything
+        raise BadInput(
+            f"{path}: a DICOM file that cannot be parsed, likely truncated ({error}); fetch it again or remove it"
+        ) from None
+
+
+def _told(path: Path, head: Any, file: BinaryIO) -> DicomFile | None:
+    kind = str(getattr(head.get("SOPClassUID"), "name", ""))
+    if "Rows" not in head:
+        if kind and "Image Storage" not in kind or head.file_meta.get("MediaStorageSOPClassUID") == MEDIA_DIRECTORY:
+            return None
+        raise BadInput(f"{path}: a DICOM file that ends before its image, likely truncated; fetch or remove it")
+    refusal = _refusal(path, head)
+    frames: tuple[Frame, ...] = ()
+    if not refusal:
+        pixels = _pixels(path, head, file)
+        pixels.check_file()
+        frames = tuple(_frame(path, head, pixels, number) for number in range(pixels.frames))
+    modality = str(head.get("Modality", ""))
+    return DicomFile(
+        path=path,
+        series_uid=str(head.get("SeriesInstanceUID", "")),
+        series_number=str(head.get("SeriesNumber", "") or ""),
+        series_description=str(head.get("SeriesDescription", "") or "").strip(),
+        modality=modality,
+        localizer="LOCALIZER" in _words(head.get("ImageType")),
+        ordered=head.get("VolumetricProperties") == "VOLUME" or head.get("MRAcquisitionType") == "3D",
+        between_slices=_numbers(head.get("SpacingBetweenSlices"), 1)[0],
+        value_unit=_value_unit(head, modality),
+        frames=frames,
+        refusal=refusal,
+    )
+
+
+def _refusal(path: Path, head: Any) -> str:
+    """Why the file's pixels cannot be read, "" where they can."""
+    samples, bits = int(head.get("SamplesPerPixel", 1)), int(head.get("BitsAllocated", 0))
+    if samples != 1:
+        colours = head.get("PhotometricInterpretation", "colour")
+        return (
+            f"{path}: has {samples} samples a pixel ({colours}), volsplat needs one number a voxel; "
+            "export one component or its magnitude"
+        )
+    if bits not in (8, 16, 32, 64):
+        return f"{path}: has {bits}-bit pixels, which volsplat does not read; save it as 16-bit"
+    if head.file_meta.get("TransferSyntaxUID", "") == DEFLATED:
+        return f"{path}: is deflated as a whole; save it uncompressed, as with dcmconv +te"
+    return ""
+
+
+def _pixels(path: Path, head: Any, file: BinaryIO) -> Pixels:
+    bits = int(head.BitsAllocated)
+    implicit, little = head.original_encoding
+    syntax = head.file_meta.get("TransferSyntaxUID", "")
+    element = file.read(8 if implicit else 12)
+    order: Literal["little", "big"] = "little" if little else "big"
+    tag = int.from_bytes(element[:2], order) << 16 | int.from_bytes(element[2:4], order)
+    kind = {PIXEL_DATA: "i" if head.get("PixelRepresentation") == 1 else "u", FLOAT_PIXELS: "f", DOUBLE_PIXELS: "f"}
+    if tag not in kind:
+        raise BadInput(f"{path}: a DICOM file without its pixels, likely truncated; fetch it again or remove it")
+    if bits == 8 and not little and element[4:6] == b"OW":
+        raise BadInput(f"{path}: has 8-bit pixels in words of big endian; save it as explicit little endian")
+    packed = int.from_bytes(element[-4:], order) == UNDEFINED_LENGTH
+    offset = file.tell()
+    stored = int(head.get("BitsStored", bits)) if kind[tag] != "f" else bits
+    pixels = Pixels(
+        path=path,
+        columns=int(head.Columns),
+        rows=int(head.Rows),
+        frames=max(int(head.get("NumberOfFrames", 1) or 1), 1),
+        dtype=np.dtype(f"{'<' if little else '>'}{kind[tag]}{bits // 8}"),
+        bits_stored=stored,
+        high_bit=int(head.get("HighBit", stored - 1)),
+        offset=offset,
+        transfer_syntax=str(syntax),
+        syntax_name=str(getattr(syntax, "name", syntax)),
+        fragments=tuple(fragments_from(path, file)) if packed else (),
+    )
+    if min(pixels.columns, pixels.rows) < 1 or not 0 < pixels.bits_stored <= pixels.high_bit + 1 <= bits:
+        raise BadInput(f"{path}: its numbers of rows, columns or bits make no sense; export it again")
+    if packed and len(pixels.fragments) < pixels.frames:
+        raise BadInput(f"{path}: promises {pixels.frames} frames and holds {len(pixels.fragments)}; export it again")
+    return pixels
+
+
+def _frame(path: Path, head: Any, pixels: Pixels, number: int) -> Frame:
+    groups = [head[name].value for name in FUNCTIONAL_GROUPS if name in head]
+    items = [group[number if len(group) == pixels.frames else 0] for group in groups if len(group)]
+
+    def value(group: str, name: str) -> Any:
+        """The frame's own value, else that which frames share, else that of the file."""
+        for item in items:
+            if group and group in item and len(item[group].value) and name in item[group][0]:
+                return item[group][0].get(name)
+        return head.get(name)
+
+    return Frame(
+        pixels=pixels,
+        number=number,
+        place=_place(path, value, head, number),
+        thickness=_numbers(value("PixelMeasuresSequence", "SliceThickness"), 1)[0],
+        rescale=_rescale(path, value, head),
+        apart={key: found for key, sources in APART.items() if (found := _first(value, sources))},
+    )
+
+
+def _first(value: Callable[[str, str], Any], sources: Sequence[tuple[str, str]]) -> tuple[str, ...]:
+    return next((words for group, name in sources if (words := _words(value(group, name)))), ())
+
+
+def _words(value: Any) -> tuple[str, ...]:
+    """A value as words, numbers in their shortest form, () where there is none."""
+    if value is None or value == "":
+        return ()
+    values = [value] if isinstance(value, str | int | float) else list(value)
+    return tuple(f"{one:g}" if isinstance(one, float) else str(one) for one in values)
+
+
+def _numbers(value: Any, count: int) -> tuple[float, ...]:
+    """The finite numbers of a value, as many zeros where it has another count."""
+    words = _words(value)
+    numbers = tuple(float(one) for one in ([value] if isinstance(value, str | int | float) else list(value or ())))
+    usable = len(words) == count and all(math.isfinite(number) for number in numbers)
+    return numbers if usable else (0.0,) * count
+
+
+def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int) -> Place | None:
+    stated = value("PlanePositionSequence", "ImagePositionPatient")
+    if stated is None and value("PlaneOrientationSequence", "ImageOrientationPatient") is None:
+        return None
+    if len(_words(stated)) != 3:
+        raise BadInput(f"{path}: has no usable ImagePositionPatient, so it has no place in a series; export it again")
+    position = _numbers(stated, 3)
+    directions = _numbers(value("PlaneOrientationSequence", "ImageOrientationPatient"), 6)
+    spacing = _numbers(value("PixelMeasuresSequence", "PixelSpacing"), 2)
+    row, column = directions[:3], directions[3:]
+    square = (
+        math.hypot(*row) - 1,
+        math.hypot(*column) - 1,
+        row[0] * column[0] + row[1] * column[1] + row[2] * column[2],
+    )
+    if max(abs(error) for error in square) > SQUARE_TOLERANCE:
+        raise BadInput(
+            f"{path}: has no usable ImageOrientationPatient, so it has no place in a series; export it again"
+        )
+    if min(spacing) <= 0:
+        raise BadInput(f"{path}: has no usable PixelSpacing; export it again")
+    offsets = _words(head.get("GridFrameOffsetVector"))
+    first = (position[0], position[1], position[2])
+    place = Place(first, (row[0], row[1], row[2]), (column[0], column[1], column[2]), (spacing[0], spacing[1]))
+    if not offsets:
+        return place
+    if len(offsets) <= number:
+        raise BadInput(f"{path}: its GridFrameOffsetVector has no place for frame {number}; export it again")
+    along = matrices.scaled(place.normal, float(offsets[number]))
+    return Place(matrices.plus(first, along), place.row_direction, place.column_direction, place.spacing)
+
+
+def _rescale(path: Path, value: Callable[[str, str], Any], head: Any) -> Rescale:
+    if tables := head.get("ModalityLUTSequence"):
+        return _table(path, tables[0], head)
+    group = "PixelValueTransformationSequence"
+    slope, intercept = value(group, "RescaleSlope"), value(group, "RescaleIntercept")
+    if slope is None:
+        slope = head.get("DoseGridScaling")
+    numbers = (1.0 if slope is None else float(slope), 0.0 if intercept is None else float(intercept))
+    if not all(math.isfinite(number) for number in numbers) or numbers[0] == 0:
+        raise BadInput(f"{path}: its rescale by {slope} and {intercept} makes no sense; export it again")
+    return Rescale(*numbers)
+
+
+def _table(path: Path, item: Any, head: Any) -> Rescale:
+    count, first, bits = (int(word) for word in _words(item.get("LUTDescriptor")))
+    count = count or 1 << 16
+    data = item.get("LUTData")
+    if isinstance(data, bytes):
+        kind = np.dtype("u1" if bits <= 8 and len(data) < 2 * count else "u2")
+        data = np.frombuffer(data, kind.newbyteorder("<" if head.original_encoding[1] else ">")).tolist()
+    table = tuple(int(number) for number in ([data] if isinstance(data, int) else data or ()))
+    if len(table) < count:
+        raise BadInput(f"{path}: its Modality LUT has {len(table)} of {count} values; export it again")
+    signed = head.get("PixelRepresentation") == 1
+    return Rescale(table=table[:count], first=first - (1 << 16) if signed and first >= 1 << 15 else first)
+
+
+def _value_unit(head: Any, modality: str) -> str:
+    """The unit of the values after the rescale, "" where the file states none that is known."""
+    groups = [head[name].value for name in FUNCTIONAL_GROUPS if name in head and len(head[name].value)]
+    inner = [group[0].get("PixelValueTransformationSequence") for group in groups]
+    stated = next((item[0].get("RescaleType") for item in inner if item), head.get("RescaleType"))
+    if head.get("ModalityLUTSequence"):
+        stated = head.ModalityLUTSequence[0].get("ModalityLUTType")
+    for said in (stated, head.get("Units"), head.get("DoseUnits")):
+        if said in UNITS:
+            return UNITS[said]
+    rescaled = "RescaleSlope" in head or any(inner)
+    return "HU" if modality == "CT" and rescaled and stated in (None, "") else ""

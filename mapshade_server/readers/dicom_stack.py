@@ -1,0 +1,249 @@
+"""Stacks DICOM frames by their positions, never by their names, and tells frames at one place apart.
+
+The place in space is made from the frames' own tags, so that a tilted gantry stays a shear. A missing or misplaced
+slice is told instead of drawn; slices that are unevenly spaced on purpose are resampled along their normal.
+"""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+from volsplat.mapshade_server.readers.dicom_file import APART, DicomFile, Frame, Place
+from volsplat.mapshade_server.readers.simple_itk import checked_geometry
+from volsplat.protocol import matrices
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import Matrix, Vector
+from volsplat.protocol.volume import Geometry
+
+GAP_TOLERANCE = 0.02  # of the usual distance of slices; scanners round positions to a few decimals
+ORIENTATION_TOLERANCE = 1e-3  # of a direction cosine
+BESIDE_TOLERANCE = 0.25  # of a pixel
+FINEST_STEP = 0.25  # of the usual distance of slices, when they are resampled
+ORIENTATIONS = ("sagittal", "coronal", "axial")  # by the axis that the normal is closest to
+ORIENTATION = "orientation"
+KEYS = (ORIENTATION, *APART)
+MOST_SHOWN = 5
+
+Name = tuple[tuple[str, str], ...]  # keys and values that set a group of frames apart
+Groups = dict[Name, list[Frame]]
+
+
+@dataclass(frozen=True)
+class Stack:
+    """Frames in order, and their grid. `heights` has each frame's place in grid steps where they are resampled."""
+
+    frames: tuple[Frame, ...]
+    geometry: Geometry
+    anatomical: bool
+    unit: str
+    warnings: tuple[str, ...]
+    heights: tuple[float, ...] | None = None
+
+
+def apart(frames: Sequence[Frame]) -> Groups:
+    """The frames in groups that may be volumes, by what sets each apart from the others.
+
+    Frames that are turned differently, or lie at one place, belong to different volumes.
+    """
+    labels = _orientations(frames)
+    groups: Groups = {}
+    if len(set(labels)) > 1:
+        for frame, label in zip(frames, labels, strict=True):
+            groups.setdefault(((ORIENTATION, label),), []).append(frame)
+    else:
+        groups[()] = list(frames)
+    for key in APART:
+        if all(_collisions(group) == 0 for group in groups.values()):
+            break
+        split: Groups = {}
+        for name, group in groups.items():
+            split.update(_split(name, group, key))
+        groups = split
+    return groups
+
+
+def _split(name: Name, group: list[Frame], key: str) -> Groups:
+    """The group by the values of `key`, if frames at one place differ in it, else as it is."""
+    parts: dict[str, list[Frame]] = {}
+    different = _different_words([frame.apart.get(key, ()) for frame in group])
+    for frame, words in zip(group, different, strict=True):
+        parts.setdefault("/".join(words) or "none", []).append(frame)
+    if len(parts) == 1 or sum(_collisions(part) for part in parts.values()) == _collisions(group):
+        return {name: group}
+    return {(*name, (key, value)): part for value, part in parts.items()}
+
+
+def _different_words(values: Sequence[tuple[str, ...]]) -> list[tuple[str, ...]]:
+    """Each value without the words that all share at one place, as ORIGINAL and PRIMARY of a type of image."""
+    if len({len(words) for words in values}) > 1:
+        return list(values)
+    kept = [n for n, words in enumerate(zip(*values, strict=True)) if len(set(words)) > 1]
+    return [tuple(words[n] for n in kept) for words in values]
+
+
+def _collisions(frames: Sequence[Frame]) -> int:
+    """How many frames lie where another one does."""
+    places = {_rounded(frame.place) for frame in frames if frame.place is not None}
+    return sum(frame.place is not None for frame in frames) - len(places)
+
+
+def _rounded(place: Place) -> tuple[float, ...]:
+    return tuple(round(x, 3) for x in place.position)
+
+
+def _orientations(frames: Sequence[Frame]) -> list[str]:
+    """What a person calls each frame's orientation; several of one name are numbered."""
+    known: list[tuple[Place, str]] = []
+    labels = []
+    for frame in frames:
+        place = frame.place
+        label = ""
+        if place is not None:
+            label = next((name for other, name in known if _parallel(place, other)), "")
+            if not label:
+                normal = [abs(x) for x in place.normal]
+                base = ORIENTATIONS[normal.index(max(normal))]
+                alike = sum(name.split("-")[0] == base for _, name in known)
+                label = f"{base}-{alike + 1}" if alike else base
+                known.append((place, label))
+        labels.append(label)
+    return labels
+
+
+def _parallel(one: Place, other: Place) -> bool:
+    pairs = zip(
+        (*one.row_direction, *one.column_direction), (*other.row_direction, *other.column_direction), strict=True
+    )
+    return max(abs(a - b) for a, b in pairs) <= ORIENTATION_TOLERANCE
+
+
+def stacked(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
+    """Two frames or more as one volume. Raises BadInput where they are none: of several sizes, or some missing."""
+    first = frames[0]
+    for frame in frames[1:]:
+        if (frame.pixels.columns, frame.pixels.rows) != (first.pixels.columns, first.pixels.rows) or (
+            frame.place and first.place and frame.place.spacing != first.place.spacing
+        ):
+            raise BadInput(
+                f"{source}: slices {first.name} and {frame.name} differ in size or pixel spacing; "
+                "put one series alone into a folder"
+            )
+    placed = [(frame, frame.place) for frame in frames if frame.place is not None]
+    if len(placed) == len(frames):
+        return _by_position(source, placed)
+    if placed or not file.ordered:
+        odd = next(frame for frame in frames if frame.place is None)
+        raise BadInput(
+            f"{source}: {odd.name} has no usable ImagePositionPatient, so it has no place in a series; a film of one "
+            "slice is no volume, else export it again"
+        )
+    return _in_file_order(source, frames, file)
+
+
+def _in_file_order(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
+    """Frames of a 3-D acquisition whose places were removed, as some programs do that remove names."""
+    step = abs(file.between_slices)
+    told = (
+        "the file states no places of its frames, likely removed: they are stacked in their order, "
+        f"{f'{step:g} mm apart' if step else 'one pixel apart'}, with pixels of 1 mm; left and right cannot be told"
+    )
+    dims = (frames[0].pixels.columns, frames[0].pixels.rows, len(frames))
+    matrix: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, step or 1.0))
+    geometry = checked_geometry(source, dims, matrix, (0.0, 0.0, 0.0))
+    return Stack(tuple(frames), geometry, False, "", (told,))
+
+
+def _by_position(source: Path, placed: Sequence[tuple[Frame, Place]]) -> Stack:
+    normal = placed[0][1].normal
+    in_order = sorted(placed, key=lambda one: matrices.dot(one[1].position, normal))
+    frames = tuple(frame for frame, _ in in_order)
+    heights = [matrices.dot(place.position, normal) for _, place in in_order]
+    first, last = in_order[0][1], in_order[-1][1]
+    even = _check_gaps(source, frames, heights)
+    _check_line(source, in_order, heights)
+    count = len(frames) if even else _even_count(heights)
+    step = matrices.scaled(matrices.minus(last.position, first.position), 1 / (count - 1))
+    between_rows, between_columns = first.spacing
+    matrix: Matrix = matrices.transposed(
+        (
+            matrices.scaled(first.row_direction, between_columns),
+            matrices.scaled(first.column_direction, between_rows),
+            step,
+        )
+    )
+    dims = (frames[0].pixels.columns, frames[0].pixels.rows, count)
+    geometry = checked_geometry(source, dims, matrix, first.position)
+    if even:
+        return Stack(frames, geometry, True, "mm", ())
+    apart = (heights[-1] - heights[0]) / (count - 1)
+    gaps = [after - before for before, after in zip(heights, heights[1:], strict=False)]
+    told = f"slices are unevenly spaced ({min(gaps):g} to {max(gaps):g} mm); resampled to {apart:g} mm"
+    return Stack(frames, geometry, True, "mm", (told,), tuple((height - heights[0]) / apart for height in heights))
+
+
+def _check_gaps(source: Path, frames: Sequence[Frame], heights: Sequence[float]) -> bool:
+    """Whether slices are evenly spaced. Raises BadInput where two lie at one place, or one is missing."""
+    gaps = [after - before for before, after in zip(heights, heights[1:], strict=False)]
+    usual = median(gaps)
+    thick = median(frame.thickness for frame in frames)
+    for n, gap in enumerate(gaps):
+        between = f"{frames[n].name} and {frames[n + 1].name}"
+        if gap <= GAP_TOLERANCE * max(usual, max(gaps)):
+            raise BadInput(
+                f"{source}: slices {between} lie at one position and nothing tells them apart; "
+                "remove copies, or put one phase of the series into a folder"
+            )
+        steps = round(gap / usual)
+        missing = steps > 1 and abs(gap - steps * usual) <= GAP_TOLERANCE * gap
+        thicker = thick > 0 and max(frames[n].thickness, frames[n + 1].thickness) >= (1 - GAP_TOLERANCE) * steps * thick
+        if missing and not thicker:
+            count = f"{steps - 1} slices are" if steps > 2 else "a slice is"
+            raise BadInput(
+                f"{source}: {count} missing: {between} are {gap:g} mm apart, the others {usual:g} mm; "
+                "complete the series"
+            )
+    return all(abs(gap - usual) <= GAP_TOLERANCE * usual for gap in gaps)
+
+
+def _check_line(source: Path, in_order: Sequence[tuple[Frame, Place]], heights: Sequence[float]) -> None:
+    """Raises BadInput for a slice that is shifted within its plane against the line through first and last."""
+    first, last = in_order[0][1].position, in_order[-1][1].position
+    along = matrices.scaled(matrices.minus(last, first), 1 / (heights[-1] - heights[0]))
+    most = BESIDE_TOLERANCE * min(in_order[0][1].spacing)
+    for (frame, place), height in zip(in_order, heights, strict=True):
+        expected: Vector = matrices.plus(first, matrices.scaled(along, height - heights[0]))
+        beside = matrices.length(matrices.minus(place.position, expected))
+        if beside > most:
+            raise BadInput(
+                f"{source}: slice {frame.name} lies {beside:.3g} mm beside the line of the others; "
+                "put one stack alone into a folder"
+            )
+
+
+def _even_count(heights: Sequence[float]) -> int:
+    """How many even slices keep both ends and the finest distance there is, within reason."""
+    gaps = [after - before for before, after in zip(heights, heights[1:], strict=False)]
+    step = max(min(gaps), FINEST_STEP * median(gaps))
+    return math.ceil((heights[-1] - heights[0]) / step - GAP_TOLERANCE) + 1
+
+
+def choices(groups: Iterable[Name]) -> dict[str, list[str]]:
+    """What is to be chosen between the groups: each key with its values, in the order of the frames."""
+    found: dict[str, list[str]] = {}
+    for name in groups:
+        for key, value in name:
+            found.setdefault(key, [])
+            if value not in found[key]:
+                found[key].append(value)
+    return {key: values for key, values in found.items() if len(values) > 1}
+
+
+def told(found: Mapping[str, Sequence[str]]) -> str:
+    """The choices in words: 3 by time (time=1, time=2, time=3)."""
+    return " and ".join(
+        f"{len(values)} by {key} ({', '.join(f'{key}={value}' for value in values[:MOST_SHOWN])}"
+        f"{', …' if len(values) > MOST_SHOWN else ''})"
+        for key, values in found.items()
+    )
