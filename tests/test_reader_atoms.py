@@ -182,6 +182,13 @@ def test_what_was_guessed_is_told(tmp_path: Path) -> None:
         assert len(description.warnings) == 1 and warning in description.warnings[0]
 
 
+def test_letters_of_other_alphabets_leave_the_columns_where_they_are(tmp_path: Path) -> None:
+    path = pdb(tmp_path)
+    expected = read_whole(path)[1]
+    path.write_bytes(path.read_bytes().replace(b"OG ASER", b"OG \xbfSER"))
+    np.testing.assert_array_equal(read_whole(path)[1], expected)
+
+
 def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "gemmi", None)
     with pytest.raises(
@@ -238,7 +245,11 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "two spacings": (lambda d: part(pdb(d), "density,1,2"), "it is density or elements, then a spacing in Å"),
     "no such model": (lambda d: part(pdb(d, models=2), "model=3"), "its models are 1, 2"),
     "no such choice": (lambda d: part(pdb(d), "waters=maybe"), "neither waters=keep nor waters=leave"),
-    "mmCIF of nothing": (lambda d: cif(d, "data_x\n_cell.length_a 3\n"), "an mmCIF file without atoms"),
+    "mmCIF without a coordinate": (
+        lambda d: cif(d, small().make_mmcif_document().as_string().replace(" 1.45 ", " ? ")),
+        "coordinates or occupancy are not numbers",
+    ),
+    "mmCIF of nothing": (lambda d: cif(d, "data_x\n_cell.length_a 3\n"), "an mmCIF file without atoms or reflections"),
     "mmCIF damaged": (lambda d: cif(d, "data_x\nloop_\n_a.b\n_a.c\n1 2 3\n"), "Wrong number of values in loop _a."),
     "CIF of a small molecule": (
         lambda d: cif(d, "data_x\nloop_\n_atom_site_label\n_atom_site_fract_x\nC1 0.5\n"),

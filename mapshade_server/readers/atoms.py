@@ -23,6 +23,7 @@ from volsplat.mapshade_server.readers.atom_density import (
     grid_around,
 )
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.part_options import part_options
 from volsplat.mapshade_server.readers.unzipped_text import unzipped_text
 from volsplat.mapshade_server.readers.volume_reader import Voxels
@@ -68,10 +69,9 @@ def open_pdb(path: Path, part: str) -> AtomReader:
     if broken := _BROKEN_ATOM.search(text):  # gemmi would take what is no number for 0
         line = text.count("\n", 0, broken.start()) + 1
         raise BadInput(f"{path}: line {line} has no three coordinates where a PDB file has them; fetch it again")
-    try:
-        structure = library("gemmi", "a PDB file").read_pdb_string(text)
-    except (RuntimeError, ValueError) as error:
-        raise BadInput(f"{path}: is no PDB file or a damaged one: {' '.join(str(error).split())}") from None
+    gemmi = library("gemmi", "a PDB file")
+    with one_line_errors(path, "PDB file"):
+        structure = gemmi.read_pdb_string(text)
     warnings = [] if _END.search(text) else ["the file has no END record; it may be truncated"]
     return open_structure(path, part, "PDB", structure, warnings)
 

@@ -20,6 +20,7 @@ from volsplat.mapshade_server.readers import (
     numpy_array,
     raw_voxels,
     segy,
+    structure_factors,
     tiff_folder,
     tiff_stack,
     vtk_image,
@@ -67,6 +68,7 @@ FORMATS = (
     VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
     VolumeFormat("PDB coordinates (.pdb, .ent)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS),
     VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS),
+    VolumeFormat("MTZ structure factors (.mtz)", structure_factors.open_mtz, structure_factors.recognises),
     VolumeFormat(
         "CCP4/MRC map (.map, .mrc)", density_map.open_density_map, density_map.recognises, density_map.EXTENSIONS
     ),

@@ -12,7 +12,10 @@ MOST_GROWTH = 200  # of text; the densest packed coordinates grow tenfold
 
 
 def unzipped_text(path: Path) -> str:
-    """The file's text. Raises BadInput where it is damaged, or unpacks to more than a text would."""
+    """The file's text, ? for each byte that is not ASCII, so that columns stay where they are.
+
+    Raises BadInput where it is damaged, or unpacks to more than a text would.
+    """
     with path.open("rb") as file:
         packed = file.read(2) == b"\x1f\x8b"
     size = path.stat().st_size
@@ -29,4 +32,4 @@ def unzipped_text(path: Path) -> str:
                     )
         except (gzip.BadGzipFile, EOFError, zlib.error):
             raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
-    return b"".join(chunks).decode("utf-8", "replace")
+    return b"".join(chunks).decode("ascii", "replace").replace("\ufffd", "?")
