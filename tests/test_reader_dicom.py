@@ -9,6 +9,7 @@ import numpy as np
 import pydicom
 import pytest
 import SimpleITK as sitk
+import tifffile
 from counted_bytes import bytes_read
 from dicom_files import (
     BIG,
@@ -210,6 +211,7 @@ def extras(folder: Path) -> None:
     saved(folder / "shot", shot)
     saved(folder / "report", head(STRUCTURED_REPORT, SeriesInstanceUID="1.2.91", Modality="SR"))
     (folder / "notes.txt").write_text("nothing")
+    tifffile.imwrite(folder / "preview.tif", np.zeros((6, 7), np.uint8))
 
 
 def test_a_folder_of_two_volumes_asks_which(tmp_path: Path) -> None:
@@ -439,9 +441,10 @@ def test_lossy_slices_are_decoded_as_simple_itk_does_and_in_silence(
     for n in range(2):
         source.ImagePositionPatient = [0, 0, n]
         source.save_as(tmp_path / f"{n}")
-    np.testing.assert_array_equal(
-        read_whole(tmp_path)[1], sitk.GetArrayFromImage(image).reshape(image.GetSize()[1::-1])
-    )
+    expected = sitk.GetArrayFromImage(image).reshape(image.GetSize()[1::-1]).astype(np.float64)
+    if name == "693_J2KI":  # states a padding of -3024 HU
+        expected[expected < -2024] = np.nan
+    np.testing.assert_array_equal(read_whole(tmp_path)[1], expected)
     assert capfd.readouterr() == ("", "")
 
 
@@ -480,6 +483,25 @@ def test_whole_rescales_keep_whole_types_and_others_become_floats(tmp_path: Path
             saved(folder / str(n), one)
         assert described(folder).scalar_type == expected and described(folder).value_unit == "HU"
         np.testing.assert_array_equal(read_whole(folder), values.astype(np.float64) * slope + intercept)
+
+
+@pytest.mark.parametrize(("intercept", "nothing"), [(-1024, True), (1000, False)])
+def test_padding_below_air_is_no_data(intercept: int, nothing: bool, tmp_path: Path) -> None:
+    values = VALUES.copy()
+    values[:, 0], values[:, 1] = -1992, -900
+    tags: dict[str, Any] = {"RescaleSlope": 1, "RescaleIntercept": intercept}
+    padding = item(PixelPaddingValue=-2000, PixelPaddingRangeLimit=-1995)
+    padding["PixelPaddingValue"].VR = padding["PixelPaddingRangeLimit"].VR = "SS"
+    for n, plane in enumerate(values):
+        one = with_pixels(head(**tags), plane)
+        one.ImagePositionPatient, one.ImageOrientationPatient = [0, 0, n], [1, 0, 0, 0, 1, 0]
+        one.PixelSpacing = [1, 1]
+        one.update(padding)
+        saved(tmp_path / str(n), one)
+    voxels = read_whole(tmp_path)
+    assert described(tmp_path).scalar_type == ("float32" if nothing else "int32")
+    assert np.isnan(voxels[:, 0]).all() == nothing
+    np.testing.assert_array_equal(voxels[:, 1:], values[:, 1:].astype(int) + intercept)
 
 
 def test_slices_of_a_pet_have_their_own_slopes(tmp_path: Path) -> None:
@@ -601,6 +623,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "one slice in a folder": (lambda d: series(d / "s", VALUES[:1]), "a 2-D image, volsplat needs a volume"),
     "an index": (lambda d: Path(PYDICOM_FILES / "dicomdirtests" / "DICOMDIR"), "without an image"),
     "colour": (lambda d: Path(PYDICOM_FILES / "SC_rgb_rle_2frame.dcm"), "3 samples a pixel (RGB)"),
+    "a mosaic": (lambda d: edited(d, ImageType=["ORIGINAL", "PRIMARY", "M", "MOSAIC"]), "mosaic of slices"),
     "one bit": (lambda d: Path(PYDICOM_FILES / "liver_1frame.dcm"), "1-bit pixels"),
     "deflated": (lambda d: Path(PYDICOM_FILES / "image_dfl.dcm"), "deflated as a whole"),
     "truncated pixels": (lambda d: cut_slice(d, 0.95), "truncated"),
@@ -641,13 +664,19 @@ def test_what_is_wrong_is_told_in_one_line(case: str, tmp_path: Path, capfd: pyt
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.fixture(scope="module")
+def undamaged(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    groups = [macro("PixelValueTransformationSequence", RescaleSlope=1, RescaleIntercept=-9)] * 5
+    return enhanced(tmp_path_factory.mktemp("dicom") / "e.dcm", VALUES, places(range(5)), groups, kind=ENHANCED_MR)
+
+
 @given(data=st.data())
-def test_a_damaged_header_is_read_or_refused(data: st.DataObject, tmp_path_factory: pytest.TempPathFactory) -> None:
-    path = enhanced(tmp_path_factory.mktemp("dicom") / "e.dcm", VALUES, places(range(5)), kind=ENHANCED_MR)
-    raw = bytearray(path.read_bytes())
+def test_a_damaged_header_is_read_or_refused(data: st.DataObject, undamaged: Path) -> None:
+    raw = bytearray(undamaged.read_bytes())
     end = len(raw) - VALUES.nbytes
     for _ in range(data.draw(st.integers(1, 4))):
         raw[data.draw(st.integers(140, end - 1))] = data.draw(st.integers(0, 255))
+    path = undamaged.with_name("damaged.dcm")
     path.write_bytes(raw)
     try:
         reader = open_volume(str(path))

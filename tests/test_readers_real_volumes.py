@@ -132,7 +132,6 @@ def test_the_balls_are_equal_in_every_encoding(shared_data: Path) -> None:
         ("nrrd/pynrrd/test2d_ascii.nrrd", "a 2-D image"),
         ("nrrd/pynrrd/test_customFields.nrrd", "a 1-D list"),
         ("dicom_multiframe/CT_small.dcm", "one DICOM slice"),
-        ("seismic/small.sgy", "not known"),
         ("ct_head/slices_53_to_60", "without DICOM"),
     ],
 )

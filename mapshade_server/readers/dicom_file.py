@@ -26,6 +26,7 @@ UNDEFINED_LENGTH = 0xFFFFFFFF
 PIXEL_DATA, FLOAT_PIXELS, DOUBLE_PIXELS = 0x7FE00010, 0x7FE00008, 0x7FE00009
 DEFLATED = "1.2.840.10008.1.2.1.99"
 FUNCTIONAL_GROUPS = ("PerFrameFunctionalGroupsSequence", "SharedFunctionalGroupsSequence")
+AIR = -1024  # HU, the least value that a CT measures
 SQUARE_TOLERANCE = 0.01  # of direction cosines
 UNITS = {"HU": "HU", "HU_MOD": "HU", "MGML": "mg/ml", "PCT": "%", "OD": "10⁻³ OD", "BQML": "Bq/ml", "GML": "g/ml"}
 UNITS |= {"CNTS": "counts", "CPS": "counts/s", "GY": "Gy", "1CM": "1/cm", "CM2ML": "cm²/ml"}
@@ -67,12 +68,16 @@ class Place:
 
 @dataclass(frozen=True)
 class Rescale:
-    """From stored to meant values: by a line, or by a table from `first` on, whose ends hold beyond it."""
+    """From stored to meant values: by a line, or by a table from `first` on, whose ends hold beyond it.
+
+    Values below `least` mean nothing.
+    """
 
     slope: float = 1.0
     intercept: float = 0.0
     table: tuple[int, ...] = ()
     first: int = 0
+    least: float | None = None
 
 
 @dataclass(frozen=True)
@@ -175,6 +180,8 @@ def _refusal(path: Path, head: Any) -> str:
         )
     if bits not in (8, 16, 32, 64):
         return f"{path}: has {bits}-bit pixels, which volsplat does not read; save it as 16-bit"
+    if "MOSAIC" in _words(head.get("ImageType")):
+        return f"{path}: is a mosaic of slices as Siemens makes them; convert the series, as with dcm2niix"
     if head.file_meta.get("TransferSyntaxUID", "") == DEFLATED:
         return f"{path}: is deflated as a whole; save it uncompressed, as with dcmconv +te"
     return ""
@@ -298,7 +305,19 @@ def _rescale(path: Path, value: Callable[[str, str], Any], head: Any) -> Rescale
     numbers = (1.0 if slope is None else float(slope), 0.0 if intercept is None else float(intercept))
     if not all(math.isfinite(number) for number in numbers) or numbers[0] == 0:
         raise BadInput(f"{path}: its rescale by {slope} and {intercept} makes no sense; export it again")
-    return Rescale(*numbers)
+    return Rescale(*numbers, least=_least(head, *numbers))
+
+
+def _least(head: Any, slope: float, intercept: float) -> float | None:
+    """Half-way between air and the padding around a CT's round field of view, which would spoil the window.
+
+    Lossy packing spreads the padding. In other kinds of images it often is the background's own value.
+    """
+    stated = [head.get("PixelPaddingValue"), head.get("PixelPaddingRangeLimit")]
+    meant = [float(value) * slope + intercept for value in stated if value is not None]
+    if head.get("Modality") != "CT" or not meant or max(meant) >= AIR:
+        return None
+    return (max(meant) + AIR) / 2
 
 
 def _table(path: Path, item: Any, head: Any) -> Rescale:

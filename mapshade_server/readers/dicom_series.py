@@ -104,15 +104,18 @@ class DicomReader:
 
 
 def _rescaled(frame: Frame, box: Box) -> Voxels:
-    """The meant values of the box's rectangle of one frame."""
+    """The meant values of the box's rectangle of one frame, NaN where there are none."""
     stored = frame.pixels.read(frame.number, box)
     rescale = frame.rescale
     if rescale.table:
         table = np.array(rescale.table)
         return np.asarray(table[np.clip(stored.astype(np.int64) - rescale.first, 0, len(table) - 1)])
-    if (rescale.slope, rescale.intercept) == (1.0, 0.0):
+    if rescale == Rescale():
         return stored
-    return np.asarray(stored.astype(np.float64) * rescale.slope + rescale.intercept)
+    values = np.asarray(stored.astype(np.float64) * rescale.slope + rescale.intercept)
+    if rescale.least is not None:
+        values[values < rescale.least] = np.nan
+    return values
 
 
 def open_dicom_file(path: Path, part: str) -> DicomReader:
@@ -269,7 +272,7 @@ def _scalar_type(frames: Sequence[Frame]) -> str:
 
 
 def _is_whole(rescale: Rescale) -> bool:
-    return rescale.slope.is_integer() and rescale.intercept.is_integer()
+    return rescale.slope.is_integer() and rescale.intercept.is_integer() and rescale.least is None
 
 
 def _range(signed: bool, bits: int, rescale: Rescale) -> tuple[float, float]:

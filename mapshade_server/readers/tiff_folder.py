@@ -22,13 +22,14 @@ MOST_SHOWN = 6
 
 
 def recognises_folder(folder: Path) -> bool:
-    return any(_files(folder))
+    """Whether TIFF files are what the folder is for, not a picture beside slices of another kind."""
+    names = [path.name for path in _visible(folder)]
+    return 0 < len(names) <= 2 * sum(name.lower().endswith(EXTENSIONS) for name in names)
 
 
-def _files(folder: Path) -> list[Path]:
-    """The TIFF files; hidden ones are no slices but notes of some systems about them."""
-    named = [path for path in folder.iterdir() if path.name.lower().endswith(EXTENSIONS) and path.name[0] != "."]
-    return [path for path in named if path.is_file()]
+def _visible(folder: Path) -> list[Path]:
+    """The files but for hidden ones, as some systems leave them beside others."""
+    return [path for path in folder.iterdir() if path.name[0] != "." and path.is_file()]
 
 
 def open_tiff_folder(folder: Path, part: str) -> TiffStackReader:
@@ -36,7 +37,7 @@ def open_tiff_folder(folder: Path, part: str) -> TiffStackReader:
 
     Raises BadInput where they are of several kinds, where one is missing, and where they do not fit together.
     """
-    paths = _in_order(folder, part, _files(folder))
+    paths = _in_order(folder, part, [path for path in _visible(folder) if path.name.lower().endswith(EXTENSIONS)])
     pages, places = [], []
     for path in paths:
         try:
