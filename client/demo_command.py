@@ -9,6 +9,7 @@ from rich.console import Console
 from volsplat.client.contact_sheet import StepPicture, write_contact_sheet
 from volsplat.client.frame_report import report_of, step_table, write_report
 from volsplat.client.image_file import write_image
+from volsplat.client.image_properties import image_properties
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.presets import preset_scene
 from volsplat.client.render_outputs import step_image_path
@@ -46,8 +47,9 @@ def demo(output: Path) -> None:
             finished = list(finished_whole(session.refine(scene)))
             outcomes = [refinement.outcome for refinement in finished if refinement.outcome is not None]
             report = report_of(session.volume, scene, outcomes)
+            properties = image_properties(session.volume.description, scene)
     for refinement in finished:
-        write_image(step_image_path(output, refinement.step), refinement.image, scene)
+        write_image(step_image_path(output, refinement.step), refinement.image, scene, properties)
     pictures = [StepPicture(r.step, r.image, o.wall_seconds) for r, o in zip(finished, outcomes, strict=True)]
     write_contact_sheet(output / SHEET, pictures, title="volsplat: successive refinement of the head phantom")
     write_report(output / "report.json", report)

@@ -19,6 +19,7 @@ import torch
 from torch import Tensor
 
 from volsplat.client.image_file import over_background, write_image
+from volsplat.client.image_properties import image_properties
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.movie_formats import check_movie_writable, frame_image_path, video_encoder
 from volsplat.client.renderer import Renderer
@@ -26,6 +27,7 @@ from volsplat.client.session import FrameAborted
 from volsplat.client.temporary_name import temporary_name
 from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import VolumeDescription
 
 _ENDING_INTERVAL = 0.1  # seconds between two questions whether to cancel while ffmpeg ends its file
 _LONGEST_COMPLAINT = 300  # characters of what ffmpeg says
@@ -55,8 +57,12 @@ def write_movie(
     width, height = _size_of_all(scenes)
     check_movie_writable(path)
     encoder = video_encoder(path)
+    if encoder is None:
+        opened = _images(path, renderer.volume.description)
+    else:
+        opened = _video(path, encoder, rate, width, height, cancelled)
     try:
-        with _images(path) if encoder is None else _video(path, encoder, rate, width, height, cancelled) as put:
+        with opened as put:
             for done, scene in enumerate(scenes):
                 put(_drawn(renderer, scene, step, cancelled), scene)
                 on_progress(done + 1)
@@ -85,7 +91,7 @@ def _drawn(renderer: Renderer, scene: Scene, step: Step, cancelled: Callable[[],
 
 
 @contextmanager
-def _images(folder: Path) -> Iterator[Put]:
+def _images(folder: Path, description: VolumeDescription) -> Iterator[Put]:
     """Numbers the images from 1 in a hidden folder within `folder`; they move up when all are there."""
     made = not folder.exists()
     hidden = temporary_name(folder / "frames")
@@ -94,7 +100,7 @@ def _images(folder: Path) -> Iterator[Put]:
 
     def put(image: Tensor, scene: Scene) -> None:
         images.append(frame_image_path(hidden, len(images) + 1))
-        write_image(images[-1], image, scene)
+        write_image(images[-1], image, scene, image_properties(description, scene))
 
     try:
         hidden.mkdir(parents=True)

@@ -9,6 +9,7 @@ import click
 from rich.console import Console
 
 from volsplat.client.frame_report import report_of, write_report
+from volsplat.client.image_properties import image_properties
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.opened_volume import opened, servers_from_options
 from volsplat.client.presets import PRESETS
@@ -105,6 +106,7 @@ def render(
 def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: Console) -> None:
     """Draw the last step, or all up to it where each is wanted, and write the files."""
     scene = options.scene_of(renderer.volume)
+    properties = image_properties(renderer.volume.description, scene)
     with interrupts_held():  # takes a second to import; by now every server works
         from volsplat.client.image_file import write_image
 
@@ -114,9 +116,9 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
         finished.append(refinement)
         if outputs.steps_dir is not None:
             outputs.make_folder()
-            write_image(step_image_path(outputs.steps_dir, refinement.step), refinement.image, scene)
+            write_image(step_image_path(outputs.steps_dir, refinement.step), refinement.image, scene, properties)
     if outputs.image is not None:
-        write_image(outputs.image, finished[-1].image, scene)
+        write_image(outputs.image, finished[-1].image, scene, properties)
         console.print(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}", highlight=False)
     if outputs.steps_dir is not None:
         console.print(f"{outputs.steps_dir}: steps A to {last}", highlight=False)

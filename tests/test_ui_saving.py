@@ -28,9 +28,11 @@ from volsplat.client.ui.saving import MovieJob, image_bytes, scene_bytes, scene_
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Image, Scene, Step
+from volsplat.protocol.volume import Geometry, VolumeDescription
 
 BASE_URL = "http://127.0.0.1:8080/?token=a-b_c"
 URL_SAFE = set(string.ascii_letters + string.digits + "-_")
+DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint8")
 TIME_LIMIT = 60.0  # seconds after which a job that never ends fails its test
 
 
@@ -46,7 +48,7 @@ def picture() -> Tensor:
 def test_png_lies_on_the_background_and_exr_keeps_every_bit_and_both_hold_the_scene(tmp_path: Path) -> None:
     scene = msgspec.structs.replace(plain_scene(), image=Image(background=(0.25, 0.5, 1.0)))
     for kind in ("png", "exr"):
-        (tmp_path / f"saved.{kind}").write_bytes(image_bytes(picture(), scene, kind))
+        (tmp_path / f"saved.{kind}").write_bytes(image_bytes(picture(), scene, kind, DESCRIPTION))
         assert read_scene(tmp_path / f"saved.{kind}") == scene
     shown = over_background(picture(), scene.image.background)
     assert (read_image(tmp_path / "saved.png") - shown).abs().max() <= HALF_A_LEVEL["uint8"]

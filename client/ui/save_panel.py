@@ -37,7 +37,8 @@ async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
     """The image of step F, once it is there."""
     picture = await finished_picture(viewing)
     try:
-        data = await asyncio.to_thread(image_bytes, picture.image, picture.state.scene, kind)
+        description = viewing.volume.description
+        data = await asyncio.to_thread(image_bytes, picture.image, picture.state.scene, kind, description)
     except VolsplatError as error:
         ui.notify(str(error), type="negative")
         return

@@ -18,12 +18,14 @@ from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 import msgspec
 
+from volsplat.client.image_properties import image_properties
 from volsplat.client.movie_formats import check_movie_writable
 from volsplat.client.renderer import Renderer
 from volsplat.client.scene_file import scene_toml
 from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.printable import printable
 from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume import VolumeDescription
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -36,8 +38,8 @@ SCENE_PARAMETER = "scene"  # of a link, in its query
 _LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to
 
 
-def image_bytes(image: Tensor, scene: Scene, kind: ImageFormat) -> bytes:
-    """An (H, W, 4) float32 image with associated alpha as a file that holds its scene.
+def image_bytes(image: Tensor, scene: Scene, kind: ImageFormat, description: VolumeDescription) -> bytes:
+    """An (H, W, 4) float32 image with associated alpha as a file that holds its scene and tells of the volume.
 
     PNG has 8 bits and the scene's background under the image, EXR floats and alpha without it. Raises BadInput.
     """
@@ -45,7 +47,7 @@ def image_bytes(image: Tensor, scene: Scene, kind: ImageFormat) -> bytes:
 
     with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
         path = Path(folder) / f"image.{kind}"
-        write_image(path, image, scene)
+        write_image(path, image, scene, image_properties(description, scene))
         return path.read_bytes()
 
 
