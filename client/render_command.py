@@ -73,8 +73,8 @@ def render(
 ) -> None:
     """Draw VOLUME into an image.
 
-    VOLUME is a NRRD, MetaImage, NIfTI or TIFF file or a folder of DICOM slices. Without --scene and --preset the
-    scene is chosen from the data.
+    VOLUME is a file or folder in any of the formats of docs/formats.md; what follows a # names a part of it, as in
+    run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
     """
     scene_options = SceneOptions(
         scene=scene,

@@ -9,7 +9,7 @@ from rich.text import Text
 from volsplat.protocol import matrices
 from volsplat.protocol.index_rules import Survey, percentile
 from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, VolumeDescription
+from volsplat.protocol.volume import VolumeDescription
 
 HISTOGRAM_COLUMNS = 64
 HISTOGRAM_ROWS = 8
@@ -59,7 +59,7 @@ def _rows(
         ("spacing", " x ".join(f"{step:.6g}" for step in geometry.spacing) + unit),
         ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
         ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
-        ("orientation", orientation_text(geometry, description.anatomical)),
+        ("orientation", orientation_text(description)),
         *_axis_rows(description),
         ("type", description.scalar_type + (f", in {description.value_unit}" if description.value_unit else "")),
     ]
@@ -107,8 +107,9 @@ def _strength_text(description: VolumeDescription, survey: Survey, strength_coun
     return top + f", half of the voxels below {percentile(strength_counts, 0.0, survey.max_gradient, 0.5):.3g}"
 
 
-def orientation_text(geometry: Geometry, anatomical: bool) -> str:
+def orientation_text(description: VolumeDescription) -> str:
     """Where steps along i, j, k lead, as letters (LPS: to the left, backwards, up), and what is unusual about it."""
+    geometry, anatomical = description.geometry, description.anatomical
     letters = LETTERS if anatomical else PLAIN_LETTERS
     axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
     towards = _nearest_axes(axes)
@@ -123,7 +124,7 @@ def orientation_text(geometry: Geometry, anatomical: bool) -> str:
         notes.append(f"skewed by {bend:.1f} degrees")
     if matrices.determinant(geometry.index_to_physical) < 0:
         notes.append("left-handed")
-    if not anatomical:
+    if not anatomical and description.axes is None and description.unit in ("", "mm"):  # it may be a patient
         notes.append("the file does not say how a patient lies in it")
     return text + "".join(f", {note}" for note in notes)
 

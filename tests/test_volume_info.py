@@ -71,6 +71,12 @@ def test_a_volume_without_any_value_is_told() -> None:
     assert "no voxel has a value" in printed(description(), empty, [0] * 8)
 
 
+def placed(geometry: Geometry, unit: str = "mm", anatomical: bool = False) -> VolumeDescription:
+    return VolumeDescription(
+        name="head", format="NRRD", geometry=geometry, scalar_type="uint8", unit=unit, anatomical=anatomical
+    )
+
+
 @pytest.mark.parametrize(
     ("matrix", "expected"),
     [
@@ -83,14 +89,18 @@ def test_a_volume_without_any_value_is_told() -> None:
     ],
 )
 def test_orientations_are_told_in_letters(matrix: Matrix, expected: str) -> None:
-    text = orientation_text(Geometry(dims=(2, 2, 2), index_to_physical=matrix), True)
+    text = orientation_text(placed(Geometry(dims=(2, 2, 2), index_to_physical=matrix), anatomical=True))
     handed = expected if "PIL" not in expected else text
     assert text.startswith(expected) and text == handed
 
 
 def test_without_a_patient_the_plain_axes_are_told() -> None:
-    text = orientation_text(Geometry(dims=(2, 2, 2)), False)
-    assert "+x, +y, +z" in text and "LPS" not in text
+    text = orientation_text(placed(Geometry(dims=(2, 2, 2))))
+    assert "+x, +y, +z" in text and "LPS" not in text and "the file does not say how a patient lies" in text
+
+
+def test_nobody_looks_for_a_patient_in_a_galaxy() -> None:
+    assert "patient" not in orientation_text(placed(Geometry(dims=(2, 2, 2)), unit="arcmin"))
 
 
 @given(
