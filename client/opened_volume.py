@@ -69,7 +69,8 @@ def opened(
                 console.print(text, highlight=False)
 
         with opened_quietly(volume, servers, spawns, say, console) as renderer:
-            for warning in renderer.volume.description.warnings:
+            renderer.volume.check_has_values()
+            for warning in (*renderer.volume.description.warnings, *renderer.volume.notes()):
                 console.print(f"note: {warning}", highlight=False, markup=False, soft_wrap=True)
             yield renderer
 

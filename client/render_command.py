@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 from rich.console import Console
 
+from volsplat.client.empty_image import why_empty
 from volsplat.client.frame_report import report_of, write_report
 from volsplat.client.image_properties import image_properties
 from volsplat.client.interrupts import interrupts_held
@@ -24,6 +26,9 @@ from volsplat.client.renderer import Refinement, Renderer, finished_whole
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Order, Scene, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 @click.command()
@@ -119,11 +124,18 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
             write_image(step_image_path(outputs.steps_dir, refinement.step), refinement.image, scene, properties)
     if outputs.image is not None:
         write_image(outputs.image, finished[-1].image, scene, properties)
+        tell_if_empty(finished[-1].image, scene, console)
         console.print(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}", highlight=False)
     if outputs.steps_dir is not None:
         console.print(f"{outputs.steps_dir}: steps A to {last}", highlight=False)
     if outputs.report is not None:
         write_report(outputs.report, report_of(renderer.volume, scene, [r.outcome for r in finished if r.outcome]))
+
+
+def tell_if_empty(image: Tensor, scene: Scene, console: Console) -> None:
+    """Say so where nothing is to be seen, and why."""
+    if why := why_empty(image, scene):
+        console.print(f"note: {why}", highlight=False, soft_wrap=True)
 
 
 def _size(scene: Scene) -> str:

@@ -6,6 +6,7 @@ from functools import cached_property
 from volsplat.client.default_scene import default_scene
 from volsplat.client.density_histogram import DensityHistogram, density_histogram
 from volsplat.protocol import index_rules
+from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation, Survey
 from volsplat.protocol.scene import Quantise, Scene
 from volsplat.protocol.volume import VolumeDescription
@@ -49,6 +50,18 @@ class SurveyedVolume:
     def density_histogram(self) -> DensityHistogram:
         """The histogram of density bytes under the window that the data chooses."""
         return density_histogram(self.survey, self.density_counts, self.automatic_window)
+
+    def check_has_values(self) -> None:
+        """Raises BadInput where there is nothing to draw."""
+        if self.survey.low > self.survey.high:
+            name = self.description.name
+            raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")
+
+    def notes(self) -> list[str]:
+        """What is unusual about the values, for a person to know."""
+        if self.survey.low == self.survey.high:
+            return [f"every voxel has the value {self.survey.low:.7g}: the volume is a block without structure"]
+        return []
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""

@@ -325,3 +325,11 @@ def test_a_process_that_is_away_is_told_of_and_found_again(browser_page: Page) -
         assert shown.colour_at(0, 0) == GREEN
         browser_page.keyboard.press("ArrowUp")
         assert second.wait_for("view")["zoom"] == VIEW["zoom"]
+
+
+def test_a_picture_with_nothing_on_it_is_told_of_until_there_is_something(shown: ShownViewport) -> None:
+    bar = shown.page.locator(".vs-trouble")
+    shown.show_and_wait(notice="nothing is visible: the opacity table is 0 everywhere; raise it")
+    expect(bar).to_have_text("nothing is visible: the opacity table is 0 everywhere; raise it")
+    shown.show_and_wait()
+    expect(bar).to_be_hidden()

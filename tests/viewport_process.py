@@ -126,6 +126,7 @@ class ViewportProcess:
             "width": SIZE[0],
             "height": SIZE[1],
             "view": VIEW,
+            "notice": "",
             "missing": [],
             **header,
         }

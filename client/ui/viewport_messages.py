@@ -7,6 +7,7 @@ from typing import Any
 
 import msgspec
 
+from volsplat.client.empty_image import why_empty
 from volsplat.client.ui.pacing import StepPacing
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneState
@@ -125,6 +126,7 @@ def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Step
         "width": picture.image.shape[1],
         "height": picture.image.shape[0],
         "view": _view(picture.state.scene, geometry),
+        "notice": why_empty(picture.image, picture.state.scene) if picture.last else "",
         "missing": picture.outcome.servers.missing if picture.outcome else [],
     }
     encoded = json.dumps(header).encode()

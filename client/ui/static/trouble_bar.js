@@ -3,7 +3,7 @@
 const SHOWN_FOR = 8000; // milliseconds, for what does not last
 
 export class TroubleBar {
-  #texts = { connection: "", process: "" };
+  #texts = { connection: "", process: "", picture: "" };
   #timer = 0;
 
   constructor() {
@@ -27,12 +27,18 @@ export class TroubleBar {
     this.#draw();
   }
 
+  /** What there is to say of the picture on the canvas; "" takes it away. @param {string} text */
+  ofPicture(text) {
+    this.#texts.picture = text;
+    this.#draw();
+  }
+
   close() {
     clearTimeout(this.#timer);
   }
 
   #draw() {
-    const text = this.#texts.connection || this.#texts.process;
+    const text = this.#texts.connection || this.#texts.process || this.#texts.picture;
     this.element.hidden = text === "";
     this.element.textContent = text;
   }

@@ -203,6 +203,7 @@ export class Viewport {
     this.#contained = Math.max(this.#contained, header.event);
     this.#takeOver();
     this.#place();
+    this.#trouble.ofPicture(header.notice);
     if (header.last) this.#askValue();
   }
 
