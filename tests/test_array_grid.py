@@ -92,6 +92,13 @@ def test_axes_without_a_common_unit_are_told_and_drawn_alike() -> None:
     assert grid_of("", *(ArrayAxis(2, n, n, step=9.0) for n in "abc")).geometry.spacing == (1, 1, 1)
 
 
+def test_a_given_spacing_keeps_the_directions_of_the_axes() -> None:
+    axes = (ArrayAxis(2, "z", "m", 7.0, -3.0), ArrayAxis(2, "y", "s"), ArrayAxis(2, "x", "K"))
+    grid = grid_of("spacing=1x2x3,unit=mm", *axes)
+    assert grid.geometry.index_to_physical == ((1, 0, 0), (0, 2, 0), (0, 0, -3))
+    assert grid.geometry.origin == (0, 0, 0) and grid.unit == "mm" and not grid.warnings
+
+
 def test_the_same_unit_of_another_kind_is_kept() -> None:
     assert grid_of("", *(ArrayAxis(2, n, "1/nm", step=9.0) for n in "hkl")).unit == "1/nm"
 

@@ -1,5 +1,6 @@
 """NumPy's .npy and .npz: what is saved comes back, from memory maps, and nothing else is loaded."""
 
+import gzip
 import pickle
 import zipfile
 from collections.abc import Callable
@@ -122,6 +123,11 @@ def cut(path: Path, share: float) -> Path:
     return path
 
 
+def zipped(path: Path) -> Path:
+    path.write_bytes(gzip.compress(path.read_bytes()))
+    return path
+
+
 def with_header(path: Path, header: str, data: bytes = bytes(64)) -> Path:
     text = header.encode().ljust(117) + b"\n"
     path.write_bytes(b"\x93NUMPY\x01\x00" + len(text).to_bytes(2, "little") + text + data)
@@ -174,6 +180,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
         "voxels of several fields (r, g)",
     ),
     "text": (lambda d: saved(d / "v.npy", np.full((2, 2, 2), "a")), "voxels of type str"),
+    "gzip": (lambda d: zipped(saved(d / "v.npy", NOISE)), "compressed by gzip as a whole"),
     "flat": (lambda d: saved(d / "v.npy", NOISE[0]), "a 2-D image, volsplat needs a volume"),
     "colour": (lambda d: saved(d / "v.npy", np.zeros((5, 6, 7, 3), np.uint8)), "choose an index of axis3"),
     "empty": (lambda d: saved(d / "v.npy", np.zeros((5, 0, 7))), "holds no voxels"),

@@ -1,5 +1,6 @@
 """VTK's XML images: what VTK writes in each of its ways comes back where VTK has it, and bombs are refused."""
 
+import gzip
 import itertools
 import re
 from collections.abc import Callable
@@ -175,6 +176,11 @@ def plain(folder: Path, way: str = "appended base64") -> Path:
     return written(folder / "v.vti", image_of(density=noise), mode, compressor, **settings)
 
 
+def zipped(path: Path) -> Path:
+    path.write_bytes(gzip.compress(path.read_bytes()))
+    return path
+
+
 def spacing(folder: Path, text: bytes) -> Path:
     return replaced(plain(folder), b'Spacing="0.5 1.25 3"', b'Spacing="%s"' % text)
 
@@ -244,6 +250,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "zip bomb": (zip_bomb, "cannot be unpacked"),
     "LZ4": (lambda d: plain(d, "appended LZ4"), "compressed by vtkLZ4DataCompressor, which is not read; save it"),
+    "gzip": (lambda d: zipped(plain(d)), "compressed by gzip as a whole"),
     "entities": (billion_laughs, "document type declaration"),
     "zero spacing": (lambda d: spacing(d, b"1 0 1"), "do not span space"),
     "spacing that is no number": (lambda d: spacing(d, b"nan nan nan"), "cannot be used"),

@@ -179,7 +179,8 @@ def _vector(numbers: list[float]) -> Vector:
 def _lengths(part: ArrayPart, grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> _Lengths:
     unit = part.options.get("unit")
     if (spacing := part.numbers("spacing", 3)) is not None:
-        return _Lengths(tuple(spacing[LETTERS.index(axis.along)] for axis in grid), (0.0, 0.0, 0.0), unit or "")
+        steps = tuple(math.copysign(1.0, axis.step) * spacing[LETTERS.index(axis.along)] for axis in grid)
+        return _Lengths(steps, (0.0, 0.0, 0.0), unit or "")
     lengths = _in_one_unit(grid) or _without_unit(grid)
     return lengths if unit is None else lengths._replace(unit=unit)
 

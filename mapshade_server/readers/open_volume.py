@@ -13,6 +13,7 @@ from volsplat.mapshade_server.readers import (
     dicom_series,
     fits_cube,
     gaussian_cube,
+    hdf5_dataset,
     metaimage,
     mmcif,
     nifti,
@@ -77,6 +78,8 @@ FORMATS = (
     VolumeFormat(
         "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
     ),
+    VolumeFormat("HDF5 dataset (.h5, .nxs)", hdf5_dataset.open_hdf5, hdf5_dataset.recognises),
+    VolumeFormat("NetCDF-4 (.nc)", hdf5_dataset.open_netcdf_3, hdf5_dataset.recognises_netcdf_3),
     VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises),
     VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
     VolumeFormat("VTK image (.vti)", vtk_image.open_vtk_image, vtk_image.recognises),

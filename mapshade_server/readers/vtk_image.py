@@ -12,6 +12,7 @@ from xml.parsers import expat
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.not_zipped import check_not_zipped
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.mapshade_server.readers.vtk_arrays import (
@@ -190,9 +191,7 @@ class _Parsing:
 
 def _xml(path: Path) -> _Xml:
     """What the XML says. Raises BadInput where it is damaged or tells of no image in one piece."""
-    with path.open("rb") as file:
-        if file.read(2) == b"\x1f\x8b":
-            raise BadInput(f"{path}: is compressed by gzip; unpack it, gunzip does")
+    check_not_zipped(path)
     xml = _Parsing(path).run()
     kind = xml.file.get("type", "")
     if kind != "ImageData":

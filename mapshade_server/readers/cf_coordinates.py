@@ -1,0 +1,59 @@
+"""Coordinate variables of the CF conventions (cfconventions.org, chapters 4 and 5): what indices stand for."""
+
+import re
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.readers.array_grid import ArrayAxis
+from volsplat.mapshade_server.readers.array_values import Attributes, text_attribute
+
+EVEN = 1e-3  # of a step, that others may differ from it; coordinates in float32 add their rounding
+_ALONG = {
+    "x": "x lon longitude easting projection_x_coordinate grid_longitude degrees_east",
+    "y": "y lat latitude northing projection_y_coordinate grid_latitude degrees_north",
+    "z": "z lev level depth height altitude plev air_pressure model_level_number",
+}
+PHYSICAL_AXES = {word: letter for letter, words in _ALONG.items() for word in words.split()}
+
+
+class Coordinates(NamedTuple):
+    """One axis by its coordinate variable, and what had to be changed for it to be even, "" for nothing."""
+
+    axis: ArrayAxis
+    warning: str = ""
+
+
+def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attributes: Attributes) -> Coordinates:
+    """The axis `name` of an array; `numbers` are None where the file has no coordinates for it, only a name."""
+    axis = ArrayAxis(length, name, along=_along(name, attributes))
+    if numbers is None or numbers.shape != (length,) or numbers.dtype.kind not in "iuf":
+        return Coordinates(axis)
+    positions = numbers.astype(np.float64)
+    first, last = float(positions[0]), float(positions[-1])
+    step = (last - first) / (length - 1) if length > 1 else 1.0
+    if not (np.isfinite(positions).all() and step):
+        return Coordinates(axis, f"the coordinates of {name} are not usable; its voxels are drawn one apart")
+    down = text_attribute(attributes, "positive").lower() == "down"
+    placed = ArrayAxis(length, name, _unit(attributes), first, step, axis.along or ("z" if down else ""), down)
+    steps = np.diff(positions)
+    rounding = float(np.finfo(numbers.dtype).eps) * max(abs(first), abs(last)) if numbers.dtype.kind == "f" else 0.0
+    if length > 2 and float(np.abs(steps - step).max()) > EVEN * abs(step) + 4 * rounding:
+        low, high = sorted((float(steps.min()), float(steps.max())), key=abs)
+        return Coordinates(placed, f"{name} is unevenly spaced ({low:.4g} to {high:.4g}); drawn {step:.4g} apart")
+    return Coordinates(placed)
+
+
+def _along(name: str, attributes: Attributes) -> str:
+    """The physical axis that the variable is along, "" where nothing tells."""
+    letter = text_attribute(attributes, "axis").lower()
+    if letter in ("x", "y", "z"):
+        return letter
+    told = (text_attribute(attributes, "standard_name"), text_attribute(attributes, "units"), name)
+    return next((PHYSICAL_AXES[word.lower()] for word in told if word.lower() in PHYSICAL_AXES), "")
+
+
+def _unit(attributes: Attributes) -> str:
+    unit = text_attribute(attributes, "units")
+    return "deg" if re.fullmatch(r"degrees?(_?(north|south|east|west|[NSEW]))?", unit) else unit

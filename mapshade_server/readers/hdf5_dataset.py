@@ -1,0 +1,278 @@
+"""Datasets in HDF5 files, and so in NetCDF-4, NeXus and MATLAB 7.3 files, through h5py: by path, by hyperslab.
+
+The grid's spacing comes from the axes' dimension scales, which are NetCDF's coordinate variables, from NeXus's axes,
+or from element_size_um, which Fiji and ilastik write; the values' meaning from the CF conventions.
+"""
+
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+
+from volsplat.mapshade_server.readers import extra
+from volsplat.mapshade_server.readers.array_grid import LETTERS, ArrayAxis, ArrayGrid, array_grid
+from volsplat.mapshade_server.readers.array_part import ArrayPart, array_part
+from volsplat.mapshade_server.readers.array_values import ArrayValues, Attributes, cf_values, text_attribute
+from volsplat.mapshade_server.readers.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.not_zipped import check_not_zipped
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, VolumeDescription
+
+MAGIC = b"\x89HDF\r\n\x1a\n"
+USER_BLOCKS = (0, 512, 1024, 2048)  # bytes before the magic, which belong to others
+NETCDF_3_MAGICS = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
+NETCDF_FILL = 9.969209968386869e36  # of floats, where nothing was written
+ONLY_A_NAME = "This is a netCDF dimension but not a netCDF variable"
+# No other attributes are read: HDF5 crashes on damaged ones, and a file may have thousands.
+ATTRIBUTES = (
+    *(
+        "scale_factor",
+        "add_offset",
+        "_FillValue",
+        "missing_value",
+        "valid_range",
+        "valid_min",
+        "valid_max",
+        "_Unsigned",
+    ),
+    *("units", "long_name", "standard_name", "axis", "positive", "NAME"),
+    *("default", "signal", "axes", "element_size_um", "MATLAB_class"),
+)
+MOST_OBJECTS = 20000  # that are looked at for datasets
+MOST_LISTED = 12
+
+
+def recognises(head: bytes) -> bool:
+    return any(head[at : at + len(MAGIC)] == MAGIC for at in USER_BLOCKS)
+
+
+def recognises_netcdf_3(head: bytes) -> bool:
+    return head.startswith(NETCDF_3_MAGICS)
+
+
+class Hdf5DatasetReader:
+    """One dataset; the file is open only while it is read."""
+
+    def __init__(
+        self, path: Path, dataset: str, description: VolumeDescription, grid: ArrayGrid, values: ArrayValues
+    ) -> None:
+        self._path = path
+        self._dataset = dataset
+        self._description = description
+        self._grid = grid
+        self._values = values
+
+    def describe(self) -> VolumeDescription:
+        return self._description
+
+    def read(self, box: Box) -> Voxels:
+        with _opened(_h5py(), self._path) as file:
+            return self._values.of(file[self._dataset][self._grid.selection(box)])
+
+
+def open_netcdf_3(path: Path, part: str) -> Hdf5DatasetReader:
+    """Raises BadInput: what is read is NetCDF-4, which is HDF5."""
+    raise BadInput(
+        f"{path}: is NetCDF-3, volsplat reads NetCDF-4; convert it, as in nccopy -k netCDF-4 {path.name} "
+        f"{path.stem}-4.nc"
+    )
+
+
+def open_hdf5(path: Path, part: str) -> Hdf5DatasetReader:
+    """The reader for a dataset. Raises BadInput where none is a volume, or the person must choose one."""
+    check_not_zipped(path)
+    chosen, h5py = array_part(path, part), _h5py()
+    with _opened(h5py, path) as file:
+        dataset = _dataset(h5py, chosen, file)
+        chosen = chosen._replace(path=dataset.name)
+        _check_readable(h5py, chosen, dataset)
+        attributes = _attributes(dataset)
+        values = cf_values(chosen.whole, dataset.dtype, {**_never_written(dataset), **attributes})
+        coordinates = _axes(h5py, dataset, attributes)
+        grid = array_grid(chosen, [one.axis for one in coordinates])
+        why_whole = "all its voxels are in one chunk" if _one_chunk(dataset, grid) else ""
+        description = VolumeDescription(
+            name=path.name,
+            format=f"HDF5 dataset {dataset.name}",
+            geometry=grid.geometry,
+            scalar_type=values.scalar_type,
+            unit=grid.unit,
+            value_unit=text_attribute(attributes, "units"),
+            axes=grid.axes,
+            warnings=(*(one.warning for one in coordinates if one.warning), *grid.warnings),
+            density_name=text_attribute(attributes, "long_name") or dataset.name.rpartition("/")[2],
+            reads_sub_cubes=not why_whole,
+            why_whole=why_whole,
+        )
+        return Hdf5DatasetReader(path, dataset.name, description, grid, values)
+
+
+def _h5py() -> ModuleType:
+    return extra.library("h5py", "HDF5")
+
+
+@contextmanager
+def _opened(h5py: ModuleType, path: Path) -> Iterator[Any]:
+    """The open file; what h5py raises within becomes BadInput."""
+    try:
+        with h5py.File(path, "r", locking="best-effort") as file:
+            yield file
+    except MemoryError:
+        raise BadInput(f"{path}: the voxels do not fit into memory; use more workers") from None
+    except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
+        raise BadInput(f"{path}: {_reason(error)}; check or fetch the file again") from None
+
+
+def _reason(error: Exception) -> str:
+    """What HDF5 says, without what h5py says around it."""
+    text = " ".join(str(error).replace('"', "").split())
+    if match := re.search(r"truncated file: eof = (\d+).*stored_eof = (\d+)", text):
+        return f"is truncated, it has {match[1]} of its {match[2]} bytes"
+    match = re.fullmatch(r"[^()]*\((.*)\)", text)
+    return f"HDF5 cannot read it ({match[1] if match else text})"
+
+
+def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> Any:
+    """The dataset that the part names, else the file's default or only one with enough axes."""
+    if "minc-2.0" in file:
+        raise BadInput(f"{part.place}: is MINC, whose values are scaled by slice; convert it to NIfTI, as mnc2nii does")
+    if part.path and part.path not in file:
+        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {_listed(_arrays(h5py, file))}")
+    found = file[part.path or "/"]
+    if isinstance(found, h5py.Dataset):
+        return found
+    arrays = _arrays(h5py, found)
+    volumes = [array for array in arrays if len(array.shape) >= 3 and array.dtype.kind in "biuf"]
+    if len(volumes) == 1:
+        return volumes[0]
+    if not volumes:
+        raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {_listed(arrays)}")
+    default = _nexus_default(h5py, found)
+    if default in volumes:
+        return default
+    example = f"{part.place}#{volumes[0].name}"
+    raise BadInput(f"{part.whole}: holds {_listed(volumes)}; choose one, as in {example}")
+
+
+def _arrays(h5py: ModuleType, group: Any) -> list[Any]:
+    """All datasets in a group and its groups."""
+    found = []
+    left = MOST_OBJECTS
+
+    def look(name: str, one: Any) -> bool | None:
+        nonlocal left
+        left -= 1
+        if isinstance(one, h5py.Dataset) and one.shape:
+            found.append(one)
+        return True if left == 0 else None
+
+    group.visititems(look)
+    return found
+
+
+def _listed(arrays: list[Any]) -> str:
+    shown = [f"{array.name} ({' x '.join(str(n) for n in array.shape)})" for array in arrays[:MOST_LISTED]]
+    if len(arrays) > MOST_LISTED:
+        shown.append(f"and {len(arrays) - MOST_LISTED} more")
+    return ", ".join(shown) or "nothing"
+
+
+def _nexus_default(h5py: ModuleType, group: Any) -> Any:
+    """What NeXus says to plot, None where it says nothing."""
+    attributes = _attributes(group)
+    while (name := text_attribute(attributes, "default")) in group and isinstance(group[name], h5py.Group):
+        group = group[name]
+        attributes = _attributes(group)
+    signal = text_attribute(attributes, "signal")
+    return group[signal] if signal and signal in group else None
+
+
+def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
+    """Raises BadInput where nothing was ever written, or by a filter that is not installed."""
+    creation = dataset.id.get_create_plist()
+    for number, _, _, name in (creation.get_filter(n) for n in range(creation.get_nfilters())):
+        if not h5py.h5z.filter_avail(number):
+            filter_name = name.decode(errors="replace") or "unnamed"
+            raise BadInput(
+                f"{part.whole}: is compressed by HDF5's filter {number} ({filter_name}), which is not installed; "
+                f"convert it, as in h5repack -f GZIP=4 {Path(part.place).name} NEW.h5"
+            )
+    if not (dataset.is_virtual or dataset.external or dataset.id.get_storage_size()):
+        raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
+
+
+def _one_chunk(dataset: Any, grid: ArrayGrid) -> bool:
+    axes = zip(dataset.shape, dataset.chunks or (), grid.indices, strict=False)
+    return bool(dataset.chunks) and all(chunk >= length for length, chunk, index in axes if index is None)
+
+
+def _attributes(one: Any) -> Attributes:
+    """Those attributes that are texts, numbers, or lists of these; of an array of one, that one."""
+    found: dict[str, Any] = {}
+    for key in ATTRIBUTES:
+        if key not in one.attrs:
+            continue
+        try:
+            value = np.asarray(one.attrs[key])
+        except (OSError, RuntimeError, TypeError, ValueError):  # of a type that h5py does not know
+            continue
+        if value.dtype.kind in "biufSUO":
+            plain = [n.decode(errors="replace") if isinstance(n, bytes) else n for n in value.ravel().tolist()]
+            found[key] = plain[0] if len(plain) == 1 else plain
+    return found
+
+
+def _never_written(dataset: Any) -> dict[str, Any]:
+    """What NetCDF puts where nothing was written, without an attribute that says so."""
+    if dataset.dtype.name in ("float32", "float64") and dataset.fillvalue == dataset.dtype.type(NETCDF_FILL):
+        return {"missing_value": NETCDF_FILL}
+    return {}
+
+
+def _axes(h5py: ModuleType, dataset: Any, attributes: Attributes) -> list[Coordinates]:
+    """The dataset's axes, by what is the first to describe them all."""
+    scales = [_scale(h5py, dataset, n) for n in range(dataset.ndim)]
+    for n, name in enumerate(_nexus_axes(dataset)):
+        if scales[n].axis == ArrayAxis(dataset.shape[n]) and name in dataset.parent:
+            scales[n] = _variable(dataset.shape[n], name, dataset.parent[name])
+    sizes = attributes.get("element_size_um")
+    if isinstance(sizes, list) and len(sizes) == 3 and dataset.ndim >= 3:
+        for n, size, letter in zip(range(dataset.ndim - 3, dataset.ndim), sizes, reversed(LETTERS), strict=True):
+            axis = replace(scales[n].axis, step=float(size), first=0.0, unit="µm", along=letter)
+            scales[n] = Coordinates(axis)
+    if "MATLAB_class" in attributes and dataset.ndim == 3:  # written with the order of axes turned round
+        for n, letter in enumerate("zxy"):  # pages, columns along x, rows along y
+            scales[n] = Coordinates(replace(scales[n].axis, name=letter, along=letter))
+    return scales
+
+
+def _scale(h5py: ModuleType, dataset: Any, n: int) -> Coordinates:
+    """Axis `n` by its dimension scale or label."""
+    dimension = dataset.dims[n]
+    if len(dimension):
+        scale = dimension[0]
+        return _variable(dataset.shape[n], scale.name.rpartition("/")[2], scale)
+    return coordinates_of(dataset.shape[n], dimension.label, None, {})
+
+
+def _variable(length: int, name: str, variable: Any) -> Coordinates:
+    attributes = _attributes(variable)
+    if text_attribute(attributes, "NAME").startswith(ONLY_A_NAME) or variable.ndim != 1:
+        return coordinates_of(length, name, None, {})
+    numbers = variable[:] if variable.shape[0] in (length, length + 1) else None
+    if numbers is not None and len(numbers) == length + 1 and numbers.dtype.kind in "iuf":
+        numbers = (numbers[1:] + numbers[:-1]) / 2  # NeXus may give the edges of bins
+    return coordinates_of(length, name, numbers, attributes)
+
+
+def _nexus_axes(dataset: Any) -> list[str]:
+    """The names of the datasets beside that NeXus says describe the axes; no more than there are axes."""
+    names = _attributes(dataset.parent).get("axes", [])
+    listed = names if isinstance(names, list) else str(names).replace(":", ",").split(",")
+    return [str(name) for name in listed][: dataset.ndim]
