@@ -5,6 +5,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers import (
     analyze,
@@ -25,12 +26,14 @@ from volsplat.mapshade_server.readers import (
     tiff_folder,
     tiff_stack,
     vtk_image,
+    zarr_store,
 )
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume_name import volume_name
 
 HEAD_BYTES = 4096
+LOCAL_URL = "file://"
 
 
 Open = Callable[[Path, str], VolumeReader]  # given the part that is named, "" for none
@@ -83,22 +86,28 @@ FORMATS = (
     VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises),
     VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
     VolumeFormat("VTK image (.vti)", vtk_image.open_vtk_image, vtk_image.recognises),
+    VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, zarr_store.ZIP_EXTENSIONS),
     VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS),
 )
 
 FOLDER_FORMATS = (
+    FolderFormat("Zarr", zarr_store.open_folder, zarr_store.recognises_folder),
     FolderFormat("TIFF slices", tiff_folder.open_tiff_folder, tiff_folder.recognises_folder),
     FolderFormat("DICOM series", dicom_series.open_folder, lambda folder: True),
 )
 
 
 def open_volume(name: str) -> VolumeReader:
-    """The reader for the file, folder or part of one that is named, chosen by its content.
+    """The reader for the file, folder, URL or part of one that is named, chosen by its content.
 
     Raises BadInput where there is nothing, where the format is unknown, and where the header is not that of a
     volume or promises more than the file holds.
     """
     place, part = volume_name(name)
+    if place.startswith(LOCAL_URL):
+        place = unquote(place.removeprefix(LOCAL_URL))
+    elif volume_name(name).is_url:
+        return zarr_store.open_url(place, part)  # the only format that is read over networks
     try:
         return _opened(Path(place), part)
     except FileNotFoundError:

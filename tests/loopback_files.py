@@ -1,0 +1,72 @@
+"""A web server of a folder on this machine, which counts what it sends, byte ranges included."""
+
+import re
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+
+
+@dataclass
+class Served:
+    """Where the folder is served, and what was sent of it: paths that were there, with the bytes of each answer."""
+
+    url: str = ""
+    sent: list[tuple[str, int]] = field(default_factory=list)
+    status: int = HTTPStatus.OK  # another one is the answer to everything
+
+    @property
+    def paths(self) -> set[str]:
+        return {path for path, _ in self.sent}
+
+    @property
+    def bytes(self) -> int:
+        return sum(count for _, count in self.sent)
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[Served]:
+    state = Served()
+
+    class Handler(BaseHTTPRequestHandler):
+        protocol_version = "HTTP/1.1"
+
+        def do_GET(self) -> None:
+            path = folder / self.path.strip("/")
+            if state.status != HTTPStatus.OK or not path.is_file():
+                self._answer(state.status if state.status != HTTPStatus.OK else HTTPStatus.NOT_FOUND, b"")
+                return
+            content = path.read_bytes()
+            part = self._wanted(content)
+            state.sent.append((self.path.strip("/"), len(part)))
+            self._answer(HTTPStatus.OK if part is content else HTTPStatus.PARTIAL_CONTENT, part)
+
+        def _wanted(self, content: bytes) -> bytes:
+            match = re.fullmatch(r"bytes=(\d*)-(\d*)", self.headers.get("Range", ""))
+            if match is None:
+                return content
+            if not match[1]:
+                return content[-int(match[2]) :]
+            return content[int(match[1]) : int(match[2]) + 1 if match[2] else None]
+
+        def _answer(self, status: int, content: bytes) -> None:
+            self.send_response(status)
+            self.send_header("Content-Length", str(len(content)))
+            self.end_headers()
+            self.wfile.write(content)
+
+        def log_message(self, format: str, *arguments: object) -> None:
+            """Says nothing."""
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Handler) as server:
+        thread = threading.Thread(target=server.serve_forever, daemon=True)
+        thread.start()
+        state.url = f"http://127.0.0.1:{server.server_port}"
+        try:
+            yield state
+        finally:
+            server.shutdown()
+            thread.join()
