@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from urllib.parse import urlsplit
 
@@ -11,7 +12,7 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from viewport_process import SIZE, VIEW, VOLUME, ShownViewport, ViewportProcess, plain
 
 from tolerances import CAMERA_PIXELS, HALF_A_CSS_PIXEL
-from volsplat.client.view_rotation import named_view, rotation_from_angles
+from volsplat.client.view_rotation import VIEW_NAMES, Quaternion, about, named_view, product, rotation_from_angles
 
 __all__ = ["browser", "browser_page"]
 
@@ -229,6 +230,30 @@ def test_the_cube_of_other_volumes_names_the_axes(shown: ShownViewport) -> None:
     shown.show_and_wait(view=OBLIQUE)
     letters = shown.page.locator(".vs-side:not([hidden]) .vs-letter").all_text_contents()
     assert set(letters) == {"−y", "+x", "+z"}
+
+
+@pytest.mark.parametrize("view", [*VIEW_NAMES, "rolled 90", "rolled 180", "rolled -30", "oblique", "overturned"])
+def test_the_letters_of_the_cube_stand_upright(shown: ShownViewport, view: str) -> None:
+    """Of the four ways that a letter can lie on its face, the one nearest upright on the screen is taken."""
+    shown.show_and_wait(view={**VIEW, "rotation": rotation_called(view)})
+    letters = shown.page.locator(".vs-side:not([hidden]) .vs-letter")
+    axes = letters.evaluate_all("(all) => all.map((text) => text.getScreenCTM()).map(({ a, b, c, d }) => [a, b, c, d])")
+    assert axes
+    for a, b, c, d in axes:
+        assert a * d - b * c > 0, "a letter is mirrored"
+        chosen, *others = (y / math.hypot(x, y) for x, y in ((c, d), (a, b), (-c, -d), (-a, -b)))
+        assert chosen >= max(others)
+        if view in VIEW_NAMES:
+            assert (c, d) == pytest.approx((0, abs(a)), abs=HALF_A_CSS_PIXEL)
+
+
+def rotation_called(view: str) -> Quaternion:
+    name, _, degrees = view.partition(" ")
+    if name == "rolled":
+        return product(about(2, float(degrees)), named_view("front"))
+    if view == "overturned":
+        return product(about(2, 180), OBLIQUE["rotation"])
+    return OBLIQUE["rotation"] if view == "oblique" else named_view(view)
 
 
 @pytest.mark.parametrize(("unit", "text", "pixels"), [("mm", "20 mm", 5.0 / 2 ** (1 / 3)), ("", "20 voxels", 5.0)])

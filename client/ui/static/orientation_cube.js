@@ -5,7 +5,7 @@ import { svg } from "./svg.js";
 
 /** @typedef {import("./rotation.js").Vector} Vector */
 
-/** Physical axes are LPS where the volume is anatomical. `up` is the top of the face's letter. */
+/** Physical axes are LPS where the volume is anatomical. `up` is parallel to two edges of the face. */
 const SIDES = /** @type {{view: string, normal: Vector, up: Vector, letter: string, axis: string}[]} */ ([
   { view: "front", normal: [0, -1, 0], up: [0, 0, 1], letter: "A", axis: "−y" },
   { view: "back", normal: [0, 1, 0], up: [0, 0, 1], letter: "P", axis: "+y" },
@@ -14,6 +14,8 @@ const SIDES = /** @type {{view: string, normal: Vector, up: Vector, letter: stri
   { view: "top", normal: [0, 0, 1], up: [0, -1, 0], letter: "S", axis: "+z" },
   { view: "bottom", normal: [0, 0, -1], up: [0, -1, 0], letter: "I", axis: "−z" },
 ]);
+
+const TIE = 1e-6; // what is no nearer upright than by this is as near: rounding decides nothing
 
 export class OrientationCube {
   #sides;
@@ -39,7 +41,8 @@ export class OrientationCube {
     const toScreen = matrixOf(rotation);
     const light = /** @type {Vector} */ ([-0.3, 0.5, 0.81]);
     for (const { normal, up, element } of this.#sides) {
-      const [n, u] = [applied(toScreen, normal), applied(toScreen, up)];
+      const n = applied(toScreen, normal);
+      const u = nearestUpright(applied(toScreen, up), n);
       const r = cross(u, n);
       element.toggleAttribute("hidden", n[2] <= 0.02);
       const columns = [r[0], -r[1], -u[0], u[1], n[0], -n[1]].map((part) => part.toFixed(4));
@@ -47,4 +50,20 @@ export class OrientationCube {
       element.style.setProperty("--vs-shade", (0.25 * (1 - Math.max(0, dot(n, light)))).toFixed(3));
     }
   }
+}
+
+/**
+ * Where the top of a face's letter points: of the four ways along its edges, the one nearest upright on the screen.
+ * @param {Vector} along one edge @param {Vector} normal of the face @returns {Vector}
+ */
+function nearestUpright(along, normal) {
+  const across = cross(along, normal);
+  const ways = [along, across, negative(along), negative(across)];
+  const uprightness = (/** @type {Vector} */ [x, y]) => y / Math.hypot(x, y);
+  return ways.reduce((best, way) => (uprightness(way) > uprightness(best) + TIE ? way : best));
+}
+
+/** @param {Vector} v @returns {Vector} */
+function negative([x, y, z]) {
+  return [-x, -y, -z];
 }
