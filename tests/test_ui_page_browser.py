@@ -101,6 +101,19 @@ def test_dragging_turns_the_volume_and_nothing_stale_is_shown(page: Page) -> Non
     assert numbers == sorted(set(numbers))
 
 
+def test_the_value_under_the_pointer_is_marked_in_the_tables(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    line = page.locator('section[aria-label="Opacity"] [data-part="told"]')
+    expect(line).to_have_attribute("display", "none")
+    box = page.locator(".vs-view canvas").first.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(line).to_have_attribute("display", "inline")
+    page.get_by_text("Tables", exact=True).hover()
+    expect(line).to_have_attribute("display", "none")
+
+
 def test_reloading_the_page_brings_back_what_was_seen(page: Page) -> None:
     turned = after(page, lambda: drag(page, -80, 30))
     page.reload()

@@ -5,11 +5,14 @@ from __future__ import annotations
 import msgspec
 import pytest
 from browser import browser, browser_page
-from tables_page import SCENE, WINDOW
-from tables_tab import Tab, near, tab, until, url
+from tables_page import SCENE, VOLUME, WINDOW
+from tables_tab import TITLES, Tab, box, near, tab, until, url
 
 from tolerances import ONE_PIXEL_OF_A_TABLE, ROUNDING
+from volsplat.client.ui.field_histograms import field_axis
+from volsplat.protocol.scene import Field
 
+STRENGTHS = field_axis(VOLUME, Field.STRENGTH, SCENE.quantise)
 COUNTING = """
   window.told = window.frames = 0;
   const emit = window.socket.emit;
@@ -132,6 +135,38 @@ def test_the_value_under_the_pointer_is_told_in_the_datas_units(tab: Tab) -> Non
     assert float(opacity) == pytest.approx(0.5, abs=ROUNDING)
     tab.page.mouse.move(5, 5)
     assert tab.table("opac").locator("output").inner_text() == ""
+
+
+# -- the value under the pointer in the image
+
+
+def test_the_value_in_the_image_is_marked_in_the_tables_that_it_indexes(tab: Tab) -> None:
+    tell(tab, {"density": 275.0, "strength": STRENGTHS.high / 4, "grid-i": 0, "grid-j": 1, "grid-k": 2})
+    for which, position in (("emit", 0.5), ("refl", 0.5), ("opac", 0.5), ("modu", 0.25)):
+        assert marked(tab, which) == near(position)
+    tab.choose("emit", "From a preset", "galaxy")  # which indexes it by grid k
+    until(tab.page, lambda: "grid k" in tab.table("emit").locator(".vs-table-field").inner_text())
+    assert marked(tab, "emit") == near(2 / 63.75)
+    tell(tab, {"density": 5000.0})  # beyond the window, it is drawn with the last entry
+    assert (marked(tab, "emit"), marked(tab, "opac"), marked(tab, "modu")) == (None, near(1.0), None)
+    tell(tab, None)
+    assert all(marked(tab, which) is None for which in TITLES)
+
+
+def tell(tab: Tab, values: dict[str, float] | None) -> None:
+    """What a viewport tells of what is under the pointer."""
+    tab.page.evaluate(
+        "(detail) => document.body.dispatchEvent(new CustomEvent('volsplat-value', { bubbles: true, detail }))", values
+    )
+
+
+def marked(tab: Tab, which: str) -> float | None:
+    """Where the line for the value in the image stands, as a table position."""
+    line = tab.table(which).locator('[data-part="told"]')
+    if line.get_attribute("display") == "none":
+        return None
+    (left, _), (right, _) = tab.place(which, 0, 0), tab.place(which, 1, 0)
+    return (box(line)["x"] - left) / (right - left)
 
 
 # -- colours

@@ -278,6 +278,23 @@ def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> 
     expect(value).to_be_hidden()
 
 
+def test_the_document_hears_of_the_value_until_the_pointer_leaves(shown: ShownViewport) -> None:
+    shown.page.evaluate(
+        """() => {
+            window.told = [];
+            document.addEventListener("volsplat-value", (event) => window.told.push(event.detail));
+        }"""
+    )
+    shown.page.mouse.move(200, 150)
+    asked = shown.process.wait_for("probe")
+    shown.process.say({**asked, "index": [48, 60, 20], "density": 1124.2, "strength": 31.21})
+    shown.page.locator(".vs-value").wait_for()
+    value = {"density": 1124.2, "strength": 31.21, "grid-i": 48, "grid-j": 60, "grid-k": 20}
+    assert shown.page.evaluate("window.told") == [value]
+    shown.page.mouse.move(SIZE[0] + 100, SIZE[1] + 100, steps=5)
+    assert shown.page.evaluate("window.told") == [value, None]
+
+
 def test_no_value_is_asked_for_while_things_move(shown: ShownViewport) -> None:
     shown.page.mouse.move(200, 150)
     shown.page.mouse.down()

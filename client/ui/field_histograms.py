@@ -23,6 +23,7 @@ SCREEN_FIELDS = {
 class FieldAxis:
     """What a field's byte means: position 0 of a table stands for `low`, position 1 for `high`."""
 
+    field: Field
     label: str
     low: float
     high: float
@@ -60,14 +61,15 @@ def field_axis(volume: SurveyedVolume, field: Field, quantise: Quantise) -> Fiel
     """The axis of a table that this field indexes, in the data's own units (index_rules has the bytes)."""
     description = volume.description
     if field is Field.DENSITY:
-        return FieldAxis(description.density_name, *volume.quantisation(quantise).window)
+        return FieldAxis(field, description.density_name, *volume.quantisation(quantise).window)
     if field is Field.STRENGTH:
         low, scale = volume.strength_range[0], volume.strength_scale
-        return FieldAxis(description.strength_name, low, low + LAST / scale if scale > 0 else 1.0)
+        return FieldAxis(field, description.strength_name, low, low + LAST / scale if scale > 0 else 1.0)
     if field in GRID_FIELDS:
         size = description.geometry.dims[GRID_FIELDS.index(field)]
-        return FieldAxis(f"grid {field.value[-1]}", 0.0, size * LAST / TABLE_ENTRIES)
+        return FieldAxis(field, f"grid {field.value[-1]}", 0.0, size * LAST / TABLE_ENTRIES)
     if field in SCREEN_FIELDS:
         radius = bounding_radius(description.geometry)
-        return FieldAxis(SCREEN_FIELDS[field], -radius, radius * (2 * LAST / TABLE_ENTRIES - 1), description.unit)
-    return FieldAxis(f"gradient direction along {field.value[-1]}", -128 / 127, 1.0)
+        last = radius * (2 * LAST / TABLE_ENTRIES - 1)
+        return FieldAxis(field, SCREEN_FIELDS[field], -radius, last, description.unit)
+    return FieldAxis(field, f"gradient direction along {field.value[-1]}", -128 / 127, 1.0)

@@ -34,6 +34,7 @@ export class Marks {
   }
 
   remove() {
+    this.value.clear();
     for (const element of this.elements) element.remove();
   }
 

@@ -7,6 +7,7 @@ import { TableFields } from "./table_fields.js";
 import { ENTRIES, channels, rounded, valueAt, valueOf, within } from "./table_numbers.js";
 import { PencilStroke } from "./table_pencil.js";
 import { TablePlot } from "./table_plot.js";
+import { onValues } from "./value_event.js";
 
 /** @typedef {import("./table_numbers.js").Point} Point */
 /** @typedef {import("./table_numbers.js").Value} Value */
@@ -55,6 +56,8 @@ export class TableEditor {
       onRemove: () => this._remove(this.selected),
     });
     this._listen();
+    this.closing = new AbortController();
+    onValues((values) => this.plot.showTold(values), this.closing.signal);
     this.observer = new ResizeObserver(([{ contentRect }]) => {
       this.plot.resize(contentRect.width, contentRect.height);
       this._draw();
@@ -108,6 +111,7 @@ export class TableEditor {
   /** Take no more part in the page. */
   close() {
     this.observer.disconnect();
+    this.closing.abort();
     cancelAnimationFrame(this.frame);
   }
 

@@ -3,7 +3,8 @@
 import { ENTRIES, channels, dataText, entries, hexOf, ticks, valueAt, within } from "./table_numbers.js";
 
 /** @typedef {import("./table_numbers.js").Point} Point */
-/** @typedef {{label: string, low: number, high: number, unit: string}} Axis */
+/** @typedef {import("./value_event.js").Values} Values */
+/** @typedef {{field: string, label: string, low: number, high: number, unit: string}} Axis */
 /** @typedef {{points: Point[], selected: number, pencil: boolean, hover: number | null}} State */
 
 // Measures in pixels for text of 13 pixels; they grow with it.
@@ -32,9 +33,11 @@ export class TablePlot {
     this.scale = 1;
     this.logarithmic = true;
     /** @type {Axis} */
-    this.axis = { label: "", low: 0, high: 1, unit: "" };
+    this.axis = { field: "", label: "", low: 0, high: 1, unit: "" };
     /** @type {number[] | null} */
     this.histogram = null;
+    /** @type {Values | null} */
+    this.told = null;
     this.gradient = `vs-strip-${plots++}`;
     this.svg = element("svg", { class: "vs-table-plot" });
     this.svg.innerHTML = `
@@ -42,6 +45,7 @@ export class TablePlot {
       <g data-part="grid"></g><path data-part="histogram"></path><g data-part="axis"></g>
       <path data-part="area"></path><g data-part="lines"></g>
       <rect data-part="strip" rx="2" fill="url(#${this.gradient})"></rect>
+      <line data-part="told" display="none"></line>
       <g data-part="pointer"><line></line><circle r="2.5"></circle></g><g data-part="points"></g>`;
     /** @type {Record<string, SVGElement>} */
     this.parts = {};
@@ -113,6 +117,13 @@ export class TablePlot {
     this._drawCurve(state.points);
     this._drawPoints(state);
     this._drawPointer(state);
+    this._drawTold();
+  }
+
+  /** Mark the value under the pointer in the image, where it is known. @param {Values | null} told */
+  showTold(told) {
+    this.told = told;
+    this._drawTold();
   }
 
   /** Such as "1124 → 0.31". @param {Point[]} points @param {number} position */
@@ -227,6 +238,15 @@ export class TablePlot {
       });
       if (typeof value !== "number") handles[n].style.fill = hexOf(value);
     });
+  }
+
+  _drawTold() {
+    const { field, low, high } = this.axis;
+    const value = this.told?.[field];
+    this.parts.told.setAttribute("display", value === undefined ? "none" : "inline");
+    if (value === undefined) return;
+    const x = this._x(within(0, (value - low) / (high - low), 1));
+    setAttributes(this.parts.told, { x1: x, x2: x, y1: this._top, y2: this._y(0) });
   }
 
   /** @param {State} state */

@@ -1,5 +1,7 @@
 // The value under a pointer that rests: density and gradient strength of the front-most visible sample.
 
+import { tellValues } from "./value_event.js";
+
 const REST = 60; // milliseconds
 
 /** @typedef {import("./camera.js").Point} Point */
@@ -36,16 +38,24 @@ export class ValueReadout {
   clear() {
     clearTimeout(this.#timer);
     this.#asked = null;
-    this.element.hidden = true;
+    this.#hide();
   }
 
   /** @param {{x: number, y: number, index: number[] | null, density?: number, strength?: number}} found */
   answer({ x, y, index, density, strength }) {
     if (this.#asked === null || this.#asked[0] !== x || this.#asked[1] !== y) return;
-    this.element.hidden = index === null;
-    if (index === null) return;
+    if (index === null) return this.#hide();
+    this.element.hidden = false;
     const values = [density, strength].map((value, n) => `${this.#names[n]} ${shortNumber(value)}`);
     this.element.textContent = `${values.join(" · ")} at (${index.join(", ")})`;
+    const [i, j, k] = index;
+    tellValues(this.element, { density, strength, "grid-i": i, "grid-j": j, "grid-k": k });
+  }
+
+  #hide() {
+    if (this.element.hidden) return;
+    this.element.hidden = true;
+    tellValues(this.element, null);
   }
 }
 
