@@ -114,6 +114,24 @@ def test_the_value_under_the_pointer_is_marked_in_the_tables(page: Page) -> None
     expect(line).to_have_attribute("display", "none")
 
 
+def test_the_bars_under_the_opacity_are_tinted_where_reflected_light_is_by_the_same_field(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    tinted = page.locator('section[aria-label="Opacity"] .vs-tinted')
+    expect(tinted).to_have_count(1)
+    for control, count in (
+        (page.get_by_role("radio", name="refl by gradient strength"), 0),
+        (page.get_by_role("radio", name="refl by density"), 1),
+        (page.get_by_role("switch", name="diffuse"), 1),
+        (page.get_by_role("switch", name="specular"), 0),  # now nothing is reflected
+        (page.get_by_role("switch", name="diffuse"), 1),
+        (page.get_by_role("switch", name="specular"), 1),
+    ):
+        control.click()
+        expect(tinted).to_have_count(count)
+    assert page.locator(".vs-tinted").count() == 1
+
+
 def test_reloading_the_page_brings_back_what_was_seen(page: Page) -> None:
     turned = after(page, lambda: drag(page, -80, 30))
     page.reload()

@@ -258,11 +258,3 @@ def test_two_tabs_stay_in_step_and_a_drag_is_not_disturbed(tab: Tab) -> None:
     tab.page.mouse.up()
     tab.waits_for(lambda scene: scene.tables.opac.points == ((0.2, 0.0), (near(0.5), near(0.2)), (0.8, 0.5)))
     until(other.page, lambda: "0.2" in (other.points("opac").nth(1).get_attribute("aria-valuetext") or ""))
-
-
-def test_the_histogram_can_be_linear(tab: Tab) -> None:
-    histogram = tab.table("opac").locator('[data-part="histogram"]')
-    logarithmic = histogram.get_attribute("d")
-    tab.page.get_by_label("Opacity: logarithmic histogram").click()
-    assert histogram.get_attribute("d") not in (logarithmic, "")
-    assert tab.scene == SCENE

@@ -21,6 +21,7 @@ class Field(NamedTuple):
     axis: FieldAxis
     histogram: tuple[int, ...] | None
     unused: str = ""  # why the table changes nothing at present
+    tint: str = ""  # the table over the same field whose colours the histogram's bars take
 
 
 class TableEditor(Element, component="table_editor_component.js"):
@@ -63,7 +64,7 @@ class TableEditor(Element, component="table_editor_component.js"):
     def show_field(self, field: Field) -> None:
         if field != self._field:
             self._field = field
-            self._props.update(axis=asdict(field.axis), histogram=field.histogram, unused=field.unused)
+            self._props.update(axis=asdict(field.axis), histogram=field.histogram, unused=field.unused, tint=field.tint)
 
     def complain(self, text: str) -> None:
         """Tell of bad input, at the table."""

@@ -7,7 +7,7 @@ export default {
       <header class="vs-table-head"><div ref="head" class="vs-table-title"></div><slot></slot></header>
       <div ref="body" class="vs-table-body"></div>
     </section>`,
-  props: { name: String, colour: Boolean, shown: Object, axis: Object, histogram: Array, unused: String },
+  props: { name: String, colour: Boolean, shown: Object, axis: Object, histogram: Array, unused: String, tint: String },
   emits: ["change", "select", "load"],
   mounted() {
     this.editor = new TableEditor(this.$refs.head, this.$refs.body, {
@@ -17,18 +17,18 @@ export default {
       onSelect: (index) => this.$emit("select", index),
       onLoad: (file) => this.$emit("load", file),
     });
-    this.editor.showField(this.axis, this.histogram ?? null, this.unused);
+    this.showField();
     this.editor.showPoints(this.shown.points, this.shown.answers);
     this.$watch(() => this.shown, ({ points, answers }) => this.editor.showPoints(points, answers));
-    this.$watch(
-      () => [this.axis, this.histogram, this.unused],
-      () => this.editor.showField(this.axis, this.histogram ?? null, this.unused),
-    );
+    this.$watch(() => [this.axis, this.histogram, this.unused, this.tint], () => this.showField());
   },
   unmounted() {
     this.editor.close();
   },
   methods: {
+    showField() {
+      this.editor.showField(this.axis, this.histogram ?? null, this.unused, this.tint);
+    },
     /** Tell of bad input at the table. */
     complain(text) {
       this.editor.complain(text);

@@ -191,7 +191,7 @@ class TablesPanel:
     def _field(self, scene: Scene, which: str) -> Field:
         field = getattr(scene.cross_bar, which)
         axis = field_axis(self._volume, field, scene.quantise)
-        return Field(axis, self._histogram(field, scene.quantise), _why_unused(scene, which))
+        return Field(axis, self._histogram(field, scene.quantise), _why_unused(scene, which), _tint(scene, which))
 
     def _show_head(self) -> None:
         self._undo.set_enabled(self._model.can_undo)
@@ -229,6 +229,12 @@ def _why_unused(scene: Scene, which: str) -> str:
     if which == "modu" and not shading.modulation:
         return "modulation is off"
     return ""
+
+
+def _tint(scene: Scene, which: str) -> str:
+    """Opacity tells how much is seen of which colour, where both are by the same field."""
+    alike = which == "opac" and scene.cross_bar.opac is scene.cross_bar.refl
+    return TITLES["refl"] if alike and not _why_unused(scene, "refl") else ""
 
 
 def _icon_button(icon: str, label: str, on_click: Callable[[], object] | None = None) -> ui.button:

@@ -78,10 +78,16 @@ export class TableEditor {
     this._draw();
   }
 
-  /** @param {Axis} axis @param {number[] | null} histogram @param {string} [unused]  why the table changes nothing */
-  showField(axis, histogram, unused) {
+  /**
+   * @param {Axis} axis
+   * @param {number[] | null} histogram
+   * @param {string} unused  why the table changes nothing, or ""
+   * @param {string} tint  the table over the same field whose colours the bars take, or ""
+   */
+  showField(axis, histogram, unused, tint) {
     this.plot.axis = axis;
     this.plot.histogram = histogram;
+    this.plot.tint(tint);
     const field = this._inHead(".vs-table-field");
     field.textContent = unused ? unused : `by ${axis.label}${axis.unit ? ` (${axis.unit})` : ""}`;
     field.title = field.textContent;

@@ -5,6 +5,8 @@
 /** @typedef {[number, Value]} Point  position 0..1 and value */
 
 export const ENTRIES = 256;
+const LOG_FROM = 0.05; // of the bars that hold anything, from the lowest
+const LEAST_BAR = 0.03;
 
 /** @param {number} low @param {number} value @param {number} high */
 export const within = (low, value, high) => Math.min(Math.max(value, low), high);
@@ -55,6 +57,22 @@ export function dataText(value, low, high) {
   const decimals = within(0, Math.ceil(-Math.log10((high - low) / (ENTRIES - 1))), 8);
   return cleaned(value.toFixed(decimals));
 }
+
+/** How high each bar of a histogram stands, 0..1. @param {number[]} counts @param {boolean} logarithmic */
+export function barHeights(counts, logarithmic) {
+  if (!logarithmic) {
+    const most = Math.max(1, ...counts.slice(1, -1)); // the ends also hold what lies beyond them, and would dwarf the rest
+    return counts.map((count) => Math.min(count / most, 1));
+  }
+  // The scale begins below the small counts, so that the bulk is no solid slab; what is rarer still just shows.
+  const some = counts.filter((count) => count > 0).sort((a, b) => a - b);
+  const least = (some[Math.floor(LOG_FROM * some.length)] ?? 1) / 2;
+  const span = Math.log((some[some.length - 1] ?? 1) / least);
+  return counts.map((count) => (count > 0 ? Math.max(LEAST_BAR, Math.log(count / least) / span) : 0));
+}
+
+/** An end of an axis, without decimals that say nothing. @param {number} value @param {number} low @param {number} high */
+export const endText = (value, low, high) => dataText(value, low, high).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
 
 /** Round values about `most` to an axis, the steps 1, 2 or 5 times a power of ten. @param {number} low @param {number} high @param {number} most */
 export function ticks(low, high, most) {

@@ -1,6 +1,6 @@
 // @ts-check
 // The drawing of one table: its curve, or its strip of colours, over the histogram of what indexes it.
-import { ENTRIES, channels, dataText, entries, hexOf, ticks, valueAt, within } from "./table_numbers.js";
+import { ENTRIES, barHeights, channels, dataText, endText, hexOf, ticks, valueAt, within } from "./table_numbers.js";
 
 /** @typedef {import("./table_numbers.js").Point} Point */
 /** @typedef {import("./value_event.js").Values} Values */
@@ -18,11 +18,14 @@ const RADIUS = { colour: 5, scalar: 4, crowded: 3 };
 const GRAB = 10; // how near a pointer must come to a point
 const LINE_GRAB = 6;
 const TICK = 64; // the least room for one
+const DIGIT = 6.5; // the width of one under the plot
+const BETWEEN = 8; // two numbers there
 
 const MOST_HANDLES = 64; // a table of more points is edited by drawing
 const CROWD = 24; // points, from which they are drawn smaller
 
-let plots = 0;
+/** What a table's colours are called in the document, for the bars of another table's plot. @param {string} name */
+const gradientOf = (name) => `vs-colours-${name}`;
 
 export class TablePlot {
   /** @param {HTMLElement} parent @param {string} name @param {boolean} colour */
@@ -38,7 +41,7 @@ export class TablePlot {
     this.histogram = null;
     /** @type {Values | null} */
     this.told = null;
-    this.gradient = `vs-strip-${plots++}`;
+    this.gradient = gradientOf(name);
     this.svg = element("svg", { class: "vs-table-plot" });
     this.svg.innerHTML = `
       <defs><linearGradient id="${this.gradient}"></linearGradient></defs>
@@ -120,6 +123,12 @@ export class TablePlot {
     this._drawTold();
   }
 
+  /** Tint the bars with the colours of another table over the same field, or of none. @param {string} name */
+  tint(name) {
+    this.svg.classList.toggle("vs-tinted", name !== "");
+    this.parts.histogram.style.fill = name && `url(#${gradientOf(name)})`;
+  }
+
   /** Mark the value under the pointer in the image, where it is known. @param {Values | null} told */
   showTold(told) {
     this.told = told;
@@ -177,27 +186,33 @@ export class TablePlot {
         <text x="${left - 5 * px}" y="${this._y(value) + 3.5 * px}" text-anchor="end">${value === 0.5 ? "½" : value}</text>`,
     );
     this.parts.grid.innerHTML = rows.join("");
+    this._drawAxis(left, right);
+  }
+
+  /** Both ends of the axis, and between them round values where there is room. @param {number} left @param {number} right */
+  _drawAxis(left, right) {
     const { low, high } = this.axis;
+    const px = this.scale;
     const bottom = this._y(0);
-    const marks = ticks(low, high, Math.max(2, Math.floor(this._width / (TICK * px)))).map(({ value, text }) => {
+    const text = (/** @type {number} */ x, /** @type {string} */ anchor, /** @type {string} */ said, end = "") =>
+      `<text x="${x}" y="${bottom + 13.5 * px}" text-anchor="${anchor}"${end && ` data-end="${end}"`}>${said}</text>`;
+    const [first, last] = [endText(low, low, high), endText(high, low, high)];
+    const free = [left + (first.length * DIGIT + BETWEEN) * px, right - (last.length * DIGIT + BETWEEN) * px];
+    const marks = ticks(low, high, Math.max(2, Math.floor(this._width / (TICK * px)))).map(({ value, text: said }) => {
       const x = this._x((value - low) / (high - low));
-      const anchor = x < left + 8 * px ? "start" : x > right - 14 * px ? "end" : "middle";
-      return `<line x1="${x}" x2="${x}" y1="${bottom}" y2="${bottom + 4 * px}"></line>
-        <text x="${anchor === "start" ? left : anchor === "end" ? right : x}" y="${bottom + 13.5 * px}" text-anchor="${anchor}">${text}</text>`;
+      const half = (said.length * DIGIT * px) / 2;
+      const line = `<line x1="${x}" x2="${x}" y1="${bottom}" y2="${bottom + 4 * px}"></line>`;
+      return line + (x - half > free[0] && x + half < free[1] ? text(x, "middle", said) : "");
     });
-    this.parts.axis.innerHTML = marks.join("");
+    this.parts.axis.innerHTML = marks.join("") + text(left, "start", first, "low") + text(right, "end", last, "high");
   }
 
   _drawHistogram() {
     const counts = this.histogram;
     if (!counts) return this.parts.histogram.setAttribute("d", "");
-    // The ends also hold what lies beyond them; they would dwarf everything on a linear scale.
-    const most = Math.max(1, ...(this.logarithmic ? counts : counts.slice(1, -1)));
-    const height = (/** @type {number} */ count) =>
-      within(0, this.logarithmic ? Math.log1p(count) / Math.log1p(most) : count / most, 1);
     const step = 1 / ENTRIES;
-    const tops = counts.map(
-      (count, n) => `L${this._x(n * step)},${this._y(height(count))}L${this._x((n + 1) * step)},${this._y(height(count))}`,
+    const tops = barHeights(counts, this.logarithmic).map(
+      (height, n) => `L${this._x(n * step)},${this._y(height)}L${this._x((n + 1) * step)},${this._y(height)}`,
     );
     this.parts.histogram.setAttribute("d", `M${this._x(0)},${this._y(0)}${tops.join("")}L${this._x(1)},${this._y(0)}Z`);
   }
