@@ -26,6 +26,7 @@ class Preset:
     source: str  # what the paper says of it
     build: Callable[[DensityHistogram | None], Scene]
     patient: bool = False  # a scan of a head: the front is where the nose is
+    signed: bool = False  # made for data on both sides of zero
 
 
 def preset_scene(name: str, histogram: DensityHistogram | None = None, anatomical: bool = True) -> Scene:
@@ -38,6 +39,14 @@ def preset_scene(name: str, histogram: DensityHistogram | None = None, anatomica
         raise BadInput(f"--preset {name}: no such preset; choose one of {', '.join(PRESETS)}")
     rotation = start_rotation(histogram, anatomical, preset.patient)
     return msgspec.structs.replace(preset.build(histogram), view=View(rotation=rotation))
+
+
+def fits(name: str, histogram: DensityHistogram) -> bool:
+    """Whether the data is of the kind that the preset is made for, as far as a histogram can tell."""
+    preset = PRESETS[name]
+    if recognised_ct(histogram) is not None:
+        return preset.patient
+    return preset.signed and zero_position(histogram) is not None
 
 
 def start_rotation(histogram: DensityHistogram | None, anatomical: bool, patient: bool = False) -> Quaternion:
@@ -270,6 +279,7 @@ PRESETS: dict[str, Preset] = {
         "orbitals: soft lobes, the two signs of a wave function in two colours",
         'colour plate 3: "Note the soft bonding between the lobes"',
         _orbital,
+        signed=True,
     ),
     "structure-factors": Preset(
         "structure factors: colour by phase, opacity by amplitude",
@@ -285,5 +295,6 @@ PRESETS: dict[str, Preset] = {
         "a seismic study: strong reflections, negative blue and positive red",
         "colour plate 4: a synthetic seismic study",
         _seismic,
+        signed=True,
     ),
 }

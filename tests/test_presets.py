@@ -22,7 +22,7 @@ from volsplat.client.density_histogram import (
     recognised_ct,
     zero_position,
 )
-from volsplat.client.presets import PRESETS, preset_scene
+from volsplat.client.presets import PRESETS, fits, preset_scene
 from volsplat.client.single import SingleProcess
 from volsplat.client.view_rotation import named_view
 from volsplat.protocol.errors import BadInput
@@ -192,3 +192,15 @@ def test_the_real_heads_show_their_skin_and_their_bone(shared_data: Path, file: 
     assert opacity_at(bone, histogram.position(1500 * per_unit)) > 0.5
     assert opacity_at(skin, histogram.position(200 * per_unit)) == 0
     assert opacity_at(skin, histogram.position(900 * per_unit)) > 0.8
+
+
+@pytest.mark.parametrize("scan", SCANS)
+def test_a_ct_is_suited_by_what_is_made_for_it(scan: str) -> None:
+    assert [name for name in PRESETS if fits(name, SCANS[scan][0])] == ["ct-skin", "ct-bone", "surfaces"]
+
+
+def test_data_of_both_signs_is_suited_by_what_tells_them_apart() -> None:
+    around_zero = tuple(range(1, 129)) + tuple(range(128, 0, -1))
+    signed, unsigned = (DensityHistogram(window, around_zero) for window in ((-1.0, 1.0), (0.0, 1.0)))
+    assert [name for name in PRESETS if fits(name, signed)] == ["orbital", "seismic"]
+    assert not any(fits(name, unsigned) for name in PRESETS)

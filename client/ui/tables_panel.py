@@ -10,10 +10,10 @@ from pathlib import Path
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.presets import PRESETS, preset_scene
 from volsplat.client.surveyed_volume import SurveyedVolume
-from volsplat.client.ui.field_histograms import density_counts, field_axis, field_histogram
+from volsplat.client.ui.field_histograms import field_axis, field_histogram
 from volsplat.client.ui.fields import SceneEditor, slider
+from volsplat.client.ui.preset_menu import OfferedPresets, PresetMenu
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.client.ui.table_editor import Field, TableEditor
 from volsplat.client.ui.table_edits import Table, constant, inverted, mirrored, ramp, steps, value_at, with_greatest
@@ -24,7 +24,6 @@ from volsplat.protocol.scene import Scene
 STYLE = Path(__file__).parent / "static" / "table_editor.css"
 TITLES = {"emit": "Emitted", "refl": "Reflected", "opac": "Opacity", "modu": "Modulation"}
 LEAST_OPACITY = 0.001  # of the slider for all opacities, whose scale is logarithmic: fog needs the small ones
-FROM_DATA = "from the data"
 STEPS = 5
 
 replace = msgspec.structs.replace
@@ -43,7 +42,7 @@ class TablesPanel:
         self._model = model
         self._tab = context.client.id
         self._volume = volume
-        self._default_scene = default_scene
+        self._presets = OfferedPresets(volume, default_scene)
         self._histogram = lru_cache(maxsize=8)(partial(field_histogram, volume))
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
             self._build_head()
@@ -60,8 +59,7 @@ class TablesPanel:
             self._redo = _icon_button("redo", "redo", lambda: self._model.redo(self._by("redo")))
             with ui.button("Presets", icon="palette").props("flat dense no-caps").classes("vs-quiet-button"):
                 with ui.menu().classes("vs-menu"):
-                    for name, description in self._presets().items():
-                        _menu_item(name, partial(self._take_whole, name), description)
+                    self._preset_menu = PresetMenu(self._presets, self._take_whole)
         with ui.element("div").classes("vs-row"):
             ui.label("All opacities").classes("vs-label")
             self._slider = slider(
@@ -75,6 +73,7 @@ class TablesPanel:
             self._slider.tooltip("scales the opacity table: its greatest value")
             self._greatest = ui.label().classes("vs-number")
         self._show_head()
+        self._preset_menu.show(self._model.scene)
 
     def _build_table(self, which: str) -> TableEditor:
         scene = self._model.scene
@@ -102,7 +101,7 @@ class TablesPanel:
                 ui.icon("chevron_right")
                 with ui.menu().props('anchor="top start" self="top end"').classes("vs-menu") as presets:
                     presets.on("hide", menu.close)
-                    for name in self._presets():
+                    for name in self._presets.names:
                         _menu_item(name, partial(self._take_table, which, name))
             ui.separator()
             _menu_item("Load a file…", editor.pick_file)
@@ -143,20 +142,9 @@ class TablesPanel:
     def _save(self, which: str) -> None:
         ui.download.content(table_toml(self._model.scene, which), f"{which}.toml", "application/toml")
 
-    def _presets(self) -> dict[str, str]:
-        return {FROM_DATA: "what the volume is first seen with"} | {
-            name: preset.description for name, preset in PRESETS.items()
-        }
-
-    def _preset(self, name: str) -> Scene:
-        if name == FROM_DATA:
-            return self._default_scene
-        histogram = density_counts(self._volume, self._model.scene.quantise)
-        return preset_scene(name, histogram, self._volume.description.anatomical)
-
     def _take_table(self, which: str, name: str) -> None:
         """A preset's table, with the field that it is made for."""
-        preset = self._preset(name)
+        preset = self._presets.scene(name, self._model.scene.quantise)
 
         def taken(scene: Scene) -> Scene:
             cross_bar = replace(scene.cross_bar, **{which: getattr(preset.cross_bar, which)})
@@ -166,7 +154,7 @@ class TablesPanel:
 
     def _take_whole(self, name: str) -> None:
         """All that a preset sets, which is neither view, bounds nor picture."""
-        preset = self._preset(name)
+        preset = self._presets.scene(name, self._model.scene.quantise)
         self._model.change(
             lambda scene: replace(
                 scene, tables=preset.tables, cross_bar=preset.cross_bar, shading=preset.shading, light=preset.light
@@ -187,6 +175,8 @@ class TablesPanel:
                 editor.show_table(table)
             editor.show_field(self._field(state.scene, which))
         self._show_head()
+        if state.settled:
+            self._preset_menu.show(state.scene)
 
     def _field(self, scene: Scene, which: str) -> Field:
         field = getattr(scene.cross_bar, which)
