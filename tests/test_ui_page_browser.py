@@ -15,6 +15,7 @@ import pytest
 import torch
 from browser import browser, browser_page
 from PIL import Image as PillowImage
+from tables_tab import until
 from viewed import Viewed, viewed
 
 from volsplat.bench.page_command import dragged
@@ -130,6 +131,31 @@ def test_the_bars_under_the_opacity_are_tinted_where_reflected_light_is_by_the_s
         control.click()
         expect(tinted).to_have_count(count)
     assert page.locator(".vs-tinted").count() == 1
+
+
+def test_the_shift_moves_what_is_seen_where_a_table_is_by_density(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    before = canvas(page)
+    shift = page.get_by_label("shift of all tables by density")
+    box = shift.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + box["width"] / 4, y, steps=6)
+    page.mouse.up()
+    until(page, lambda: not torch.equal(canvas(page), before))
+    undo = page.get_by_label("undo", exact=True)
+    undo.click()
+    until(page, lambda: torch.equal(canvas(page), before))
+    for table in ("emit", "refl", "opac"):
+        expect(shift).to_be_enabled()
+        page.get_by_role("radio", name=f"{table} by gradient strength").click()
+    expect(shift).to_be_disabled()
+    for _ in range(3):
+        undo.click()
+    expect(shift).to_be_enabled()
 
 
 def test_reloading_the_page_brings_back_what_was_seen(page: Page) -> None:

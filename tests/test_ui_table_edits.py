@@ -59,6 +59,10 @@ def test_inverting_or_mirroring_twice_changes_nothing(table: Table) -> None:
             assert value == pytest.approx(was, abs=ROUNDING)
 
 
+BESIDE_A_STEP = 1e-4  # of the axis
+SHIFTED = 1e-3  # a shifted point's position is rounded to 1e-6, which a steep piece shows
+
+
 @given(table=tables)
 def test_a_ramp_runs_over_all_entries(table: Table) -> None:
     rising = entry_channels(table_edits.ramp(table))
@@ -90,6 +94,39 @@ def test_all_opacities_scale_to_a_greatest_one(table: ScalarTable, greatest: flo
     else:
         for now, before in zip(scaled.entries(), table.entries(), strict=True):
             assert now == pytest.approx(before / table.greatest * greatest, abs=ROUNDING)
+
+
+@given(table=tables, by=st.integers(-LAST, LAST))
+def test_a_shifted_table_is_the_same_elsewhere_and_ends_as_it_did(table: Table, by: int) -> None:
+    shifted = table_edits.shifted(table, by / LAST)
+    assert shifted.points[0][0] >= 0 and shifted.points[-1][0] <= 1
+    positions = [position for position, _ in table.points]
+    for n in range(TABLE_ENTRIES):
+        before = (n - by) / LAST
+        if min(abs(before - position) for position in positions) > BESIDE_A_STEP and not is_steep(table, before):
+            after = table_edits.value_at(shifted, n / LAST)
+            assert after == pytest.approx(table_edits.value_at(table, before), abs=SHIFTED)
+
+
+def is_steep(table: Table, position: float) -> bool:
+    """Whether the table is so steep there that rounding a point's position moves its value."""
+    near = (table_edits.value_at(table, position + side * BESIDE_A_STEP) for side in (-1, 1))
+    return any(abs(left - right) > 0.1 for left, right in zip(*near, strict=True))
+
+
+def test_a_table_is_shifted_by_its_points_and_cut_at_the_ends() -> None:
+    table = ScalarTable(points=((0.2, 0.0), (0.4, 0.5), (0.8, 0.5), (0.9, 1.0)))
+    assert table_edits.shifted(table, 0.0) is table
+    for by, points in (
+        (0.1, [(0.3, 0.0), (0.5, 0.5), (0.9, 0.5), (1.0, 1.0)]),
+        (0.15, [(0.35, 0.0), (0.55, 0.5), (0.95, 0.5), (1.0, 0.75)]),
+        (-0.3, [(0.0, 0.25), (0.1, 0.5), (0.5, 0.5), (0.6, 1.0)]),
+        (-1.0, [(0.0, 1.0)]),
+    ):
+        moved = table_edits.shifted(table, by).points
+        assert len(moved) == len(points)
+        for point, expected in zip(moved, points, strict=True):
+            assert point == pytest.approx(expected, abs=ROUNDING)
 
 
 @given(table=tables, n=st.integers(0, LAST))

@@ -45,7 +45,8 @@ class TableEditor(Element, component="table_editor_component.js"):
         self._field: Field | None = None
         self._answers = 0  # the number of the last change that came from this editor
         self._props.update(name=name, colour=isinstance(table, ColourTable))
-        self.show_table(table)
+        self._table = table
+        self._props["shown"] = self._shown
         self.show_field(field)
         self.on("change", self._changed)
         self.on("select", self._selected)
@@ -57,9 +58,19 @@ class TableEditor(Element, component="table_editor_component.js"):
         return self._table
 
     def show_table(self, table: Table) -> None:
-        """Show the scene's table, but where the person at this page is changing it."""
+        """Show the scene's table, but where the person at this page is changing it.
+
+        It may change with every move of a hand; NiceGUI would go over the whole page for that, so the browser is told
+        by a call.
+        """
         self._table = table
-        self._props["shown"] = {"points": table.points, "answers": self._answers}
+        with self._props.suspend_updates():
+            self._props["shown"] = self._shown
+        self.run_method("show", self._shown)
+
+    @property
+    def _shown(self) -> dict[str, object]:
+        return {"points": self._table.points, "answers": self._answers}
 
     def show_field(self, field: Field) -> None:
         if field != self._field:

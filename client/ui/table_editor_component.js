@@ -18,14 +18,17 @@ export default {
       onLoad: (file) => this.$emit("load", file),
     });
     this.showField();
-    this.editor.showPoints(this.shown.points, this.shown.answers);
-    this.$watch(() => this.shown, ({ points, answers }) => this.editor.showPoints(points, answers));
+    this.show(this.shown);
+    this.$watch(() => this.shown, (shown) => this.show(shown));
     this.$watch(() => [this.axis, this.histogram, this.unused, this.tint], () => this.showField());
   },
   unmounted() {
     this.editor.close();
   },
   methods: {
+    show({ points, answers }) {
+      this.editor.showPoints(points, answers);
+    },
     showField() {
       this.editor.showField(this.axis, this.histogram ?? null, this.unused, this.tint);
     },

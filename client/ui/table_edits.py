@@ -66,6 +66,19 @@ def with_greatest(table: ScalarTable, greatest: float) -> Table:
     return _mapped(table, lambda value: value / now * greatest) if now > 0 else table
 
 
+def shifted(table: Table, by: float) -> Table:
+    """The table moved along its axis by a share of it: what leaves the axis is cut off, the ends go on as they were."""
+    if by == 0:
+        return table
+    points = [(round(position + by, 6), value) for position, value in _channels(table)]
+    kept = [(position, value) for position, value in points if 0 <= position <= 1]
+    if points[0][0] < 0:
+        kept.insert(0, (0.0, value_at(table, -by)))
+    if points[-1][0] > 1:
+        kept.append((1.0, value_at(table, 1 - by)))
+    return _table(table, kept)
+
+
 def simplified(table: Table, bound: float = FREEHAND_BOUND) -> Table:
     """Fewer points, at some of the 256 entries, such that no channel of any entry changes by more than `bound`."""
     entries = [_as_channels(entry) for entry in table.entries()]

@@ -15,11 +15,23 @@ from volsplat.client.ui.field_histograms import field_axis, field_histogram
 from volsplat.client.ui.fields import SceneEditor, slider
 from volsplat.client.ui.preset_menu import OfferedPresets, PresetMenu
 from volsplat.client.ui.scene_model import SceneModel, SceneState
+from volsplat.client.ui.shift_slider import ShiftSlider
 from volsplat.client.ui.table_editor import Field, TableEditor
-from volsplat.client.ui.table_edits import Table, constant, inverted, mirrored, ramp, steps, value_at, with_greatest
+from volsplat.client.ui.table_edits import (
+    Table,
+    constant,
+    inverted,
+    mirrored,
+    ramp,
+    shifted,
+    steps,
+    value_at,
+    with_greatest,
+)
 from volsplat.client.ui.table_files import table_from_toml, table_toml
 from volsplat.client.ui.viewing import Viewing
-from volsplat.protocol.scene import Scene
+from volsplat.protocol.scene import Field as PacketField
+from volsplat.protocol.scene import Scene, Tables
 
 STYLE = Path(__file__).parent / "static" / "table_editor.css"
 TITLES = {"emit": "Emitted", "refl": "Reflected", "opac": "Opacity", "modu": "Modulation"}
@@ -43,6 +55,8 @@ class TablesPanel:
         self._tab = context.client.id
         self._volume = volume
         self._presets = OfferedPresets(volume, default_scene)
+        self._unpushed = model.scene.tables  # what the tables were when the shift began
+        self._pushed: Tables | None = None  # what they are by it, while it lasts
         self._histogram = lru_cache(maxsize=8)(partial(field_histogram, volume))
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
             self._build_head()
@@ -72,6 +86,10 @@ class TablesPanel:
             )
             self._slider.tooltip("scales the opacity table: its greatest value")
             self._greatest = ui.label().classes("vs-number")
+        with ui.element("div").classes("vs-row"):
+            label = ui.label("Shift").classes("vs-label")
+            label.tooltip("moves all that is indexed by density along it, in the data’s units")
+            self._shift_slider = ShiftSlider("shift of all tables by density", self._shift)
         self._show_head()
         self._preset_menu.show(self._model.scene)
 
@@ -135,6 +153,14 @@ class TablesPanel:
             lambda scene: _with_table(scene, which, edit(_table_of(scene, which))), by=self._by(which), settled=settled
         )
 
+    def _shift(self, by: float, settled: bool) -> None:
+        """Move the tables by density from where they were when the push began, or when others last changed them."""
+        if self._model.scene.tables != self._pushed:
+            self._unpushed = self._model.scene.tables
+        begun = self._unpushed
+        self._model.change(lambda scene: _shifted(scene, begun, by), by=self._by("shift"), settled=settled)
+        self._pushed = None if settled else self._model.scene.tables
+
     def _load(self, which: str, name: str, text: str) -> None:
         table = table_from_toml(text, self._model.scene, which, name)
         self._change(which, lambda _: table)
@@ -186,9 +212,12 @@ class TablesPanel:
     def _show_head(self) -> None:
         self._undo.set_enabled(self._model.can_undo)
         self._redo.set_enabled(self._model.can_redo)
-        greatest = self._model.scene.tables.opac.greatest
+        scene = self._model.scene
+        greatest = scene.tables.opac.greatest
         self._greatest.set_text(f"{greatest:.3g}")
         self._slider.props.set_bool("disable", greatest == 0)
+        low, high = self._volume.quantisation(scene.quantise).window
+        self._shift_slider.show(high - low, bool(_by_density(scene)))
 
 
 def _with_table(scene: Scene, which: str, table: Table) -> Scene:
@@ -198,6 +227,16 @@ def _with_table(scene: Scene, which: str, table: Table) -> Scene:
 def _with_opacities(scene: Scene, logarithm: float) -> Scene:
     """All opacities scaled to a greatest of 10**logarithm, to three digits."""
     return _with_table(scene, "opac", with_greatest(scene.tables.opac, float(f"{10**logarithm:.3g}")))
+
+
+def _by_density(scene: Scene) -> list[str]:
+    return [which for which in TITLES if getattr(scene.cross_bar, which) is PacketField.DENSITY]
+
+
+def _shifted(scene: Scene, tables: Tables, by: float) -> Scene:
+    """The scene with those of the tables that density indexes moved along it."""
+    moved = {which: shifted(getattr(tables, which), by) for which in _by_density(scene)}
+    return replace(scene, tables=replace(scene.tables, **moved))
 
 
 def _table_of(scene: Scene, which: str) -> Table:
