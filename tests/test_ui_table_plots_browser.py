@@ -9,7 +9,7 @@ import pytest
 from browser import browser, browser_page
 from PIL import Image
 from tables_page import SCENE, WINDOW
-from tables_tab import Tab, box, tab, until, url
+from tables_tab import Tab, box, near, tab, until, url
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator
@@ -91,3 +91,50 @@ def test_both_ends_of_the_window_stand_under_the_plots(tab: Tab) -> None:
 def ends(tab: Tab, which: str) -> list[str]:
     found: Locator = tab.table(which).locator("[data-end]")
     return found.all_text_contents()
+
+
+# -- a short panel
+
+
+@pytest.fixture
+def short(tab: Tab) -> Tab:
+    """The panel as high as an open panel of servers leaves it in a window of 1280x800."""
+    tab.page.set_viewport_size({"width": 1280, "height": 566})
+    until(tab.page, lambda: bottom(tab.table("modu").locator('[data-part="axis"]')) <= 566)
+    return tab
+
+
+def bottom(locator: Locator) -> float:
+    place = box(locator)
+    return place["y"] + place["height"]
+
+
+def curve_height(tab: Tab, which: str) -> float:
+    return tab.place(which, 0, 0)[1] - tab.place(which, 0, 1)[1]
+
+
+def test_a_short_panel_shows_all_four_curves_at_a_fair_height(short: Tab) -> None:
+    for which, least in (("emit", 50), ("refl", 50), ("opac", 40), ("modu", 40)):
+        assert curve_height(short, which) >= least
+    assert bottom(short.table("modu").locator('[data-part="axis"]')) <= 566
+    panel = short.page.locator(".vs-right")
+    assert panel.evaluate("(panel) => panel.scrollHeight === panel.clientHeight")
+
+
+def test_the_fields_of_a_point_move_nothing_in_a_short_panel(short: Tab) -> None:
+    plot = short.table("opac").locator(".vs-table-plot")
+    before = box(plot)
+    short.page.mouse.click(*short.place("opac", 0.4, 0.5))
+    short.types("opac", "value", "0.25")
+    short.waits_for(lambda scene: scene.tables.opac.points[1][1] == 0.25)
+    assert box(plot) == before
+    short.drag(short.place("opac", 0.2, 0.0), short.place("opac", 0.3, 0.6))  # from under the fields' edge
+    short.waits_for(lambda scene: scene.tables.opac.points[0][1] == near(0.6))
+
+
+def test_what_is_wrong_is_told_in_a_short_panel(short: Tab) -> None:
+    short.points("opac").first.focus()
+    short.types("opac", "value", "7")
+    alert = short.table("opac").get_by_role("alert")
+    assert alert.is_visible() and "not a number from 0 to 1" in alert.inner_text()
+    assert box(alert)["y"] > box(short.table("opac"))["y"]

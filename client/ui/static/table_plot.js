@@ -12,8 +12,10 @@ const TEXT = 13;
 const LEFT = 22; // for the scale 0..1
 const RIGHT = 7;
 const AXIS = 16;
-const STRIP = { top: 1, height: 16 };
-const TOP = { colour: STRIP.top + STRIP.height + 10, scalar: 7 }; // where the plot begins
+const STRIP = { top: 1, height: 16, below: 10 }; // and what is free below it
+const LOW_STRIP = { top: 1, height: 10, below: 5 }; // where the whole drawing is lower than LOW
+const LOW = 92;
+const TOP = 7; // where a plot without a strip begins
 const RADIUS = { colour: 5, scalar: 4, crowded: 3 };
 const GRAB = 10; // how near a pointer must come to a point
 const LINE_GRAB = 6;
@@ -152,7 +154,12 @@ export class TablePlot {
   }
 
   get _top() {
-    return (this.colour ? TOP.colour : TOP.scalar) * this.scale;
+    const { top, height, below } = this._strip;
+    return (this.colour ? top + height + below : TOP) * this.scale;
+  }
+
+  get _strip() {
+    return this.size.height < LOW * this.scale ? LOW_STRIP : STRIP;
   }
 
   get _width() {
@@ -175,7 +182,8 @@ export class TablePlot {
 
   /** @param {Point} point @returns {[number, number]} */
   _place([position, value]) {
-    return [this._x(position), typeof value === "number" ? this._y(value) : (STRIP.top + STRIP.height / 2) * this.scale];
+    const { top, height } = this._strip;
+    return [this._x(position), typeof value === "number" ? this._y(value) : (top + height / 2) * this.scale];
   }
 
   _drawGrid() {
@@ -227,7 +235,8 @@ export class TablePlot {
       if (!this.colour) this.parts.area.setAttribute("d", `${path}L${this._x(1)},${this._y(0)}L${this._x(0)},${this._y(0)}Z`);
     });
     if (!this.colour) return;
-    setAttributes(this.parts.strip, { x: this._x(0), y: STRIP.top * this.scale, width: this._width, height: STRIP.height * this.scale });
+    const { top, height } = this._strip;
+    setAttributes(this.parts.strip, { x: this._x(0), y: top * this.scale, width: this._width, height: height * this.scale });
     const stops = points.map(([at, value]) => `<stop offset="${at}" stop-color="${hexOf(channels(value))}"></stop>`);
     /** @type {Element} */ (this.svg.querySelector("linearGradient")).innerHTML = stops.join("");
   }
