@@ -5,6 +5,7 @@ Positions are those of tables: 0 is byte 0, 1 is byte 255.
 
 import math
 from dataclasses import dataclass
+from itertools import accumulate
 
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Survey
@@ -91,6 +92,18 @@ def density_histogram(survey: Survey, counts: list[int], window: tuple[float, fl
             value = survey.low + (n + 0.5) * width
             result[math.floor(min(max((value - low) * scale, 0.0), LAST) + 0.5)] += count
     return DensityHistogram(window, tuple(result))
+
+
+def window_of_shares(survey: Survey, counts: list[int], low: float, high: float) -> tuple[float, float]:
+    """The densities between which all voxels lie but for a share of `low` below and of 1 - `high` above.
+
+    They are the outer edges of the bins of the survey's histogram that those shares end in.
+    """
+    width = (survey.high - survey.low) / len(counts)
+    seen = list(accumulate(counts))
+    first = next((n for n, below in enumerate(seen) if below > low * seen[-1]), 0)
+    last = next((n for n, below in enumerate(seen) if below >= high * seen[-1]), len(counts) - 1)
+    return (survey.low + first * width, min(survey.low + (last + 1) * width, survey.high))
 
 
 def otsu_byte(counts: list[float]) -> int:

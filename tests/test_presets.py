@@ -20,6 +20,7 @@ from volsplat.client.density_histogram import (
     landmarks,
     otsu_byte,
     recognised_ct,
+    window_of_shares,
     zero_position,
 )
 from volsplat.client.presets import PRESETS, fits, preset_scene
@@ -204,3 +205,19 @@ def test_data_of_both_signs_is_suited_by_what_tells_them_apart() -> None:
     signed, unsigned = (DensityHistogram(window, around_zero) for window in ((-1.0, 1.0), (0.0, 1.0)))
     assert [name for name in PRESETS if fits(name, signed)] == ["orbital", "seismic"]
     assert not any(fits(name, unsigned) for name in PRESETS)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "window"),
+    [(0.0, 1.0, (-10.0, 90.0)), (0.05, 0.95, (-5.0, 85.0)), (0.01, 0.99, (-9.0, 89.0))],
+)
+def test_a_window_leaves_shares_of_the_voxels_out(low: float, high: float, window: tuple[float, float]) -> None:
+    survey = Survey(low=-10.0, high=90.0, max_gradient=1.0, voxels=700, no_data=0)
+    assert window_of_shares(survey, [7] * 100, low, high) == pytest.approx(window)
+
+
+def test_a_window_is_never_narrower_than_a_bin() -> None:
+    survey = Survey(low=0.0, high=10.0, max_gradient=1.0, voxels=1001, no_data=0)
+    assert window_of_shares(survey, [1000, 0, 0, 0, 1], 0.05, 0.95) == (0.0, 2.0)
+    constant = Survey(low=3.0, high=3.0, max_gradient=0.0, voxels=9, no_data=0)
+    assert window_of_shares(constant, [9, 0], 0.01, 0.99) == (3.0, 3.0)

@@ -324,6 +324,22 @@ def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:
     )
 
 
+def test_the_density_window_holds_as_many_voxels_as_asked(tab: Tab) -> None:
+    windows: dict[str, tuple[float, float]] = {}
+    for button in ("all", "1–99 %", "5–95 %"):
+        tab.button(button, "image").click()
+        tab.page.wait_for_selector(f'[aria-pressed="true"]:has-text("{button}")')
+        chosen = tab.until(lambda state: state.scene.quantise.window not in ("auto", *windows.values())).quantise.window
+        assert chosen != "auto"
+        windows[button] = chosen
+        tab.holds("lowest density", f"{chosen[0]:.5g}")
+    assert windows["all"][0] <= windows["1–99 %"][0] <= windows["5–95 %"][0]
+    assert windows["5–95 %"][1] <= windows["1–99 %"][1] <= windows["all"][1]
+    assert tab.page.locator('[aria-pressed="true"]:has-text("all")').count() == 0
+    tab.button("automatic", "image").click()
+    tab.becomes(lambda scene: scene.quantise.window, "auto")
+
+
 def test_the_image_has_a_fixed_size_or_follows_the_window(tab: Tab) -> None:
     assert not tab.field("width").is_visible()
     tab.button("fixed", "image").click()

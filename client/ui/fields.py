@@ -45,6 +45,12 @@ def show_pressed(button: ui.button, on: bool) -> None:
     show_prop(button, "aria-pressed", "true" if on else "false")
 
 
+def pressable(text: str, action: Callable[[], object]) -> ui.button:
+    """A framed button that can show that what it does is in force."""
+    with ui.element("div").classes("vs-buttons vs-alone"):
+        return ui.button(text, color=None, on_click=action).props("dense flat no-caps")
+
+
 class SceneEditor:
     """A panel's hold on the scene, within one tab."""
 

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import msgspec
 from nicegui import ui
 
 from volsplat.client.colours import colour_from_hex
+from volsplat.client.ui.density_window_fields import density_window_fields
 from volsplat.client.ui.fields import (
     TOGGLE_PROPS,
     SceneEditor,
     TextField,
     choose,
     number_field,
+    pressable,
     show_pressed,
     show_prop,
     slider,
@@ -62,7 +62,7 @@ def view_panel(viewing: Viewing) -> None:
         _kernel(editor)
     with ui.element("section").classes("vs-panel").props('aria-label="image"'):
         ui.label("Image").classes("vs-title")
-        _window(editor, viewing.volume.automatic_window)
+        density_window_fields(editor, viewing.volume)
         image_size_fields(editor, viewing.image_size)
         _background(editor)
         edges = ui.switch("white edges of the volume").props("dense").classes("vs-switch")
@@ -115,7 +115,7 @@ def _center(editor: SceneEditor, geometry: Geometry) -> None:
     with ui.element("div").classes("vs-row"):
         ui.label("centre of the image, grid").classes("vs-label")
         ui.element("div").classes("vs-spread")
-        middle = _pressable("middle", to_middle)
+        middle = pressable("middle", to_middle)
     with ui.element("div").classes("vs-row vs-fields"):
         for axis, letter in enumerate(AXES):
             _center_field(editor, geometry, axis, letter)
@@ -132,11 +132,6 @@ def _center_field(editor: SceneEditor, geometry: Geometry, axis: int, letter: st
         editor, f"centre {letter}", lambda scene: resolved_center(scene, geometry)[axis], put, undoable=False
     )
     field.props(f'prefix="{letter}"')
-
-
-def _pressable(text: str, action: object) -> ui.button:
-    with ui.element("div").classes("vs-buttons vs-alone"):
-        return ui.button(text, color=None, on_click=action).props("dense flat no-caps")  # type: ignore[arg-type]
 
 
 # -- bounds
@@ -267,36 +262,11 @@ def _kernel(editor: SceneEditor) -> None:
         )
         field = number_field(editor, "radius, a number", radius, lambda scene, value: rebuilt(scene, radius=value))
         field.classes("vs-short")
-        default = _pressable("default", lambda: editor.change(lambda scene: rebuilt(scene, radius="default")))
+        default = pressable("default", lambda: editor.change(lambda scene: rebuilt(scene, radius="default")))
     editor.follow(lambda scene: show_pressed(default, scene.reconstruction.radius == "default"))
 
 
 # -- the image
-
-
-def _window(editor: SceneEditor, automatic: tuple[float, float]) -> None:
-    with ui.element("div").classes("vs-row vs-fields"):
-        label = ui.label("density").classes("vs-label vs-narrow")
-        label.tooltip("the window of densities, in the data's units, that becomes the 256 entries of a table")
-        for side, name in enumerate(("lowest density", "highest density")):
-            _window_field(editor, automatic, side, name)
-        button = _pressable("automatic", lambda: editor.change(lambda scene: _quantised(scene, "auto")))
-    editor.follow(lambda scene: show_pressed(button, scene.quantise.window == "auto"))
-
-
-def _window_field(editor: SceneEditor, automatic: tuple[float, float], side: int, name: str) -> None:
-    def window(scene: Scene) -> tuple[float, float]:
-        return automatic if scene.quantise.window == "auto" else scene.quantise.window
-
-    def put(scene: Scene, value: float) -> Scene:
-        low, high = window(scene)
-        return _quantised(scene, (value, high) if side == 0 else (low, value))
-
-    number_field(editor, name, lambda scene: window(scene)[side], put)
-
-
-def _quantised(scene: Scene, window: tuple[float, float] | Literal["auto"]) -> Scene:
-    return replace(scene, quantise=replace(scene.quantise, window=window))
 
 
 def _image(scene: Scene, **parts: object) -> Scene:
