@@ -69,11 +69,20 @@ def canvas(page: Page) -> torch.Tensor:
 
 
 def after(page: Page, action: Any) -> torch.Tensor:
-    """The canvas once what follows the action is refined to the end."""
-    number = page.evaluate("() => window.volsplatViewport.log.at(-1).number")
+    """The canvas once the scene that the action makes is refined to the end."""
+    return _next_last(page, action, "revision")
+
+
+def drawn_again(page: Page, action: Any) -> torch.Tensor:
+    """The canvas once the same scene is drawn anew after the action."""
+    return _next_last(page, action, "number")
+
+
+def _next_last(page: Page, action: Any, rising: str) -> torch.Tensor:
+    before = page.evaluate(f"() => window.volsplatViewport.log.at(-1).{rising}")
     action()
     page.wait_for_function(
-        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.number > {number}; }}"
+        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.{rising} > {before}; }}"
     )
     return canvas(page)
 
@@ -283,6 +292,6 @@ def test_a_movie_is_made_with_progress_and_can_be_cancelled(page: Page) -> None:
         page.get_by_text("make the movie").click()
     assert download.value.path().read_bytes()[4:8] == b"ftyp"
     page.get_by_role("button", name="key scenes").click()
-    drawn_again = after(page, page.get_by_text("make the movie").click)
+    again = drawn_again(page, page.get_by_text("make the movie").click)
     assert page.get_by_text("4 frames cannot pass through 0 key scenes").is_visible()
-    assert torch.equal(drawn_again, before)
+    assert torch.equal(again, before)

@@ -276,6 +276,9 @@ def test_bounds_are_slid(tab: Tab) -> None:
     bounds = tab.until(lambda state: state.scene.bounds.low[1] > 0).bounds
     assert abs(bounds.low[1] - DIMS[1] / 2) <= 1 and bounds == Bounds(low=(0, bounds.low[1], 0))
     assert "view" in tab.state.unsettled
+    tab.page.wait_for_function(
+        "low => document.querySelector('[aria-label=\"lowest j\"]').value === low", arg=str(bounds.low[1])
+    )
     tab.drag((box["x"] + box["width"] - 1, middle), (box["x"] + box["width"] / 2, middle))
     bounds = tab.until(lambda state: state.scene.bounds.high[1] != -1).bounds
     assert bounds.low[1] < bounds.high[1] <= bounds.low[1] + 1  # a slab of one voxel at least

@@ -278,6 +278,23 @@ def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> 
     expect(value).to_be_hidden()
 
 
+def test_a_value_is_told_in_its_unit_and_at_what_its_indices_stand_for(shown: ShownViewport) -> None:
+    axes = [
+        {"name": "time", "unit": "ms", "first": 4.0, "step": 4.0},
+        {"name": "crossline", "unit": "", "first": 875.0, "step": 1.0},
+        {"name": "RA", "unit": "deg", "first": 309.07, "step": -0.00716},
+    ]
+    shown.process.say({**VOLUME, "value_unit": "mV", "axes": axes})
+    shown.show_and_wait()
+    shown.page.mouse.move(200, 150)
+    asked = shown.process.wait_for("probe")
+    found = {"type": "probe", "x": asked["x"], "y": asked["y"], "index": [9, 5, 2], "density": -3.5, "strength": 31.21}
+    shown.process.say(found)
+    expect(shown.page.locator(".vs-value")).to_have_text(
+        "density -3.5 mV · gradient strength 31.2 at time 40 ms, crossline 880, RA 309.0557 deg"
+    )
+
+
 def test_the_document_hears_of_the_value_until_the_pointer_leaves(shown: ShownViewport) -> None:
     shown.page.evaluate(
         """() => {

@@ -35,6 +35,8 @@ VOLUME: Message = {
     "anatomical": True,
     "density_name": "density",
     "strength_name": "gradient strength",
+    "value_unit": "",
+    "axes": None,
 }
 FRONT = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
 VIEW: Message = {"rotation": FRONT, "zoom": 5.0, "center": [31.5, 23.5, 19.5]}

@@ -88,6 +88,8 @@ def volume_message(description: VolumeDescription) -> dict[str, Any]:
         "anatomical": description.anatomical,
         "density_name": description.density_name,
         "strength_name": description.strength_name,
+        "value_unit": description.value_unit,
+        "axes": msgspec.to_builtins(description.axes),
     }
 
 

@@ -5,20 +5,25 @@ import { tellValues } from "./value_event.js";
 const REST = 60; // milliseconds
 
 /** @typedef {import("./camera.js").Point} Point */
+/** @typedef {{name: string, unit: string, first: number, step: number}} Axis index n stands for first + n * step */
 
 export class ValueReadout {
   #ask;
   #names;
+  #valueUnit;
+  #axes;
   #timer = 0;
   #asked = /** @type {Point | null} */ (null);
 
   /**
-   * @param {{density_name: string, strength_name: string}} volume its message
+   * @param {{density_name: string, strength_name: string, value_unit: string, axes: Axis[] | null}} volume its message
    * @param {(at: Point) => void} ask for the value at a picture pixel
    */
-  constructor({ density_name, strength_name }, ask) {
+  constructor({ density_name, strength_name, value_unit, axes }, ask) {
     this.#ask = ask;
     this.#names = [density_name, strength_name];
+    this.#valueUnit = value_unit && ` ${value_unit}`;
+    this.#axes = axes;
     this.element = document.createElement("output");
     this.element.className = "vs-value";
     this.element.hidden = true;
@@ -46,10 +51,20 @@ export class ValueReadout {
     if (this.#asked === null || this.#asked[0] !== x || this.#asked[1] !== y) return;
     if (index === null) return this.#hide();
     this.element.hidden = false;
-    const values = [density, strength].map((value, n) => `${this.#names[n]} ${shortNumber(value)}`);
-    this.element.textContent = `${values.join(" · ")} at (${index.join(", ")})`;
+    const [first, second] = [density, strength].map((value, n) => `${this.#names[n]} ${shortNumber(value)}`);
+    this.element.textContent = `${first}${this.#valueUnit} · ${second} at ${this.#place(index)}`;
     const [i, j, k] = index;
     tellValues(this.element, { density, strength, "grid-i": i, "grid-j": j, "grid-k": k });
+  }
+
+  /** What the indices stand for, where the file tells. @param {number[]} index */
+  #place(index) {
+    if (this.#axes === null) return `(${index.join(", ")})`;
+    const places = this.#axes.map(({ name, unit, first, step }, n) => {
+      const place = Number((first + index[n] * step).toPrecision(7));
+      return `${name} ${place}${unit && ` ${unit}`}`;
+    });
+    return places.join(", ");
   }
 
   #hide() {
