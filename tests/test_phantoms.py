@@ -20,7 +20,7 @@ from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Image
 from volsplat.protocol.volume import Geometry, Index
 
-NOISY = ("head", "shells")
+NOISY = ("head", "shells", "galaxy", "seismic")
 
 
 def head_at(values: torch.Tensor, x: float, y: float, z: float) -> int:

@@ -19,6 +19,18 @@ def centred_geometry(size: Index, spacing: Vector) -> Geometry:
     )
 
 
+def placed_grid(size: Index, spacing: Vector | None, field: Vector) -> tuple[Geometry, float]:
+    """A grid for something that needs the lengths `field`, and the factor by which it must grow to fill that grid.
+
+    Without a spacing voxels are cubes, as large as is needed, and the factor is 1.
+    """
+    if spacing is None:
+        step = max(length / count for length, count in zip(field, size, strict=True))
+        spacing = (step, step, step)
+    scale = min(count * step / length for count, step, length in zip(size, spacing, field, strict=True))
+    return centred_geometry(size, spacing), scale
+
+
 def axis_positions(geometry: Geometry, axis: int) -> torch.Tensor:
     """Physical positions along one axis, float32 (dims[axis],)."""
     steps = torch.arange(geometry.dims[axis], dtype=torch.float64) * geometry.index_to_physical[axis][axis]

@@ -4,7 +4,7 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms import head_anatomy as anatomy
-from volsplat.client.phantoms.centred_grid import SheetNoise, centred_geometry, slabs
+from volsplat.client.phantoms.centred_grid import SheetNoise, placed_grid, slabs
 from volsplat.client.phantoms.solids import blended_minimum, coverage, union, without
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
@@ -32,12 +32,7 @@ def make_head(size: Index | None = None, spacing: Vector | None = None, seed: in
     Without a spacing, voxels are cubes and the head is life-size; with one, the head is scaled to the grid.
     """
     size = size or HEAD_SIZE
-    field = anatomy.FIELD_OF_VIEW
-    if spacing is None:
-        step = max(length / count for length, count in zip(field, size, strict=True))
-        spacing = (step, step, step)
-    geometry = centred_geometry(size, spacing)
-    scale = min(count * step / length for count, step, length in zip(size, spacing, field, strict=True))
+    geometry, scale = placed_grid(size, spacing, anatomy.FIELD_OF_VIEW)
     edge = EDGE_VOXELS * geometry.reference_spacing / scale
     noise = SheetNoise(seed, NOISE)
     values = torch.empty(size[::-1], dtype=torch.uint16)

@@ -5,9 +5,15 @@ from collections.abc import Callable
 
 import torch
 
+from volsplat.client.phantoms.galaxy import make_galaxy
 from volsplat.client.phantoms.head import make_head
 from volsplat.client.phantoms.known_signals import make_marschner_lobb, make_ramp, make_slab
+from volsplat.client.phantoms.p_orbital import make_p_orbital
+from volsplat.client.phantoms.protein import make_protein
+from volsplat.client.phantoms.rna import make_rna
+from volsplat.client.phantoms.seismic import make_seismic
 from volsplat.client.phantoms.shells import make_shells
+from volsplat.client.phantoms.structure_factors import make_structure_factors
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
@@ -22,6 +28,12 @@ PHANTOMS: dict[str, Phantom] = {
     "marschner-lobb": make_marschner_lobb,
     "ramp": make_ramp,
     "slab": make_slab,
+    "p-orbital": make_p_orbital,
+    "rna": make_rna,
+    "protein": make_protein,
+    "structure-factors": make_structure_factors,
+    "galaxy": make_galaxy,
+    "seismic": make_seismic,
 }
 
 
