@@ -23,6 +23,7 @@ ENTRIES = {
     "render": Entry("Draw a volume into an image.", "volsplat.client.render_command"),
     "movie": Entry("Turn a volume around, or fly through it, into a movie.", "volsplat.client.movie_command"),
     "demo": Entry("Draw the head phantom, step by step, into a folder.", "volsplat.client.demo_command"),
+    "gallery": Entry("Draw the paper's sixteen images on four plates.", "volsplat.client.gallery_command"),
     "info": Entry("Tell what a volume is, with its histogram.", "volsplat.client.info_command"),
     "scene": Entry("Print a complete scene file to start from.", "volsplat.client.scene_command"),
     "phantom": Entry("Write a volume that volsplat makes itself.", "volsplat.client.phantom_command"),

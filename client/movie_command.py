@@ -4,20 +4,18 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
 
 import click
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie_formats import check_movie_writable
 from volsplat.client.opened_volume import opened_quietly, servers_from_options
 from volsplat.client.presets import PRESETS
+from volsplat.client.progress_bar import shown_progress
 from volsplat.client.render_options import SceneOptions, size_from_option
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
@@ -104,15 +102,3 @@ def movie(
     image = scenes[0].image
     seconds = time.perf_counter() - began
     console.print(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s", highlight=False)
-
-
-@contextmanager
-def shown_progress(frames: int, console: Console) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
-    """Gives what to call with words, and what to call with the number of frames that are done."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
-        task = progress.add_task("starting", total=frames)
-        yield (
-            lambda text: progress.update(task, description=text),
-            lambda done: progress.update(task, completed=done),
-        )

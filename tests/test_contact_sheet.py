@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from volsplat.client.contact_sheet import CAPTIONS, LARGEST_SIDE, PAPER, StepPicture, contact_sheet, write_contact_sheet
+from volsplat.client.contact_sheet import CAPTIONS, StepPicture, contact_sheet, write_contact_sheet
 from volsplat.client.image_file import read_image
+from volsplat.client.picture_sheet import LARGEST_SIDE, PAPER
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Step
 

@@ -24,7 +24,7 @@ FLAT_ROTATION = 150.0  # km/s
 TURNOVER = 9.0  # pixels: the rotation curve is the arctangent of Courteau, Astron. J. 114 (1997) 2402
 DISPERSION = 10.0  # km/s, of neutral hydrogen (Tamburro et al., Astron. J. 137 (2009) 4424)
 
-SCALE_LENGTH = 14.0  # pixels, of the exponential disc (Freeman, Astrophys. J. 160 (1970) 811)
+SCALE_LENGTH = 19.0  # pixels, of the exponential disc (Freeman, Astrophys. J. 160 (1970) 811)
 EDGE, EDGE_WIDTH = 42.0, 2.5  # where the gas ends
 HOLE = 3.0  # the middle is poor in gas
 ARMS, PITCH = 2, math.radians(18.0)

@@ -20,7 +20,7 @@ from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
 P_ORBITAL_SIZE: Index = (64, 64, 64)
-FIELD_OF_VIEW: Vector = (6.8, 6.8, 6.8)  # Å; holds all but a thousandth of the electron
+FIELD_OF_VIEW: Vector = (6.0, 6.0, 6.0)  # Å; holds all but a few thousandths of the electron
 BOHR = 0.529177  # Å
 BOND_LENGTH = 2.0512  # Å
 HELMHOLZ_FACTOR = 1.75

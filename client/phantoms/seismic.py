@@ -47,13 +47,16 @@ FAULTS = (Fault(-13.0, 0.18, 0.42, 6.0), Fault(17.0, -0.12, -0.36, -8.0))
 def make_seismic(
     size: Index | None = None, spacing: Vector | None = None, seed: int = 0
 ) -> tuple[torch.Tensor, Geometry]:
-    """float32 amplitude, signed: x and y on the ground, two-way time down along z. The seed makes other layers."""
+    """float32 amplitude, signed: x and y on the ground, which lies at the greatest z; two-way time runs downwards.
+
+    The seed makes other layers.
+    """
     geometry, scale = placed_grid(size or SEISMIC_SIZE, spacing, FIELD_OF_VIEW)
     boundaries = layer_boundaries(seed)
     noise = SheetNoise(seed, NOISE)
     values = torch.empty(geometry.dims[::-1])
     for part, x, y, z in slabs(geometry):
-        traces = _traces(x / scale, y / scale, z / scale, boundaries)
+        traces = _traces(x / scale, y / scale, -z / scale, boundaries)
         values[part] = traces + noise.next(*traces.shape)
     return values, geometry
 

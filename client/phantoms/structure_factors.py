@@ -32,8 +32,9 @@ OPERATIONS: tuple[tuple[Vector, Vector], ...] = (
     ((1, -1, -1), (0.5, 0.5, 0)),
 )
 
-TEMPERATURE_FACTOR = 20.0  # Å^2: atoms of a well-ordered protein shake so much (B = 8 pi^2 <u^2>)
-NARROWEST = 0.6  # steps of the cell's grid, so that the transform holds what is left at its edge
+TEMPERATURE_FACTOR = 10.0  # Å^2: atoms of a well-ordered protein shake so much (B = 8 pi^2 <u^2>)
+OVERSAMPLING = 2  # of the density: reflections beyond the grid then hardly fold back into it
+NARROWEST = 0.6  # steps of that density's grid: no standard deviation of an atom is less
 
 SECTORS, BAND = 8, 32
 FULL_SHARE = 0.999  # of the reflections: stronger ones have the highest level
@@ -54,9 +55,12 @@ def make_structure_factors(
 
 def structure_factors(size: Index) -> Tensor:
     """F(h, k, l), complex64 shaped (l, k, h), each axis from -size // 2 up."""
+    fine = (OVERSAMPLING * size[0], OVERSAMPLING * size[1], OVERSAMPLING * size[2])
     # The crystallographers' transform has exp(+2 pi i hx), that of the FFT exp(-2 pi i hx); the density is real.
-    factors: Tensor = torch.fft.fftn(cell_density(protein_atoms(), size)).conj()
-    return torch.fft.fftshift(factors)
+    factors: Tensor = torch.fft.fftn(cell_density(protein_atoms(), fine)).conj()
+    for axis, count in enumerate(size[::-1]):
+        factors = factors.index_select(axis, (torch.arange(count) - count // 2) % factors.shape[axis])
+    return factors
 
 
 def cell_density(atoms: Molecule, size: Index) -> Tensor:

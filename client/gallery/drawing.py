@@ -1,0 +1,126 @@
+"""Draws the plates' images, each volume opened once, and lays them on their sheets."""
+
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+from torch import Tensor
+
+from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path
+from volsplat.client.image_file import over_background, write_image, write_pixels
+from volsplat.client.image_formats import check_writable
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.picture_sheet import SheetPicture, picture_sheet
+from volsplat.client.renderer import Renderer
+from volsplat.client.scene_file import read_scene_file
+from volsplat.client.volume_writer import write_volume
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Scene
+
+COLUMNS = 2
+
+Opened = Callable[[str], AbstractContextManager[Renderer]]  # by the volume's name
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A finished image over its background, (H, W, 3), and what it was made of."""
+
+    pixels: Tensor
+    label: str
+
+
+def sheet_path(folder: Path, plate: Plate) -> Path:
+    return folder / f"plate-{plate.number}.png"
+
+
+def image_path(folder: Path, image: PlateImage) -> Path:
+    return folder / f"{image.name}.png"
+
+
+def check_places(folder: Path, data: Path | None) -> None:
+    """Make the folder, and raise BadInput where it, an image in it or the folder of data cannot be used."""
+    if data is not None and not data.is_dir():
+        raise BadInput(f"{data}: there is no such folder; --data names the one with the measured volumes")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInput(f"{folder}: cannot make this folder: {error.strerror}; name another") from error
+    for path in (*(image_path(folder, image) for image in IMAGES), *(sheet_path(folder, plate) for plate in PLATES)):
+        check_writable(path)
+
+
+def draw_gallery(
+    folder: Path,
+    data: Path | None,
+    pixels: int,
+    opened: Opened,
+    say: Callable[[str], None],
+    done: Callable[[int], None],
+) -> None:
+    """Write the sixteen images, square with so many pixels aside, and the four sheets."""
+    drawn: dict[str, Drawn] = {}
+    for data_set in dict.fromkeys(image.data for image in IMAGES):
+        for image in _drawn(data_set, folder, data, pixels, opened, say, drawn):
+            say(image.name)
+            done(len(drawn))
+    for plate in PLATES:
+        write_pixels(sheet_path(folder, plate), plate_sheet(plate, drawn))
+
+
+def plate_sheet(plate: Plate, drawn: dict[str, Drawn]) -> Tensor:
+    """The sheet of a plate as (H, W, 3) float32; `drawn` has its images by name."""
+    shown = [
+        SheetPicture(drawn[image.name].pixels, image.mark, image.caption, note=drawn[image.name].label)
+        for image in plate.images
+    ]
+    return picture_sheet(shown, COLUMNS, f"Plate {plate.number}: {plate.title}")
+
+
+def _drawn(
+    data_set: DataSet,
+    folder: Path,
+    data: Path | None,
+    pixels: int,
+    opened: Opened,
+    say: Callable[[str], None],
+    drawn: dict[str, Drawn],
+) -> Iterator[PlateImage]:
+    """Draws and writes all images of a volume, and gives each when it is in `drawn`."""
+    measured = data is not None and bool(data_set.measured) and (data / data_set.measured).exists()
+    label = data_set.measured_label if measured else data_set.phantom_label
+    with _volume(data_set, data if measured else None, say) as volume, opened(volume) as renderer:
+        for image in IMAGES:
+            if image.data != data_set:
+                continue
+            scene = sized(read_scene_file(scene_path(image, measured), renderer.volume.default_scene()), pixels)
+            finished = renderer.finish(scene, image.step).image
+            write_image(image_path(folder, image), finished, scene, {"volume": label})
+            drawn[image.name] = Drawn(over_background(finished, scene.image.background), label)
+            yield image
+
+
+@contextmanager
+def _volume(data_set: DataSet, data: Path | None, say: Callable[[str], None]) -> Iterator[str]:
+    """The name of the measured volume in the folder of data, or of the phantom, which is there for the time being."""
+    if data is not None:
+        yield f"{data / data_set.measured}" + (f"#{data_set.part}" if data_set.part else "")
+        return
+    say(f"making the phantom {data_set.phantom}")
+    with TemporaryDirectory(prefix="volsplat-gallery-") as place:
+        volume = Path(place) / f"{data_set.phantom}.nrrd"
+        write_volume(volume, *make_phantom(data_set.phantom))
+        yield str(volume)
+
+
+def sized(scene: Scene, pixels: int) -> Scene:
+    """The scene in a square image, seen as large in proportion as in its own."""
+    own = scene.image
+    view = scene.view
+    if view.zoom != "fit":
+        view = msgspec.structs.replace(view, zoom=view.zoom * pixels / min(own.width, own.height))
+    image = msgspec.structs.replace(own, width=pixels, height=pixels)
+    return msgspec.structs.replace(scene, view=view, image=image)

@@ -1,0 +1,98 @@
+"""Pictures side by side in one image, each with a caption."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import OpenImageIO as oiio
+import torch
+from torch import Tensor
+
+from volsplat.protocol.errors import VolsplatError
+
+LARGEST_SIDE = 640  # pixels of a picture in the sheet; larger ones are reduced
+LEAST_WIDTH = 240  # of a cell, so that its caption fits
+PAPER = 0.09  # grey of the sheet
+INK, FAINT_INK = 0.95, 0.62
+FONT, BOLD_FONT = "DroidSans", "DroidSans-Bold"  # both come with OpenImageIO
+
+
+class SheetPicture(NamedTuple):
+    pixels: Tensor  # (H, W, 3) float32, 0..1
+    mark: str  # one letter, in bold before the caption; or nothing
+    caption: str
+    aside: str = ""  # faint, at the caption's right
+    note: str = ""  # faint, below the caption
+
+
+def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "") -> Tensor:
+    """The sheet as (H, W, 3) float32, 0..1, with so many pictures in a row."""
+    images = [_reduced(picture.pixels) for picture in pictures]
+    height, width = max(i.shape[0] for i in images), max(i.shape[1] for i in images)
+    cell = max(width, LEAST_WIDTH)
+    text = max(round(cell / 20), 12)  # the captions' size
+    gap, strip = text, round(text * (3.3 if any(picture.note for picture in pictures) else 2.0))
+    head = round(text * 3.2) if title else gap
+    columns, rows = min(columns, len(images)), -(-len(images) // columns)
+    sheet = torch.full((head + rows * (height + strip + gap), gap + columns * (cell + gap), 3), PAPER)
+    corners = []
+    for n, image in enumerate(images):
+        left = gap + (n % columns) * (cell + gap)
+        top = head + (n // columns) * (height + strip + gap)
+        inset = left + (cell - image.shape[1]) // 2
+        sheet[top : top + image.shape[0], inset : inset + image.shape[1]] = image
+        corners.append((left, top + height))
+    canvas = _buffer(sheet)
+    if title:
+        _write(canvas, gap, round(text * 2.2), title, round(text * 1.4), INK, FONT, room=sheet.shape[1] - 2 * gap)
+    for (left, bottom), picture in zip(corners, pictures, strict=True):
+        _write_caption(canvas, left, bottom, cell, text, picture)
+    return torch.from_numpy(canvas.get_pixels(oiio.FLOAT)).clamp(0.0, 1.0)
+
+
+def _write_caption(
+    canvas: "oiio.ImageBuf", left: int, bottom: int, cell: int, text: int, picture: SheetPicture
+) -> None:
+    line = bottom + round(text * 1.35)
+    taken = _extent(picture.aside, text, FONT) if picture.aside else 0
+    indent = round(text * 1.3) if picture.mark else 0
+    if picture.mark:
+        _write(canvas, left, line, picture.mark, text, INK, BOLD_FONT)
+    _write(canvas, left + indent, line, picture.caption, text, INK, FONT, room=cell - indent - taken)
+    if picture.aside:
+        _write(canvas, left + cell - taken, line, picture.aside, text, FAINT_INK, FONT)
+    if picture.note:
+        below = line + round(text * 1.3)
+        _write(canvas, left + indent, below, picture.note, round(text * 0.85), FAINT_INK, FONT, room=cell - indent)
+
+
+def _reduced(image: Tensor) -> Tensor:
+    """The image, no side longer than LARGEST_SIDE; averaged, never enlarged."""
+    largest = max(image.shape[0], image.shape[1])
+    if largest <= LARGEST_SIDE:
+        return image
+    factor = LARGEST_SIDE / largest
+    size = (max(round(image.shape[0] * factor), 1), max(round(image.shape[1] * factor), 1))
+    planes = image.permute(2, 0, 1).unsqueeze(0)
+    return torch.nn.functional.interpolate(planes, size=size, mode="area")[0].permute(1, 2, 0)
+
+
+def _buffer(image: Tensor) -> "oiio.ImageBuf":
+    height, width, channels = image.shape
+    canvas = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
+    canvas.set_pixels(canvas.roi, image.contiguous().numpy())
+    return canvas
+
+
+def _extent(text: str, size: int, font: str) -> int:
+    """The width of a text in pixels."""
+    return int(oiio.ImageBufAlgo.text_size(text, size, font).width)
+
+
+def _write(
+    canvas: "oiio.ImageBuf", x: int, y: int, text: str, size: int, ink: float, font: str, room: int | None = None
+) -> None:
+    """Write a line with its base line at y, smaller where there is not room enough."""
+    while room is not None and size > 8 and _extent(text, size, font) > room:
+        size -= 1
+    if not oiio.ImageBufAlgo.render_text(canvas, x, y, text, size, font, (ink, ink, ink)):
+        raise VolsplatError(f"cannot write the captions of the sheet: {canvas.geterror()}")
