@@ -163,3 +163,33 @@ ELECTRON_VOLT = 2e-7
 
 IBM_FLOAT = 2e-6
 """Relative: IBM's float32 has 20 to 24 bits, and its file was written from float32."""
+
+QUADRATURE = 2e-3
+"""Overlaps of Slater orbitals by the midpoint rule: the sharpest, exponent 5.95, decays within three of its steps."""
+
+ELECTRON_IN_VIEW = 5e-3
+"""What of an orbital's electron lies beyond the phantom's grid, and what the sum over its voxels misses."""
+
+VOXEL_SUM = 1e-3
+"""Relative, of the sum of Gaussians of at least 0.7 voxel against their integrals."""
+
+IDEAL_HELIX_DEGREES = 1.0
+"""Of the turn a residue: bond lengths of Engh and Huber with torsions that were published for slightly older ones."""
+
+IDEAL_HELIX_RISE = 0.07
+"""Å, of the rise a residue, likewise."""
+
+CARBON_BOND = (1.19, 1.90)
+"""Å: from C=O to C-S and P-O; what is nearer is a clash."""
+
+SAME_ELEMENT_VOXELS = 0.999
+"""Share of voxels that two programs give to the same element: where two atoms are equal, rounding decides."""
+
+ALIASED_AMPLITUDE = 2e-3
+"""Of F(000): what folds back into the transform of a density that is sampled twice as finely as is needed."""
+
+CHANNEL = 0.2
+"""Channels, of a mean velocity under the galaxy's noise."""
+
+HELIX_PITCH = 0.02
+"""Relative, of what is measured between peaks that are known to half a voxel, over 18 pairs of them."""

@@ -12,6 +12,7 @@ from torch import Tensor
 from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path
 from volsplat.client.image_file import over_background, write_image, write_pixels
 from volsplat.client.image_formats import check_writable
+from volsplat.client.image_properties import image_properties
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.picture_sheet import SheetPicture, picture_sheet
 from volsplat.client.renderer import Renderer
@@ -98,7 +99,8 @@ def _drawn(
                 continue
             scene = sized(read_scene_file(scene_path(image, measured), renderer.volume.default_scene()), pixels)
             finished = renderer.finish(scene, image.step).image
-            write_image(image_path(folder, image), finished, scene, {"volume": label})
+            properties = image_properties(renderer.volume.description, scene)
+            write_image(image_path(folder, image), finished, scene, properties)
             drawn[image.name] = Drawn(over_background(finished, scene.image.background), label)
             yield image
 

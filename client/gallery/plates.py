@@ -74,6 +74,9 @@ GALAXY = DataSet(
 SEISMIC = DataSet(
     phantom="seismic",
     phantom_label="seismic phantom: folds and faults, 64 x 64 x 64",
+    measured="seismic/f3.sgy",
+    part="velocity=4000",
+    measured_label="F3, North Sea, 23 x 18 x 75, heights doubled",
 )
 
 
@@ -99,7 +102,7 @@ PLATES = (
         (
             PlateImage("p-orbital", "p-orbital and its bond", ORBITAL, "p-orbital"),
             PlateImage("rna", "transfer RNA by gradient strength", RNA, "rna"),
-            PlateImage("protein", "protein by element: C N O S", PROTEIN, "protein"),
+            PlateImage("protein", "protein: green C, blue N, red O, yellow S", PROTEIN, "protein"),
             PlateImage("structure-factors", "structure factors by phase", STRUCTURE_FACTORS, "structure-factors"),
         ),
     ),

@@ -16,8 +16,9 @@ from volsplat.client.phantoms.centred_grid import axis_positions
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry
 
-# Covalent radii in Å: Cordero et al., Dalton Trans. (2008) 2832. Atomic numbers are the heights of the Gaussians.
-RADII = {"C": 0.76, "N": 0.71, "O": 0.66, "P": 1.07, "S": 1.05}
+# Covalent radii in Å: Cordero et al., Dalton Trans. (2008) 2832, carbon's as in its double bonds. Atomic numbers are
+# the heights of the Gaussians.
+RADII = {"C": 0.73, "N": 0.71, "O": 0.66, "P": 1.07, "S": 1.05}
 ELECTRONS = {"C": 6, "N": 7, "O": 8, "P": 15, "S": 16}
 
 # Bands of 32 values, by their number: 0 is bond, and nothing at the value 0.
