@@ -4,26 +4,38 @@ from pathlib import Path
 
 import click
 
-from volsplat.client.phantoms import PHANTOMS, make_phantom
+from volsplat.client.phantoms import PHANTOMS, streamed_phantom
 from volsplat.client.render_options import triple_from_option
-from volsplat.client.volume_writer import check_volume_writable, write_volume
+from volsplat.client.volume_writer import NRRD, check_volume_writable, extension_of, write_nrrd, write_volume
+from volsplat.protocol.volume import Index
 
 
 @click.command()
 @click.argument("name", type=click.Choice(sorted(PHANTOMS)))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help=".nrrd, .nhdr, .mha, .mhd, .nii…")
-@click.option("--size", metavar="I,J,K", help="Voxels along each axis.")
+@click.option("--size", metavar="N|I,J,K", help="Voxels along each axis.")
 @click.option("--spacing", metavar="I,J,K", help="Millimetres between voxels.")
 @click.option("--seed", type=int, default=0, help="Of the noise (0).")
 def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
-    """Make the volume NAME and write it to a file."""
+    """Make the volume NAME and write it to a file.
+
+    NRRD is written while it is made, in little memory, whatever the size.
+    """
     check_volume_writable(output)
-    values, geometry = make_phantom(
+    made = streamed_phantom(
         name,
-        size=triple_from_option("--size", size, int) if size else None,
+        size=size_of_grid(size) if size else None,
         spacing=triple_from_option("--spacing", spacing, float) if spacing else None,
         seed=seed,
     )
-    write_volume(output, values, geometry)
-    ni, nj, nk = geometry.dims
+    if extension_of(output) == NRRD:
+        write_nrrd(output, made.slabs, made.dtype, made.geometry)
+    else:
+        write_volume(output, *made.whole())
+    ni, nj, nk = made.geometry.dims
     click.echo(f"{output}: {name}, {ni} x {nj} x {nk} voxels", err=True)
+
+
+def size_of_grid(text: str) -> Index:
+    """Voxels along i, j, k from N, the same for all, or I,J,K. Raises BadInput."""
+    return (int(text),) * 3 if text.isdecimal() else triple_from_option("--size", text, int)

@@ -1,9 +1,12 @@
-"""Writes volumes through SimpleITK, whole or not at all."""
+"""Writes volumes, whole or not at all: NRRD slab by slab, all other formats through SimpleITK."""
 
 import importlib
 import os
 import shutil
+import sys
 import tempfile
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +14,7 @@ import torch
 
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry
 
 # By extension: whether SimpleITK compresses. NRRD and MetaImage stay raw, so that servers can read sub-cubes.
@@ -23,6 +27,19 @@ COMPRESSED = {
     ".nii.gz": True,
     ".tif": True,
     ".tiff": True,
+}
+NRRD = ".nrrd"
+NRRD_TYPES = {
+    torch.uint8: "uint8",
+    torch.int8: "int8",
+    torch.uint16: "uint16",
+    torch.int16: "int16",
+    torch.uint32: "uint32",
+    torch.int32: "int32",
+    torch.uint64: "uint64",
+    torch.int64: "int64",
+    torch.float32: "float",
+    torch.float64: "double",
 }
 SHEARLESS = (".nii", ".nii.gz", ".tif", ".tiff")
 PAGED = (".tif", ".tiff")  # a slice a page, and nothing that tells one slice from an image
@@ -62,26 +79,69 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
         raise BadInput(f"{path}: {extension} would lose the volume's shear; write .nrrd or .mha")
     if extension in PAGED and geometry.dims[2] == 1:
         raise BadInput(f"{path}: {extension} of one slice would be read as an image; write .nrrd or .mha")
+    if extension == NRRD:
+        write_nrrd(path, [values], values.dtype, geometry)
+        return
     # Here, since whoever writes no volume should not wait for this import.
     simple_itk: Any = importlib.import_module("SimpleITK")
     simple_itk.ProcessObject_SetGlobalWarningDisplay(False)
     image = _placed(simple_itk.GetImageFromArray(values.contiguous().numpy()), geometry)
+    with _appearing_whole(path) as folder:
+        try:
+            simple_itk.WriteImage(image, str(folder / path.name), COMPRESSED[extension])
+        except RuntimeError as error:
+            reason = str(error).strip().splitlines()[-1].strip()
+            raise BadInput(f"{path}: cannot be written: {reason}; choose another place or format") from None
+        written_bytes = sum(file.stat().st_size for file in folder.iterdir())
+        if not COMPRESSED[extension] and written_bytes < values.nbytes:
+            raise BadInput(f"{path}: could not be written whole; the disk may be full")
+
+
+def write_nrrd(path: Path, slabs: Iterable[torch.Tensor], dtype: torch.dtype, geometry: Geometry) -> None:
+    """As `write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); only one slab is held at a time."""
+    check_volume_writable(path)
+    with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
+        file.write(_nrrd_header(path, dtype, geometry))
+        for slab in slabs:
+            file.write(slab.contiguous().numpy().data)
+
+
+def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry) -> bytes:
+    if dtype not in NRRD_TYPES:
+        raise BadInput(f"{path}: voxels of type {dtype} are no numbers that NRRD holds; convert them")
+    steps = [matrices.column(geometry.index_to_physical, axis) for axis in range(3)]
+    lines = (
+        "NRRD0005",
+        f"type: {NRRD_TYPES[dtype]}",
+        "dimension: 3",
+        "space: left-posterior-superior",
+        "sizes: " + " ".join(str(size) for size in geometry.dims),
+        "space directions: " + " ".join(_nrrd_vector(step) for step in steps),
+        "kinds: domain domain domain",
+        f"endian: {sys.byteorder}",
+        "encoding: raw",
+        f"space origin: {_nrrd_vector(geometry.origin)}",
+    )
+    return "\n".join((*lines, "", "")).encode()
+
+
+def _nrrd_vector(vector: Vector) -> str:
+    return "(" + ",".join(repr(float(component)) for component in vector) + ")"
+
+
+@contextmanager
+def _appearing_whole(path: Path) -> Iterator[Path]:
+    """A folder for files that take their places beside `path` once all are written. Raises BadInput for OSError."""
     try:
         # Beside the target, so that the renaming stays within one file system.
         folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({os.strerror(error.errno or 0)}); choose another place") from None
     try:
-        simple_itk.WriteImage(image, str(folder / path.name), COMPRESSED[extension])
-        written_bytes = sum(file.stat().st_size for file in folder.iterdir())
-        if not COMPRESSED[extension] and written_bytes < values.nbytes:
-            raise BadInput(f"{path}: could not be written whole; the disk may be full")
+        yield folder
         # The header last: who finds it finds its data.
         for written in sorted(folder.iterdir(), key=lambda file: file.name == path.name):
             os.replace(written, path.parent / written.name)
-    except RuntimeError as error:
-        reason = str(error).strip().splitlines()[-1].strip()
-        raise BadInput(f"{path}: cannot be written: {reason}; choose another place or format") from None
     except OSError as error:
         raise BadInput(f"{path}: cannot be written ({os.strerror(error.errno or 0)}); choose another place") from None
     finally:

@@ -2,6 +2,7 @@
 
 import math
 import resource
+import subprocess
 import sys
 from pathlib import Path
 
@@ -12,13 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tolerances
+from volsplat.client.phantom_command import size_of_grid
 from volsplat.client.phantoms import PHANTOMS, centred_grid, make_phantom, shells_tables
-from volsplat.client.phantoms.known_signals import make_ramp, make_slab
+from volsplat.client.phantoms.known_signals import ramp, slab
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
+from volsplat.mapshade_server.readers import open_volume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Image
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.volume import Box, Geometry, Index
 
 NOISY = ("head", "shells", "galaxy", "seismic")
 
@@ -75,6 +78,38 @@ def test_large_shells_are_made_within_little_more_than_their_own_memory() -> Non
     assert grown < values.nbytes + 40 * centred_grid.SLAB_VOXELS
 
 
+def test_a_phantom_is_written_to_nrrd_within_less_than_its_own_memory(tmp_path: Path) -> None:
+    size = (384, 384, 384)
+    arguments = (str(tmp_path / "shells.nrrd"), str(math.prod(size) // 2), str(Path(__file__).parent))
+    written = subprocess.run(
+        [sys.executable, "-c", WRITE_WITH_LITTLE_MEMORY, *arguments], capture_output=True, encoding="utf-8"
+    )
+    assert written.returncode == 0, written.stderr
+    reader = open_volume(str(tmp_path / "shells.nrrd"))
+    few = reader.read(Box((0, 0, 190), (384, 384, 192)))
+    assert reader.describe().geometry.dims == size and few.max() > 100
+
+
+WRITE_WITH_LITTLE_MEMORY = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[3])
+from little_memory import little_memory
+from volsplat.client.phantoms import streamed_phantom
+from volsplat.client.volume_writer import write_nrrd
+for warming in streamed_phantom("shells", (384, 384, 1)).slabs:
+    pass
+made = streamed_phantom("shells", (384, 384, 384))
+with little_memory(int(sys.argv[2])):
+    write_nrrd(Path(sys.argv[1]), made.slabs, made.dtype, made.geometry)
+"""
+
+
+@pytest.mark.parametrize(("text", "size"), [("64", (64, 64, 64)), ("5,6,7", (5, 6, 7))])
+def test_the_size_of_a_phantom_is_one_number_or_three(text: str, size: Index) -> None:
+    assert size_of_grid(text) == size
+
+
 def test_the_marschner_lobb_signal_is_its_formula() -> None:
     values, geometry = make_phantom("marschner-lobb")
     assert geometry.dims == (41, 41, 41)
@@ -87,14 +122,14 @@ def test_the_marschner_lobb_signal_is_its_formula() -> None:
 
 
 def test_the_ramp_rises_by_one_per_unit_along_its_direction() -> None:
-    values, geometry = make_ramp((9, 8, 7), (0.5, 1.0, 2.0), direction=(0.0, 3.0, 4.0))
+    values, geometry = ramp((9, 8, 7), (0.5, 1.0, 2.0), direction=(0.0, 3.0, 4.0)).whole()
     for axis, per_step in ((2, 0.0), (1, 0.6), (0, 1.6)):
         steps = values.diff(dim=axis)
         torch.testing.assert_close(steps, torch.full_like(steps, per_step))
 
 
 def test_the_slab_is_uniform_inside_its_margin() -> None:
-    values, _ = make_slab((20, 16, 12), margin=3, value=77)
+    values, _ = slab((20, 16, 12), margin=3, value=77).whole()
     assert set(values.flatten().tolist()) == {0, 77}
     assert (values[3:-3, 3:-3, 3:-3] == 77).all()
     assert int((values == 77).sum()) == 14 * 10 * 6

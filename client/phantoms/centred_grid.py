@@ -1,6 +1,7 @@
 """The grid of a phantom: axes along the physical axes, the physical origin in its middle."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 import torch
 
@@ -8,6 +9,28 @@ from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
 SLAB_VOXELS = 1 << 17  # worked on at a time, so that a phantom's making takes little more memory than itself
+
+
+class Phantom(NamedTuple):
+    """A phantom in the making: its voxels come slab by slab, once."""
+
+    geometry: Geometry
+    dtype: torch.dtype
+    slabs: Iterator[torch.Tensor]  # consecutive sheets, shaped (k, j, i)
+
+    def whole(self) -> tuple[torch.Tensor, Geometry]:
+        """All voxels, shaped (k, j, i), and their place."""
+        values = torch.empty(self.geometry.dims[::-1], dtype=self.dtype)
+        made = 0
+        for slab in self.slabs:
+            values[made : made + len(slab)] = slab
+            made += len(slab)
+        return values, self.geometry
+
+
+def at_once(make: Callable[[], torch.Tensor]) -> Iterator[torch.Tensor]:
+    """The slabs of a phantom that is made whole, when it is asked for."""
+    yield make()
 
 
 def centred_geometry(size: Index, spacing: Vector) -> Geometry:
@@ -37,16 +60,15 @@ def axis_positions(geometry: Geometry, axis: int) -> torch.Tensor:
     return (steps + geometry.origin[axis]).to(torch.float32)
 
 
-def slabs(geometry: Geometry) -> Iterator[tuple[slice, torch.Tensor, torch.Tensor, torch.Tensor]]:
-    """Ranges of k with the positions x (1, 1, i), y (1, j, 1), z (k, 1, 1) of their voxels."""
+def slabs(geometry: Geometry) -> Iterator[tuple[torch.Tensor, torch.Tensor, torch.Tensor]]:
+    """The positions x (1, 1, i), y (1, j, 1), z (k, 1, 1) of the voxels of consecutive ranges of k."""
     x = axis_positions(geometry, 0)[None, None, :]
     y = axis_positions(geometry, 1)[None, :, None]
     z = axis_positions(geometry, 2)[:, None, None]
     ni, nj, nk = geometry.dims
     sheets = max(1, SLAB_VOXELS // (ni * nj))
     for low in range(0, nk, sheets):
-        part = slice(low, min(low + sheets, nk))
-        yield part, x, y, z[part]
+        yield x, y, z[low : low + sheets]
 
 
 class SheetNoise:

@@ -6,11 +6,12 @@ NGC 2403 (de Blok et al., Astron. J. 136 (2008) 2648), which stays flat as far o
 """
 
 import math
+from collections.abc import Iterator
 
 import torch
 from torch import Tensor
 
-from volsplat.client.phantoms.centred_grid import SheetNoise, placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
@@ -33,19 +34,18 @@ WARP_FROM, WARP = 24.0, math.radians(22.0)  # beyond this radius the major axis 
 NOISE = 0.006  # of the greatest brightness
 
 
-def make_galaxy(
-    size: Index | None = None, spacing: Vector | None = None, seed: int = 0
-) -> tuple[torch.Tensor, Geometry]:
+def galaxy(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """float32 brightness, 1 at most but for the noise: x and y on the sky, velocity along z, rising away from us."""
     geometry, scale = placed_grid(size or GALAXY_SIZE, spacing, FIELD_OF_VIEW)
-    noise = SheetNoise(seed, NOISE)
-    values = torch.empty(geometry.dims[::-1])
-    for part, x, y, z in slabs(geometry):
+    return Phantom(geometry, torch.float32, _observed(geometry, scale, SheetNoise(seed, NOISE)))
+
+
+def _observed(geometry: Geometry, scale: float, noise: SheetNoise) -> Iterator[Tensor]:
+    for x, y, z in slabs(geometry):
         column, velocity = column_density(x / scale, y / scale), line_of_sight_velocity(x / scale, y / scale)
         line = torch.exp(-0.5 * ((z / scale * CHANNEL_WIDTH - velocity) / DISPERSION) ** 2)
         brightness = column * line
-        values[part] = brightness + noise.next(*brightness.shape)
-    return values, geometry
+        yield brightness + noise.next(*brightness.shape)
 
 
 def column_density(x: Tensor, y: Tensor) -> Tensor:

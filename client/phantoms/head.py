@@ -1,10 +1,12 @@
 """The head phantom: a CT of nobody, 96 x 128 x 113 voxels like the paper's study."""
 
+from collections.abc import Iterator
+
 import torch
 from torch import Tensor
 
 from volsplat.client.phantoms import head_anatomy as anatomy
-from volsplat.client.phantoms.centred_grid import SheetNoise, placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
 from volsplat.client.phantoms.solids import blended_minimum, coverage, union, without
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
@@ -26,21 +28,22 @@ BONE_WALL = 2.2  # of the compact layers round spongy bone
 EDGE_VOXELS = 2.2  # width of a smooth edge: sharper ones show rings where the surface meets the grid
 
 
-def make_head(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> tuple[torch.Tensor, Geometry]:
+def head(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """uint16 CT values (HU + 1024) of a head that fills the grid: the face to -y, its left to +x, the top to +z.
 
     Without a spacing, voxels are cubes and the head is life-size; with one, the head is scaled to the grid.
     """
     size = size or HEAD_SIZE
     geometry, scale = placed_grid(size, spacing, anatomy.FIELD_OF_VIEW)
+    return Phantom(geometry, torch.uint16, _scanned(geometry, scale, SheetNoise(seed, NOISE)))
+
+
+def _scanned(geometry: Geometry, scale: float, noise: SheetNoise) -> Iterator[Tensor]:
     edge = EDGE_VOXELS * geometry.reference_spacing / scale
-    noise = SheetNoise(seed, NOISE)
-    values = torch.empty(size[::-1], dtype=torch.uint16)
-    for part, x, y, z in slabs(geometry):
+    for x, y, z in slabs(geometry):
         sheets = _ct_values(x / scale, y / scale, z / scale, edge)
         sheets += noise.next(*sheets.shape)
-        values[part] = sheets.round_().clamp_(0, LARGEST_VALUE).to(torch.uint16)
-    return values, geometry
+        yield sheets.round_().clamp_(0, LARGEST_VALUE).to(torch.uint16)
 
 
 def _ct_values(x: Tensor, y: Tensor, z: Tensor, edge: float) -> Tensor:

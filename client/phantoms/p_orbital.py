@@ -9,13 +9,14 @@ Thibeault and Hoffmann, J. Am. Chem. Soc. 97 (1975) 4884; Cl: Summerville and Ho
 """
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
 import torch
 from torch import Tensor
 
-from volsplat.client.phantoms.centred_grid import placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, placed_grid, slabs
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
@@ -88,18 +89,17 @@ def bonding_coefficients() -> tuple[float, ...]:
     return tuple((lowest * torch.sign(lowest[0])).tolist())
 
 
-def make_p_orbital(
-    size: Index | None = None, spacing: Vector | None = None, seed: int = 0
-) -> tuple[torch.Tensor, Geometry]:
+def p_orbital(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """float32 probability of finding an electron of the bond, per cubic Å; chlorine at -z, copper at +z."""
     geometry, scale = placed_grid(size or P_ORBITAL_SIZE, spacing, FIELD_OF_VIEW)
-    unit = 1 / (scale * BOHR)
-    values = torch.empty(geometry.dims[::-1])
-    for part, x, y, z in slabs(geometry):
+    return Phantom(geometry, torch.float32, _probability(geometry, 1 / (scale * BOHR)))
+
+
+def _probability(geometry: Geometry, unit: float) -> Iterator[Tensor]:
+    for x, y, z in slabs(geometry):
         rho2, height = (x * x + y * y) * unit**2, z * unit
         wave = sum(
             (c * orbital.value(rho2, height) for c, orbital in zip(bonding_coefficients(), BASIS, strict=True)),
             torch.zeros(()),
         )
-        values[part] = wave * wave / BOHR**3
-    return values, geometry
+        yield wave * wave / BOHR**3

@@ -13,10 +13,10 @@ from typing import NamedTuple
 import torch
 
 from volsplat.client.phantoms.amino_acids import BACKBONE, OXYGEN, SIDE_CHAINS, AtomRule, atom_place
-from volsplat.client.phantoms.centred_grid import placed_grid
+from volsplat.client.phantoms.centred_grid import Phantom, at_once, placed_grid
 from volsplat.client.phantoms.molecule import Molecule, elements, molecule
 from volsplat.protocol.matrices import Vector, cross, dot, minus, normalised, plus, scaled
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.volume import Index
 
 PROTEIN_SIZE: Index = (64, 64, 64)
 FIELD_OF_VIEW: Vector = (43.0, 43.0, 43.0)  # Å
@@ -47,12 +47,10 @@ HELICES = (
 _SEED: Residue = {"N": (0.0, 0.0, 0.0), "CA": (1.458, 0.0, 0.0), "C": (2.009, 1.422, 0.0)}
 
 
-def make_protein(
-    size: Index | None = None, spacing: Vector | None = None, seed: int = 0
-) -> tuple[torch.Tensor, Geometry]:
+def protein(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """uint8 elements in bands of 32 values (see molecule.CLASSES): bond, C, N, O and S."""
     geometry, scale = placed_grid(size or PROTEIN_SIZE, spacing, FIELD_OF_VIEW)
-    return elements(protein_atoms(), geometry, scale), geometry
+    return Phantom(geometry, torch.uint8, at_once(lambda: elements(protein_atoms(), geometry, scale)))
 
 
 @cache

@@ -10,7 +10,7 @@ from functools import cache
 
 import torch
 
-from volsplat.client.phantoms.centred_grid import placed_grid
+from volsplat.client.phantoms.centred_grid import Phantom, at_once, placed_grid
 from volsplat.client.phantoms.molecule import Molecule, density, molecule
 from volsplat.client.phantoms.rna_geometry import (
     BACKBONE,
@@ -21,7 +21,7 @@ from volsplat.client.phantoms.rna_geometry import (
     place_in_second_strand,
 )
 from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.volume import Index
 
 RNA_SIZE: Index = (64, 64, 64)
 FIELD_OF_VIEW: Vector = (44.0, 44.0, 44.0)  # Å
@@ -32,10 +32,10 @@ T_ARM = (("C", "G"), ("U", "A"), ("G", "C"), ("U", "A"), ("G", "C"))
 PAIRS = ACCEPTOR_ARM + T_ARM
 
 
-def make_rna(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> tuple[torch.Tensor, Geometry]:
+def rna(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """float32 synthetic electron density of the twelve base pairs; the helix rises along z."""
     geometry, scale = placed_grid(size or RNA_SIZE, spacing, FIELD_OF_VIEW)
-    return density(rna_atoms(), geometry, scale), geometry
+    return Phantom(geometry, torch.float32, at_once(lambda: density(rna_atoms(), geometry, scale)))
 
 
 @cache

@@ -7,12 +7,13 @@ is added. Layers are folded into an anticline and cut by two normal faults of 60
 """
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import torch
 from torch import Tensor
 
-from volsplat.client.phantoms.centred_grid import SheetNoise, placed_grid, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
@@ -44,21 +45,20 @@ class Fault(NamedTuple):
 FAULTS = (Fault(-13.0, 0.18, 0.42, 6.0), Fault(17.0, -0.12, -0.36, -8.0))
 
 
-def make_seismic(
-    size: Index | None = None, spacing: Vector | None = None, seed: int = 0
-) -> tuple[torch.Tensor, Geometry]:
+def seismic(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """float32 amplitude, signed: x and y on the ground, which lies at the greatest z; two-way time runs downwards.
 
     The seed makes other layers.
     """
     geometry, scale = placed_grid(size or SEISMIC_SIZE, spacing, FIELD_OF_VIEW)
-    boundaries = layer_boundaries(seed)
-    noise = SheetNoise(seed, NOISE)
-    values = torch.empty(geometry.dims[::-1])
-    for part, x, y, z in slabs(geometry):
+    return Phantom(geometry, torch.float32, _recorded(geometry, scale, seed))
+
+
+def _recorded(geometry: Geometry, scale: float, seed: int) -> Iterator[Tensor]:
+    boundaries, noise = layer_boundaries(seed), SheetNoise(seed, NOISE)
+    for x, y, z in slabs(geometry):
         traces = _traces(x / scale, y / scale, -z / scale, boundaries)
-        values[part] = traces + noise.next(*traces.shape)
-    return values, geometry
+        yield traces + noise.next(*traces.shape)
 
 
 def ricker(seconds: Tensor) -> Tensor:

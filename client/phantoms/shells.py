@@ -1,8 +1,10 @@
 """The benchmarks' phantom: nested ellipsoid shells with noise, of which 10 to 15 % of the voxels are visible."""
 
+from collections.abc import Iterator
+
 import torch
 
-from volsplat.client.phantoms.centred_grid import SheetNoise, centred_geometry, slabs
+from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, centred_geometry, slabs
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.scene import TABLE_ENTRIES, ColourTable, ScalarTable, Tables
 from volsplat.protocol.volume import Geometry, Index
@@ -17,23 +19,22 @@ HALF_THICKNESS = 0.034  # of a shell's profile, in half extents of the grid
 SHELLS = ((0.34, 235.0), (0.53, 205.0), (0.72, 175.0), (0.91, 150.0))
 
 
-def make_shells(
-    size: Index | None = None, spacing: Vector | None = None, seed: int = 0
-) -> tuple[torch.Tensor, Geometry]:
+def shells(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """uint8 shells that fill the grid whatever its shape. Each is densest in its middle and fades to both sides."""
     geometry = centred_geometry(size or SHELLS_SIZE, spacing or (1.0, 1.0, 1.0))
+    return Phantom(geometry, torch.uint8, _densities(geometry, SheetNoise(seed, NOISE)))
+
+
+def _densities(geometry: Geometry, noise: SheetNoise) -> Iterator[torch.Tensor]:
     half = [max(-start, 0.5 * step) for start, step in zip(geometry.origin, geometry.spacing, strict=True)]
-    noise = SheetNoise(seed, NOISE)
-    values = torch.empty(geometry.dims[::-1], dtype=torch.uint8)
-    for part, x, y, z in slabs(geometry):
+    for x, y, z in slabs(geometry):
         radius = torch.sqrt((x / half[0]) ** 2 + (y / half[1]) ** 2 + (z / half[2]) ** 2)
         density = torch.full_like(radius, AIR)
         for middle, peak in SHELLS:
             profile = (1 - ((radius - middle) / HALF_THICKNESS) ** 2).clamp_(min=0)
             density += (peak - AIR) * profile
         density += noise.next(*density.shape)
-        values[part] = density.round_().clamp_(0, TABLE_ENTRIES - 1).to(torch.uint8)
-    return values, geometry
+        yield density.round_().clamp_(0, TABLE_ENTRIES - 1).to(torch.uint8)
 
 
 def shells_tables() -> Tables:

@@ -14,11 +14,11 @@ import math
 import torch
 from torch import Tensor
 
-from volsplat.client.phantoms.centred_grid import centred_geometry
+from volsplat.client.phantoms.centred_grid import Phantom, at_once, centred_geometry
 from volsplat.client.phantoms.molecule import Molecule
 from volsplat.client.phantoms.protein import protein_atoms
 from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.volume import Index
 
 STRUCTURE_FACTORS_SIZE: Index = (64, 64, 64)
 CELL: Vector = (52.0, 56.0, 60.0)  # Å; about half of it is solvent, as in most crystals of proteins (Matthews 1968)
@@ -40,17 +40,18 @@ SECTORS, BAND = 8, 32
 FULL_SHARE = 0.999  # of the reflections: stronger ones have the highest level
 
 
-def make_structure_factors(
-    size: Index | None = None, spacing: Vector | None = None, seed: int = 0
-) -> tuple[torch.Tensor, Geometry]:
+def reflections(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """uint8: the phase's sector times 32, plus the amplitude's level 0..31. F(000) is in the middle of the grid.
 
     Without a spacing it is that of the reciprocal lattice, in 1/Å.
     """
     size = size or STRUCTURE_FACTORS_SIZE
-    factors = structure_factors(size)
     geometry = centred_geometry(size, spacing or (1 / CELL[0], 1 / CELL[1], 1 / CELL[2]))
-    return _sector(factors) * BAND + _level(factors.abs()), geometry
+    return Phantom(geometry, torch.uint8, at_once(lambda: _banded(structure_factors(size))))
+
+
+def _banded(factors: Tensor) -> Tensor:
+    return _sector(factors) * BAND + _level(factors.abs())
 
 
 def structure_factors(size: Index) -> Tensor:
