@@ -15,7 +15,7 @@ from volsplat.deploy.server_command import Program, server_command
 class Entry(NamedTuple):
     summary: str
     module: str = ""  # with a command of the entry's name
-    server: Program | None = None
+    program: Program | None = None  # that the command becomes
 
 
 ENTRIES = {
@@ -27,9 +27,10 @@ ENTRIES = {
     "info": Entry("Tell what a volume is, with its histogram.", "volsplat.client.info_command"),
     "scene": Entry("Print a complete scene file to start from.", "volsplat.client.scene_command"),
     "phantom": Entry("Write a volume that volsplat makes itself.", "volsplat.client.phantom_command"),
+    "prepare": Entry("Turn a volume of any size into a packet store on disk.", program=Program.PREPARE),
     "bench": Entry("Measure volsplat: its paper, its floors, its peers.", "volsplat.bench.command"),
-    "mapshade-server": Entry("Run a map/shade server that joins a client.", server=Program.MAPSHADE_SERVER),
-    "splat-server": Entry("Run a splat server that joins a client.", server=Program.SPLAT_SERVER),
+    "mapshade-server": Entry("Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER),
+    "splat-server": Entry("Run a splat server that joins a client.", program=Program.SPLAT_SERVER),
 }
 
 
@@ -43,8 +44,8 @@ class Commands(click.Group):
         entry = ENTRIES.get(name)
         if entry is None:
             return None
-        if entry.server is not None:
-            return _becoming(name, entry.server)
+        if entry.program is not None:
+            return _becoming(name, entry.program)
         with interrupts_held():
             command: click.Command = getattr(import_module(entry.module), name)
         return command
@@ -55,7 +56,7 @@ class Commands(click.Group):
 
 
 def _becoming(name: str, program: Program) -> click.Command:
-    """A sub-command that becomes the server itself, so that it alone decides its options."""
+    """A sub-command that becomes the program itself, so that it alone decides its options."""
 
     def become(arguments: tuple[str, ...]) -> None:
         command = server_command(program, *arguments)

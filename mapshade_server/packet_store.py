@@ -153,10 +153,20 @@ class PacketStore:
 
 def is_store(folder: Path) -> bool:
     """Whether a folder is a packet store, finished or not. Zarr is not imported for it."""
+    return ATTRIBUTE in _group_attributes(folder)
+
+
+def attributes_of(folder: Path) -> StoreAttributes:
+    """What a packet store tells, finished or not. Raises BadInput where there is none of this format."""
+    return stored_attributes(str(folder), _group_attributes(folder))
+
+
+def _group_attributes(folder: Path) -> dict[str, Any]:
     try:
-        return ATTRIBUTE in json.loads((folder / METADATA).read_bytes()).get("attributes", {})
-    except (OSError, ValueError, AttributeError):
-        return False
+        attributes = json.loads((folder / METADATA).read_bytes())["attributes"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return {}
+    return attributes if isinstance(attributes, dict) else {}
 
 
 def open_store(place: str) -> PacketStore:

@@ -1,0 +1,37 @@
+"""The least and greatest bytes of each brick's voxels, for leaving out bricks that cannot be seen."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.packet_store import BRICK_FIELDS, Packets
+from volsplat.protocol.packet_layout import NO_DATA_BIT
+
+DENSITY, STRENGTH, TOP = 0, 1, 3  # bytes of a packet, little-endian
+TOP_NO_DATA = 1 << (NO_DATA_BIT - 24)
+
+Bytes = NDArray[np.uint8]
+
+
+def brick_extents(packets: Packets, brick: int) -> Bytes:
+    """uint8 (bk, bj, bi, 4) of packets (k, j, i) that begin with a brick; an empty brick has its least > greatest."""
+    nk, nj, ni = (-(-n // brick) for n in packets.shape)
+    extents = np.empty((nk, nj, ni, BRICK_FIELDS), np.uint8)
+    for n in range(nk):
+        sheets = packets[n * brick : (n + 1) * brick].astype("<u4", copy=False)
+        fields = sheets.view(np.uint8).reshape(*sheets.shape, 4)
+        no_data = fields[..., TOP] & TOP_NO_DATA
+        hidden = np.where(no_data, np.uint8(255), np.uint8(0)) if no_data.any() else None
+        for at, field in ((0, DENSITY), (2, STRENGTH)):
+            values = np.ascontiguousarray(fields[..., field])
+            extents[n, ..., at] = _by_brick(np.minimum, values if hidden is None else values | hidden, brick)
+            extents[n, ..., at + 1] = _by_brick(np.maximum, values if hidden is None else values & ~hidden, brick)
+    return extents
+
+
+def _by_brick(reduce: np.ufunc, values: Bytes, brick: int) -> Bytes:
+    """Over all k, and over bricks along j and i."""
+    sheet = reduce.reduce(values, axis=0)
+    for axis in (0, 1):
+        sheet = reduce.reduceat(sheet, np.arange(0, sheet.shape[axis], brick), axis=axis)
+    reduced: Bytes = sheet
+    return reduced

@@ -1,0 +1,82 @@
+"""`volsplat prepare`: turns a volume into a packet store."""
+
+import os
+import re
+from pathlib import Path
+from typing import Literal
+
+import click
+from rich.console import Console
+
+from volsplat.mapshade_server.prepare.layout import MIB
+from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
+from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
+from volsplat.protocol.errors import BadInput
+
+UNITS = {"K": 1 << 10, "M": MIB, "G": 1 << 30, "T": 1 << 40}
+
+
+@click.command("volsplat prepare")
+@click.argument("volume")
+@click.argument("out", metavar="OUT.zarr", type=click.Path(path_type=Path))
+@click.option("--window", metavar="LOW,HIGH", help="Values that become density 0 and 255 (chosen from the data).")
+@click.option("--directions", type=click.Choice(["octahedral", "paper"]), default="octahedral", help="(octahedral)")
+@click.option("--memory", metavar="SIZE", default="1G", help="What the command may hold at a time (1G).")
+@click.option("--verify/--no-verify", default=True, help="Read everything back at the end (yes).")
+def prepare_command(
+    volume: str,
+    out: Path,
+    window: str | None,
+    directions: Literal["octahedral", "paper"],
+    memory: str,
+    verify: bool,
+) -> None:
+    """Turn VOLUME, of any size, into a packet store that is drawn without being read whole.
+
+    Ended at any moment, the same command goes on from there.
+    """
+    options = Options(
+        window=window_from_option(window) if window else None,
+        directions=directions,
+        memory=bytes_from_option(memory),
+        verify=verify,
+    )
+    console = Console(stderr=True)
+    try:
+        with ProgressBar(console) as progress:
+            prepared = prepare(volume, out, options, progress)
+    except OSError as error:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        raise BadInput(f"{out}: cannot be written ({reason}); see to it, then run the same command again") from None
+    console.print(outcome(out, prepared), highlight=False, markup=False, soft_wrap=True)
+
+
+def outcome(out: Path, prepared: Prepared) -> str:
+    """One line of what became of it."""
+    told = prepared.attributes
+    size = " x ".join(str(n) for n in told.description.geometry.dims)
+    low, high = told.quantisation.window
+    what = f"{size} voxels, {len(told.levels)} level{'s' * (len(told.levels) > 1)}, window {low:g} to {high:g}"
+    if prepared.seconds == 0:
+        return f"{out}: was prepared before: {what}"
+    rate = prepared.source_bytes / prepared.seconds / 1e6
+    return f"{out}: {what}, in {prepared.seconds:.1f} s ({rate:.1f} MB/s of voxels)"
+
+
+def window_from_option(text: str) -> tuple[float, float]:
+    """Raises BadInput unless the text is LOW,HIGH of finite numbers, the first below the second."""
+    try:
+        low, high = (float(part) for part in text.split(","))
+    except ValueError:
+        raise BadInput(f"--window {text}: give two numbers LOW,HIGH, as in -1000,2000") from None
+    if not -1e300 < low < high < 1e300:
+        raise BadInput(f"--window {text}: LOW must be below HIGH")
+    return low, high
+
+
+def bytes_from_option(text: str) -> int:
+    """A number of bytes with an optional K, M, G or T. Raises BadInput."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([KMGT]?)B?", text.strip().upper())
+    if match is None:
+        raise BadInput(f"--memory {text}: give a size such as 800M or 4G")
+    return int(float(match[1]) * UNITS.get(match[2], 1))

@@ -1,0 +1,110 @@
+"""How a volume is divided: levels, shards, and the blocks that are worked on at a time."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import msgspec
+
+from volsplat.protocol import matrices
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import Matrix
+from volsplat.protocol.volume import Box, Geometry, Index
+
+PACKET_BYTES = 4
+MIB = 1 << 20
+
+# Measured peaks beyond the arrays that are counted: the interpreter with its libraries, and, in shards, what Zarr
+# copies while it compresses one.
+PROGRAM_BYTES = 150 * MIB
+SHARDS_IN_WRITING = 3
+
+
+class Layout(msgspec.Struct, frozen=True):
+    """Voxels along each side of a brick and of a shard; the tests take smaller ones. Both are even."""
+
+    brick: int = 64
+    shard: int = 256
+
+    def shard_size(self, dims: Index) -> Index:
+        """Of a level of `dims`, as (i, j, k): no larger than its bricks need."""
+        i, j, k = (min(self.shard, -(-n // self.brick) * self.brick) for n in dims)
+        return (i, j, k)
+
+    def levels(self, geometry: Geometry) -> list[Geometry]:
+        """Of all levels, finest first, until the whole volume fits into one brick."""
+        levels = [geometry]
+        while max(levels[-1].dims) > self.brick:
+            levels.append(halved_geometry(levels[-1]))
+        return levels
+
+    def blocks(self, dims: Index, shards_in_a_row: int) -> Iterator[Box]:
+        """The blocks of a level in the order of the work."""
+        si, sj, sk = self.shard_size(dims)
+        yield from _tiles(dims, (si * shards_in_a_row, sj, sk))
+
+    def shards(self, dims: Index, block: Box) -> Iterator[Box]:
+        """The shards that a block of a level of `dims` is made of."""
+        for tile in _tiles(block.size, self.shard_size(dims)):
+            yield Box(_sum(block.low, tile.low), _sum(block.low, tile.high))
+
+
+def _tiles(dims: Index, size: Index) -> Iterator[Box]:
+    for k in range(0, dims[2], size[2]):
+        for j in range(0, dims[1], size[1]):
+            for i in range(0, dims[0], size[0]):
+                low = (i, j, k)
+                yield Box(low, _clipped(_sum(low, size), dims))
+
+
+def _sum(a: Index, b: Index) -> Index:
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+def _clipped(index: Index, dims: Index) -> Index:
+    return (min(index[0], dims[0]), min(index[1], dims[1]), min(index[2], dims[2]))
+
+
+def halved_dims(dims: Index) -> Index:
+    return ((dims[0] + 1) // 2, (dims[1] + 1) // 2, (dims[2] + 1) // 2)
+
+
+def halved_box(box: Box) -> Box:
+    """Where the means of a box lie that begins at even indices."""
+    (i, j, k), high = box
+    return Box((i // 2, j // 2, k // 2), halved_dims(high))
+
+
+def halved_geometry(geometry: Geometry) -> Geometry:
+    """Twice the step along every axis, the first voxel in the middle of the first two; an axis of one voxel stays."""
+    factors = [2.0 if n > 1 else 1.0 for n in geometry.dims]
+    matrix: Matrix = tuple(  # type: ignore[assignment]
+        tuple(entry * factor for entry, factor in zip(row, factors, strict=True)) for row in geometry.index_to_physical
+    )
+    i, j, k = (0.5 * (factor - 1.0) for factor in factors)
+    shift = matrices.applied(geometry.index_to_physical, (i, j, k))
+    return Geometry(halved_dims(geometry.dims), matrix, matrices.plus(geometry.origin, shift))
+
+
+@dataclass(frozen=True)
+class MemoryPlan:
+    """What `memory` bytes allow: shards of a block, and blocks that are held at a time."""
+
+    shards_in_a_row: int
+    blocks: int
+
+
+def memory_plan(layout: Layout, dims: Index, source_item_bytes: int, memory: int) -> MemoryPlan:
+    """The longest blocks of which two fit, for one is packed while the other is written; else one at a time.
+
+    Held of each voxel of a block: its source, its packet, and an eighth of a mean. Raises BadInput for too little.
+    """
+    si, sj, sk = layout.shard_size(dims)
+    voxels = si * sj * sk
+    mean_bytes = 1  # of 4 or 8 for every 8 voxels
+    block_bytes = voxels * (source_item_bytes + PACKET_BYTES + mean_bytes)
+    fixed = PROGRAM_BYTES + SHARDS_IN_WRITING * voxels * PACKET_BYTES
+    blocks = 2 if memory >= fixed + 2 * block_bytes else 1
+    shards = (memory - fixed) // (blocks * block_bytes)
+    if shards < 1:
+        raise BadInput(f"--memory: this volume needs at least {-(-(fixed + block_bytes) // MIB)}M")
+    return MemoryPlan(min(shards, -(-dims[0] // si)), blocks)

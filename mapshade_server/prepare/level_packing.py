@@ -1,0 +1,80 @@
+"""The second pass: packs one level block by block, and lays down the means that the next level is packed from."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.packet_store import BRICK_FIELDS, Packets
+from volsplat.mapshade_server.prepare.ahead import ahead
+from volsplat.mapshade_server.prepare.brick_extents import brick_extents
+from volsplat.mapshade_server.prepare.halving import halved
+from volsplat.mapshade_server.prepare.journal import Journal
+from volsplat.mapshade_server.prepare.layout import Layout, halved_box
+from volsplat.mapshade_server.prepare.level_source import LevelSource
+from volsplat.mapshade_server.prepare.store_writer import StoreWriter
+from volsplat.mapshade_server.prepare.survey import BoxReader
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.volume import Box, Geometry, Index
+
+
+@dataclass(frozen=True)
+class PackedBlock:
+    """All that follows from a block's values."""
+
+    box: Box
+    packets: Packets
+    means: NDArray[Any] | None  # for the next level, where there is one
+    extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, 4)
+
+
+@dataclass(frozen=True)
+class LevelPacker:
+    """Packs one level. `source` gives its values, `coarser` takes those of the next, `extents` what bricks hold."""
+
+    number: int
+    geometry: Geometry
+    quantisation: Quantisation
+    layout: Layout
+    source: BoxReader
+    coarser: LevelSource | None
+    extents: LevelSource
+
+    def pack(self, blocks: list[Box], in_advance: int, writer: StoreWriter, journal: Journal) -> Iterator[Box]:
+        """Packs and stores blocks; each is yielded once it stands in the journal. `in_advance` are packed meanwhile."""
+        for packed in ahead(self._packed, blocks, in_advance):
+            checksums = {}
+            for shard in self.layout.shards(self.geometry.dims, packed.box):
+                part = packed.packets[_slices(shard, packed.box.low)]
+                checksums[writer.shard_name(self.number, shard)] = writer.write_shard(self.number, shard, part)
+            self._lay_down(packed)
+            journal.finish_shards(checksums)
+            yield packed.box
+
+    def _packed(self, box: Box) -> PackedBlock:
+        sub_cube = SubCube(self.geometry, box)
+        values = self.source.read(sub_cube.with_halo)
+        sub_cube.hold(values)
+        sub_cube.pack(self.quantisation)
+        packets = np.asarray(memoryview(sub_cube.packets))
+        inside: Voxels = values[_slices(box, sub_cube.with_halo.low)]
+        means = None if self.coarser is None else halved(inside)
+        return PackedBlock(box, packets, means, brick_extents(packets, self.layout.brick))
+
+    def _lay_down(self, packed: PackedBlock) -> None:
+        if self.coarser is not None and packed.means is not None:
+            self.coarser.write(halved_box(packed.box), packed.means)
+        nk, nj, ni, _ = packed.extents.shape
+        i, j, k = (low // self.layout.brick for low in packed.box.low)
+        bricks = Box((i * BRICK_FIELDS, j, k), ((i + ni) * BRICK_FIELDS, j + nj, k + nk))
+        self.extents.write(bricks, packed.extents.reshape(nk, nj, -1))
+
+
+def _slices(box: Box, origin: Index) -> tuple[slice, slice, slice]:
+    """Where a box lies in an array (k, j, i) that begins at `origin`."""
+    i, j, k = (slice(low - at, high - at) for low, high, at in zip(*box, origin, strict=True))
+    return k, j, i

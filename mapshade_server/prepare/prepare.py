@@ -1,0 +1,220 @@
+"""Makes a packet store of a volume, from reading its header to marking the store as complete."""
+
+import shutil
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from volsplat.mapshade_server.packet_store import (
+    BRICK_FIELDS,
+    BRICKS,
+    StoreAttributes,
+    StoredLevel,
+    attributes_of,
+    is_store,
+)
+from volsplat.mapshade_server.prepare.ahead import ahead
+from volsplat.mapshade_server.prepare.halving import mean_type
+from volsplat.mapshade_server.prepare.journal import FOLDER, Journal, Wish, alone, check_source, other_options
+from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, memory_plan
+from volsplat.mapshade_server.prepare.level_packing import LevelPacker
+from volsplat.mapshade_server.prepare.level_source import LevelSource, ReadByTurns
+from volsplat.mapshade_server.prepare.progress import Progress
+from volsplat.mapshade_server.prepare.source_identity import source_of
+from volsplat.mapshade_server.prepare.store_writer import StoreWriter, begin_store, brick_dims, sweep
+from volsplat.mapshade_server.prepare.survey import BoxReader, survey_volume
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.extra import library
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, Geometry
+
+GRADIENT_STRENGTH = "gradient strength"
+UNPACKED = "source.raw"
+
+
+@dataclass(frozen=True)
+class Options:
+    """What a person chooses. `memory` is in bytes; the tests alone change the layout."""
+
+    window: tuple[float, float] | None = None
+    directions: Literal["octahedral", "paper"] = "octahedral"
+    memory: int = 1024 * MIB
+    verify: bool = True
+    layout: Layout = Layout()
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """What became of it."""
+
+    attributes: StoreAttributes
+    source_bytes: int  # of the voxels, unpacked
+    seconds: float  # 0 where the store was complete before
+
+
+def prepare(volume: str, out: Path, options: Options, progress: Progress) -> Prepared:
+    """Makes the store at `out`, or goes on with it. Raises BadInput, and OSError where the disk refuses."""
+    preparation = Preparation(volume, out, options, progress)
+    if preparation.is_done():
+        return Prepared(attributes_of(out), preparation.source_bytes, 0.0)
+    started = time.perf_counter()
+    with alone(out):
+        preparation.run()
+    shutil.rmtree(out / FOLDER)
+    return Prepared(attributes_of(out), preparation.source_bytes, time.perf_counter() - started)
+
+
+class Preparation:
+    """One volume on its way into one store."""
+
+    def __init__(self, volume: str, out: Path, options: Options, progress: Progress) -> None:
+        library("zarr", f"{out}: a packet store")
+        self._out = out
+        self._options = options
+        self._progress = progress
+        self._reader = open_volume(volume)
+        self._description = self._reader.describe()
+        if self._description.strength_name != GRADIENT_STRENGTH:
+            raise BadInput(
+                f"{volume}: has {self._description.strength_name} in place of gradient strength, which a packet store "
+                "does not hold yet; draw it from its own file"
+            )
+        dims, scalar_type = self._description.geometry.dims, self._description.scalar_type
+        self._wish = Wish(source_of(volume), options.window, options.directions, options.layout)
+        self._levels = options.layout.levels(self._description.geometry)
+        self._item_bytes = np.dtype(scalar_type).itemsize
+        greatest = max(self._item_bytes, np.dtype(mean_type(scalar_type)).itemsize)
+        self._plan = memory_plan(options.layout, dims, greatest, options.memory)
+
+    @property
+    def source_bytes(self) -> int:
+        return self._description.geometry.box.voxels * self._item_bytes
+
+    def is_done(self) -> bool:
+        """Whether the store is complete. Raises BadInput where something else stands in its place."""
+        if not is_store(self._out):
+            if self._out.exists() and not (self._out / FOLDER).is_dir() and not _is_empty_folder(self._out):
+                raise BadInput(f"{self._out}: is there already and is no packet store; name another place")
+            return False
+        there = attributes_of(self._out)
+        check_source(self._out, there.source, self._wish.source)
+        asked = (self._wish.window or there.quantisation.window, self._wish.directions)
+        if asked != (there.quantisation.window, there.quantisation.directions):
+            raise other_options(self._out)
+        return there.complete
+
+    def run(self) -> None:
+        """From wherever an earlier run was ended to the finished store."""
+        journal = Journal(self._out, self._wish)
+        sweep(self._out)
+        source = self._source(journal)
+        if journal.is_new or not is_store(self._out):
+            self._survey(source)
+        attributes = attributes_of(self._out)
+        writer = StoreWriter(self._out, attributes, self._options.layout)
+        self._pack(source, attributes, writer, journal)
+        if self._options.verify:
+            self._verify(writer, journal)
+        writer.finish()
+
+    def _source(self, journal: Journal) -> BoxReader:
+        """The values of level 0: from the volume itself or, where it is compressed as a whole, from a copy."""
+        if self._description.reads_sub_cubes:
+            return ReadByTurns(self._reader)
+        dims = self._description.geometry.dims
+        copy = LevelSource(journal.folder / UNPACKED, dims, self._description.scalar_type)
+        if not journal.state.unpacked:
+            self._progress.begin("unpacking", self.source_bytes)
+            sheet_bytes = dims[0] * dims[1] * self._item_bytes
+            sheets = max(1, (self._options.memory - PROGRAM_BYTES) // (2 * sheet_bytes))
+            for k in range(0, dims[2], sheets):
+                slab = Box((0, 0, k), (dims[0], dims[1], min(k + sheets, dims[2])))
+                copy.write(slab, self._reader.read(slab))
+                self._progress.advance(slab.voxels * self._item_bytes)
+            journal.finish_unpacking()
+        return copy
+
+    def _survey(self, source: BoxReader) -> None:
+        """Surveys the volume and begins the store."""
+        geometry = self._description.geometry
+        surveyed = survey_volume(
+            source, geometry, self._blocks(geometry), self._plan.blocks, self._item_bytes, self._progress
+        )
+        attributes = StoreAttributes(
+            complete=False,
+            source=self._wish.source,
+            description=msgspec.structs.replace(self._description, reads_sub_cubes=True, why_whole=""),
+            survey=surveyed.survey,
+            quantisation=surveyed.quantisation(
+                self._description.scalar_type, self._options.window, self._options.directions
+            ),
+            levels=tuple(StoredLevel(str(n), 2**n, level) for n, level in enumerate(self._levels)),
+        )
+        counts = (surveyed.density_counts, surveyed.strength_counts)
+        begin_store(self._out, attributes, self._options.layout, counts)
+
+    def _pack(self, source: BoxReader, attributes: StoreAttributes, writer: StoreWriter, journal: Journal) -> None:
+        """Packs what the journal does not have of all levels, then stores what their bricks hold."""
+        blocks = [self._blocks(level) for level in self._levels]
+        missing = [
+            [block for block in of_level if not self._is_finished(n, block, writer, journal)]
+            for n, of_level in enumerate(blocks)
+        ]
+        voxels = sum(block.voxels for of_level in blocks for block in of_level)
+        done = voxels - sum(block.voxels for of_level in missing for block in of_level)
+        if done:
+            self._progress.note(f"resuming: {100 * done // voxels} % done")
+        self._progress.begin("packing", voxels * self._item_bytes)
+        self._progress.advance(done * self._item_bytes)
+        scalar_type = mean_type(self._description.scalar_type)
+        for n, geometry in enumerate(self._levels):
+            dims = geometry.dims
+            coarser = None
+            if n + 1 < len(self._levels):
+                coarser = LevelSource(journal.folder / f"{n + 1}.raw", self._levels[n + 1].dims, scalar_type)
+            held = brick_dims(dims, self._options.layout.brick)
+            extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
+            packer = LevelPacker(n, geometry, attributes.quantisation, self._options.layout, source, coarser, extents)
+            for block in packer.pack(missing[n], self._plan.blocks - 1, writer, journal):
+                self._progress.advance(block.voxels * self._item_bytes)
+            whole = extents.read(Box((0, 0, 0), held))
+            writer.write_bricks(n, whole.reshape(held[2], held[1], -1, BRICK_FIELDS))
+            if coarser is not None:
+                source = coarser
+
+    def _verify(self, writer: StoreWriter, journal: Journal) -> None:
+        """Raises BadInput where what is stored is not what was made, and forgets it, so that it is made again."""
+        places = [
+            (n, shard)
+            for n, level in enumerate(self._levels)
+            for block in self._blocks(level)
+            for shard in self._options.layout.shards(level.dims, block)
+        ]
+        self._progress.begin("checking", sum(shard.voxels for _, shard in places) * self._item_bytes)
+        damaged = []
+        for (n, shard), checksum in zip(places, ahead(writer.read_checksum, places, 1), strict=True):
+            name = writer.shard_name(n, shard)
+            if checksum != journal.state.shards[name]:
+                damaged.append(name)
+            self._progress.advance(shard.voxels * self._item_bytes)
+        if damaged:
+            journal.forget_shards(damaged)
+            raise BadInput(
+                f"{self._out}: {len(damaged)} of {len(places)} shards came back from the disk other than they were "
+                "written; check the disk, and run the same command again, which writes them anew"
+            )
+
+    def _blocks(self, level: Geometry) -> list[Box]:
+        return list(self._options.layout.blocks(level.dims, self._plan.shards_in_a_row))
+
+    def _is_finished(self, level: int, block: Box, writer: StoreWriter, journal: Journal) -> bool:
+        shards = self._options.layout.shards(self._levels[level].dims, block)
+        return all(writer.shard_name(level, shard) in journal.state.shards for shard in shards)
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not any(path.iterdir())

@@ -1,0 +1,136 @@
+"""Lays down a packet store: metadata, shards, and what each brick holds."""
+
+import os
+import zlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.packet_store import (
+    ATTRIBUTE,
+    BRICK_FIELDS,
+    BRICKS,
+    DENSITY_COUNTS,
+    STRENGTH_COUNTS,
+    Packets,
+    StoreAttributes,
+)
+from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.readers.extra import library
+from volsplat.protocol.packet_layout import NO_DATA_BIT
+from volsplat.protocol.volume import Box, Index
+
+ZSTD_LEVEL = 1  # chosen for speed: docs/prepare.md has the others' rates
+AXES = ("k", "j", "i")
+
+
+class StoreWriter:
+    """The store at `out`, which is there with all its metadata, by `begin_store` or since an earlier run."""
+
+    def __init__(self, out: Path, attributes: StoreAttributes, layout: Layout) -> None:
+        self._out = out
+        self._layout = layout
+        self._attributes = attributes
+        self._group = _group(out)
+        self._arrays = [self._group[level.path] for level in attributes.levels]
+
+    def write_shard(self, level: int, shard: Box, packets: Packets) -> int:
+        """Stores a shard for good, in the place of what an earlier run may have left. The CRC-32 of its packets."""
+        whole = np.ascontiguousarray(packets)
+        self._arrays[level][_slices(shard)] = whole
+        _onto_disk(self._out / self.shard_name(level, shard, "c"))
+        return zlib.crc32(whole.data)
+
+    def read_checksum(self, place: tuple[int, Box]) -> int | None:
+        """As `write_shard` gave it, of the stored shard of a level; None where it cannot be read."""
+        level, shard = place
+        try:
+            return zlib.crc32(np.ascontiguousarray(self._arrays[level][_slices(shard)]).data)
+        except (OSError, ValueError, RuntimeError):
+            return None
+
+    def shard_name(self, level: int, shard: Box, *prefix: str) -> str:
+        """The level's path and the shard's place, as the files are named."""
+        stored = self._attributes.levels[level]
+        size = self._layout.shard_size(stored.geometry.dims)
+        place = (str(shard.low[axis] // size[axis]) for axis in (2, 1, 0))
+        return "/".join((stored.path, *prefix, *place))
+
+    def write_bricks(self, level: int, extents: NDArray[np.uint8]) -> None:
+        """Stores what all bricks of a level hold, (bk, bj, bi, 4)."""
+        name = f"{BRICKS}/{self._attributes.levels[level].path}"
+        _write_whole(self._group, name, extents, (*AXES, "extent"))
+
+    def finish(self) -> None:
+        """Marks the store as complete."""
+        _set_attributes(self._group, msgspec.structs.replace(self._attributes, complete=True))
+
+
+def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, counts: tuple[NDArray[Any], ...]) -> None:
+    """Lays down all metadata of a store without shards; the attributes last, for they tell that the rest is there."""
+    zarr = library("zarr", f"{out}: a packet store")
+    group = _group(out)
+    for name, of_field in zip((DENSITY_COUNTS, STRENGTH_COUNTS), counts, strict=True):
+        _write_whole(group, name, of_field, ("bin",))
+    for level in attributes.levels:
+        dims = level.geometry.dims
+        group.create_array(
+            level.path,
+            shape=dims[::-1],
+            chunks=(layout.brick,) * 3,
+            shards=layout.shard_size(dims)[::-1],
+            dtype="uint32",
+            compressors=zarr.codecs.ZstdCodec(level=ZSTD_LEVEL),
+            fill_value=1 << NO_DATA_BIT,
+            dimension_names=AXES,
+            overwrite=True,
+        )
+    _set_attributes(group, attributes)
+
+
+def brick_dims(dims: Index, brick: int) -> Index:
+    """Of the grid of bytes that tell of a level's bricks, BRICK_FIELDS to each along i."""
+    ni, nj, nk = (-(-n // brick) for n in dims)
+    return (ni * BRICK_FIELDS, nj, nk)
+
+
+def sweep(out: Path) -> None:
+    """Removes what Zarr was about to write when an earlier run was killed."""
+    for partial in out.rglob("*.partial"):
+        partial.unlink()
+
+
+def _group(out: Path) -> Any:
+    return library("zarr", f"{out}: a packet store").open_group(str(out), mode="a")
+
+
+def _write_whole(group: Any, name: str, values: NDArray[Any], names: tuple[str, ...]) -> None:
+    array = group.create_array(
+        name, shape=values.shape, chunks=values.shape, dtype=values.dtype, dimension_names=names, overwrite=True
+    )
+    array[...] = values
+
+
+def _set_attributes(group: Any, attributes: StoreAttributes) -> None:
+    group.update_attributes({ATTRIBUTE: attributes.as_builtins()})
+
+
+def _slices(box: Box) -> tuple[slice, slice, slice]:
+    (i0, j0, k0), (i1, j1, k1) = box
+    return slice(k0, k1), slice(j0, j1), slice(i0, i1)
+
+
+def _onto_disk(path: Path) -> None:
+    """Waits until the disk has the file, which is not there where it would be all no data; frees the memory."""
+    if not path.exists():
+        return
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+        if hasattr(os, "posix_fadvise"):
+            os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
+    finally:
+        os.close(descriptor)

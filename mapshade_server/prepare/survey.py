@@ -1,0 +1,63 @@
+"""The first pass: what a session's servers find out of their sub-cubes, block by block of any volume."""
+
+import math
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.prepare.ahead import ahead
+from volsplat.mapshade_server.prepare.progress import Progress
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.sub_cube import Histograms, SubCube
+from volsplat.protocol import index_rules
+from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.volume import Box, Geometry
+
+Counts = NDArray[np.int64]
+
+
+class BoxReader(Protocol):
+    """What values are read from: a volume's reader, or a raw file."""
+
+    def read(self, box: Box) -> Voxels: ...
+
+
+class Surveyed(NamedTuple):
+    survey: Survey
+    density_counts: Counts
+    strength_counts: Counts
+
+    def quantisation(self, scalar_type: str, window: tuple[float, float] | None, directions: str) -> Quantisation:
+        """By index_rules, as a session's; `window` takes the place of the one that the data chooses."""
+        chosen = window or index_rules.density_window(self.survey, self.density_counts.tolist(), scalar_type)
+        scale = index_rules.strength_scale(self.survey, self.strength_counts.tolist())
+        return Quantisation(chosen, scale, "paper" if directions == "paper" else "octahedral")
+
+
+def survey_volume(
+    source: BoxReader, geometry: Geometry, blocks: list[Box], threads: int, item_bytes: int, progress: Progress
+) -> Surveyed:
+    """Reads the volume twice, `threads` blocks at a time. Raises BadInput."""
+
+    def held(block: Box) -> SubCube:
+        sub_cube = SubCube(geometry, block)
+        sub_cube.hold(source.read(sub_cube.with_halo))
+        return sub_cube
+
+    progress.begin("surveying", geometry.box.voxels * item_bytes)
+    survey = Survey(low=math.inf, high=-math.inf, max_gradient=0.0, voxels=0, no_data=0)
+    for part in ahead(lambda block: held(block).survey(), blocks, threads):
+        survey = survey.joined(part)
+        progress.advance(part.voxels * item_bytes)
+
+    def histograms(block: Box) -> Histograms:
+        return held(block).histograms(survey.low, survey.high, survey.max_gradient)
+
+    progress.begin("counting", geometry.box.voxels * item_bytes)
+    density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
+    for block, counts in zip(blocks, ahead(histograms, blocks, threads), strict=True):
+        density += np.asarray(counts.density)
+        strength += np.asarray(counts.gradient)
+        progress.advance(block.voxels * item_bytes)
+    return Surveyed(survey, density, strength)
