@@ -30,14 +30,14 @@ COMPRESSED = {
 }
 NRRD = ".nrrd"
 NRRD_TYPES = {
-    torch.uint8: "uint8",
-    torch.int8: "int8",
-    torch.uint16: "uint16",
-    torch.int16: "int16",
-    torch.uint32: "uint32",
-    torch.int32: "int32",
-    torch.uint64: "uint64",
-    torch.int64: "int64",
+    torch.uint8: "uchar",
+    torch.int8: "signed char",
+    torch.uint16: "ushort",
+    torch.int16: "short",
+    torch.uint32: "uint",
+    torch.int32: "int",
+    torch.uint64: "unsigned long long int",
+    torch.int64: "long long int",
     torch.float32: "float",
     torch.float64: "double",
 }
@@ -126,7 +126,7 @@ def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry) -> bytes:
 
 
 def _nrrd_vector(vector: Vector) -> str:
-    return "(" + ",".join(repr(float(component)) for component in vector) + ")"
+    return "(" + ",".join(repr(float(component)).removesuffix(".0") for component in vector) + ")"
 
 
 @contextmanager

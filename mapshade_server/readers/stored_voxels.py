@@ -1,14 +1,15 @@
 """Voxels as they lie in files: raw or compressed, in one piece or several, in either byte order.
 
 Only the rows of the wanted box are read from raw pieces. A compressed piece is unpacked up to the box's last sheet,
-sheet by sheet, so that no more than the box stays in memory. Nothing here knows a file format.
+sheet by sheet, so that no more than the box stays in memory; a box that begins there or later goes on from there.
+Nothing here knows a file format.
 """
 
 import bz2
 import os
 import zlib
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Protocol
@@ -55,6 +56,7 @@ class StoredVoxels:
     dims: Index
     dtype: np.dtype[np.generic]
     pieces: tuple[Piece, ...]
+    _paused: "dict[Piece, _Paused]" = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def sheet_bytes(self) -> int:
@@ -129,12 +131,20 @@ class StoredVoxels:
     def _unpack(self, piece: Piece, box: Box, into: Voxels) -> None:
         sheet = np.empty((self.dims[1], self.dims[0]), self.dtype)
         with piece.path.open("rb") as file:
-            file.seek(piece.offset)
-            stream = _Unpacking(file.read, piece.packing)
-            stream.drop(piece.skipped + box.low[2] * self.sheet_bytes)
+            paused = self._paused.pop(piece, None)
+            if paused is not None and paused.sheet <= box.low[2]:
+                file.seek(paused.position)
+                stream = paused.stream
+                stream.go_on(file.read)
+                stream.drop((box.low[2] - paused.sheet) * self.sheet_bytes)
+            else:
+                file.seek(piece.offset)
+                stream = _Unpacking(file.read, piece.packing)
+                stream.drop(piece.skipped + box.low[2] * self.sheet_bytes)
             for n in range(box.size[2]):
                 stream.fill(_bytes_of(sheet))
                 into[n] = sheet[box.low[1] : box.high[1], box.low[0] : box.high[0]]
+            self._paused[piece] = _Paused(stream, file.tell(), box.high[2])
 
 
 def unpacked_size(path: Path, offset: int, packing: Packing) -> int:
@@ -211,6 +221,10 @@ class _Unpacking:
             self._ready = memoryview(self._decompressor.decompress(rest))
         return True
 
+    def go_on(self, read: Callable[[int], bytes]) -> None:
+        """Read on from the same file, opened again."""
+        self._read = read
+
     def fill(self, into: memoryview) -> None:
         """Fills `into`. Raises EOFError where the stream ends first, zlib.error or OSError where it is damaged."""
         while into:
@@ -234,3 +248,12 @@ class _Unpacking:
             count += len(self._ready)
             self._ready = memoryview(b"")
         return count
+
+
+@dataclass(frozen=True)
+class _Paused:
+    """Where the unpacking of a piece stopped: before this sheet, with so much of the file read."""
+
+    stream: _Unpacking
+    position: int
+    sheet: int
