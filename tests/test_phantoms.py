@@ -79,14 +79,14 @@ def test_large_shells_are_made_within_little_more_than_their_own_memory() -> Non
 
 
 def test_a_phantom_is_written_to_nrrd_within_less_than_its_own_memory(tmp_path: Path) -> None:
-    size = (384, 384, 384)
+    size = (256, 256, 512)
     arguments = (str(tmp_path / "shells.nrrd"), str(math.prod(size) // 2), str(Path(__file__).parent))
     written = subprocess.run(
         [sys.executable, "-c", WRITE_WITH_LITTLE_MEMORY, *arguments], capture_output=True, encoding="utf-8"
     )
     assert written.returncode == 0, written.stderr
     reader = open_volume(str(tmp_path / "shells.nrrd"))
-    few = reader.read(Box((0, 0, 190), (384, 384, 192)))
+    few = reader.read(Box((0, 0, 254), (256, 256, 256)))
     assert reader.describe().geometry.dims == size and few.max() > 100
 
 
@@ -97,9 +97,9 @@ sys.path.insert(0, sys.argv[3])
 from little_memory import little_memory
 from volsplat.client.phantoms import streamed_phantom
 from volsplat.client.volume_writer import write_nrrd
-for warming in streamed_phantom("shells", (384, 384, 1)).slabs:
+for warming in streamed_phantom("shells", (256, 256, 1)).slabs:
     pass
-made = streamed_phantom("shells", (384, 384, 384))
+made = streamed_phantom("shells", (256, 256, 512))
 with little_memory(int(sys.argv[2])):
     write_nrrd(Path(sys.argv[1]), made.slabs, made.dtype, made.geometry)
 """

@@ -1,5 +1,6 @@
 """How a volume is divided: levels, shards, and the blocks that are worked on at a time."""
 
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -96,15 +97,17 @@ class MemoryPlan:
 def memory_plan(layout: Layout, dims: Index, source_item_bytes: int, memory: int) -> MemoryPlan:
     """The longest blocks of which two fit, for one is packed while the other is written; else one at a time.
 
-    Held of each voxel of a block: its source, its packet, and an eighth of a mean. Raises BadInput for too little.
+    Where whole rows fit, one for each processor. Held of each voxel of a block: its source, its packet, and an
+    eighth of a mean. Raises BadInput for too little memory.
     """
     si, sj, sk = layout.shard_size(dims)
     voxels = si * sj * sk
     mean_bytes = 1  # of 4 or 8 for every 8 voxels
     block_bytes = voxels * (source_item_bytes + PACKET_BYTES + mean_bytes)
     fixed = PROGRAM_BYTES + SHARDS_IN_WRITING * voxels * PACKET_BYTES
-    blocks = 2 if memory >= fixed + 2 * block_bytes else 1
-    shards = (memory - fixed) // (blocks * block_bytes)
-    if shards < 1:
+    room = (memory - fixed) // block_bytes  # in shards
+    if room < 1:
         raise BadInput(f"--memory: this volume needs at least {-(-(fixed + block_bytes) // MIB)}M")
-    return MemoryPlan(min(shards, -(-dims[0] // si)), blocks)
+    row = -(-dims[0] // si)
+    shards = min(max(room // 2, 1), row)
+    return MemoryPlan(shards, min(room // shards, (os.cpu_count() or 1) + 1))

@@ -1,6 +1,7 @@
 """The progress of a preparation on the terminal: a bar for each stage, with its rate and the time left."""
 
-from types import TracebackType
+import signal
+from types import FrameType, TracebackType
 
 from rich.console import Console
 from rich.progress import (
@@ -15,11 +16,15 @@ from rich.progress import (
 
 
 class ProgressBar:
-    """See progress.Progress. On what is no terminal, only notes are shown."""
+    """See progress.Progress. On what is no terminal, only notes are shown.
+
+    Ctrl-C is raised between two blocks, where nothing is half done; the second one at once.
+    """
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._task: TaskID | None = None
+        self._stopping = False
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(),
@@ -27,17 +32,20 @@ class ProgressBar:
             TransferSpeedColumn(),
             TimeRemainingColumn(elapsed_when_finished=True),
             console=console,
-            disable=not console.is_terminal,
         )
 
     def __enter__(self) -> "ProgressBar":
-        self._bar.start()
+        signal.signal(signal.SIGINT, self._stop)
+        if self._console.is_terminal:
+            self._bar.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, traceback: TracebackType | None
     ) -> None:
-        self._bar.stop()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        if self._console.is_terminal:
+            self._bar.stop()
 
     def note(self, text: str) -> None:
         self._console.print(text, highlight=False, markup=False, soft_wrap=True)
@@ -48,3 +56,10 @@ class ProgressBar:
     def advance(self, done: int) -> None:
         if self._task is not None:
             self._bar.advance(self._task, done)
+        if self._stopping:
+            self.note("stopped; the same command goes on from here")
+            raise KeyboardInterrupt
+
+    def _stop(self, number: int, frame: FrameType | None) -> None:
+        self._stopping = True
+        signal.signal(signal.SIGINT, signal.default_int_handler)

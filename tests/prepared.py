@@ -1,0 +1,79 @@
+"""Small packet stores, made of values on the spot."""
+
+import hashlib
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from volsplat.client.volume_writer import write_volume
+from volsplat.mapshade_server.packet_store import Packets, PacketStore, open_store
+from volsplat.mapshade_server.prepare import Options, Prepared, prepare
+from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.matrices import Matrix
+from volsplat.protocol.volume import Geometry
+
+SMALL = Layout(brick=8, shard=16)
+SKEWED: Matrix = ((0.9, 0.2, 0.1), (-0.1, 1.2, -0.4), (0.05, 0.3, -1.8))
+ODD_DIMS = (37, 21, 50)
+
+
+class Told:
+    """A progress that keeps what it was told."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+        self.stages: dict[str, list[int]] = {}  # the bytes promised, and those done
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+    def begin(self, stage: str, total: int) -> None:
+        self.stages[stage] = [total, 0]
+
+    def advance(self, done: int) -> None:
+        *_, newest = self.stages.values()
+        newest[1] += done
+
+
+def values_of(scalar_type: str, dims: tuple[int, int, int] = ODD_DIMS, seed: int = 0) -> Voxels:
+    """Noise whose sums are exact in any order; floats have holes, and a whole corner without data."""
+    kind = np.dtype(scalar_type)
+    numbers = np.random.default_rng(seed).integers(0 if kind.kind == "u" else -100, 120, dims[::-1])
+    values = numbers.astype(kind)
+    if kind.kind == "f":
+        values[numbers % 11 == 0] = np.nan
+        values[numbers % 13 == 0] = np.inf
+        values[:17, :18, :19] = np.nan
+    return values
+
+
+def written(path: Path, values: Voxels, matrix: Matrix = SKEWED) -> Path:
+    geometry = Geometry(tuple(values.shape[::-1]), matrix, (10.0, -20.5, 30.25))
+    write_volume(path, torch.from_numpy(values), geometry)
+    return path
+
+
+def prepare_small(volume: Path, out: Path, options: Options | None = None, told: Told | None = None) -> Prepared:
+    return prepare(str(volume), out, options or Options(layout=SMALL), told or Told())
+
+
+def store_of(folder: Path, values: Voxels) -> PacketStore:
+    prepare_small(written(folder / "volume.nrrd", values), folder / "volume.zarr")
+    return open_store(str(folder / "volume.zarr"))
+
+
+def packed_whole(geometry: Geometry, values: Voxels, quantisation: Quantisation) -> Packets:
+    """The packets as one sub-cube makes them."""
+    sub_cube = SubCube.of_volume(geometry, values)
+    sub_cube.pack(quantisation)
+    return np.asarray(memoryview(sub_cube.packets))
+
+
+def tree(folder: Path) -> dict[str, str]:
+    """The checksum of every file in a folder."""
+    files = (path for path in folder.rglob("*") if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
