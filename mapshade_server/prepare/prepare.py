@@ -59,13 +59,14 @@ class Prepared:
 def prepare(volume: str, out: Path, options: Options, progress: Progress) -> Prepared:
     """Makes the store at `out`, or goes on with it. Raises BadInput, and OSError where the disk refuses."""
     preparation = Preparation(volume, out, options, progress)
-    if preparation.is_done():
-        return Prepared(attributes_of(out), preparation.source_bytes, 0.0)
-    started = time.perf_counter()
-    with alone(out):
-        preparation.run()
-    shutil.rmtree(out / FOLDER)
-    return Prepared(attributes_of(out), preparation.source_bytes, time.perf_counter() - started)
+    seconds = 0.0
+    if not preparation.is_done():
+        started = time.perf_counter()
+        with alone(out):
+            preparation.run()
+        seconds = time.perf_counter() - started
+    shutil.rmtree(out / FOLDER, ignore_errors=True)
+    return Prepared(attributes_of(out), preparation.source_bytes, seconds)
 
 
 class Preparation:

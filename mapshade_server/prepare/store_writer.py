@@ -14,6 +14,7 @@ from volsplat.mapshade_server.packet_store import (
     BRICK_FIELDS,
     BRICKS,
     DENSITY_COUNTS,
+    METADATA,
     STRENGTH_COUNTS,
     Packets,
     StoreAttributes,
@@ -65,8 +66,10 @@ class StoreWriter:
         _write_whole(self._group, name, extents, (*AXES, "extent"))
 
     def finish(self) -> None:
-        """Marks the store as complete."""
+        """Marks the store as complete, once all of it is on the disk."""
+        _onto_disk(self._out / BRICKS)
         _set_attributes(self._group, msgspec.structs.replace(self._attributes, complete=True))
+        _onto_disk(self._out / METADATA)
 
 
 def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, counts: tuple[NDArray[Any], ...]) -> None:
@@ -89,6 +92,7 @@ def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, counts: 
             overwrite=True,
         )
     _set_attributes(group, attributes)
+    _onto_disk(out)
 
 
 def brick_dims(dims: Index, brick: int) -> Index:
@@ -124,13 +128,16 @@ def _slices(box: Box) -> tuple[slice, slice, slice]:
 
 
 def _onto_disk(path: Path) -> None:
-    """Waits until the disk has the file, which is not there where it would be all no data; frees the memory."""
-    if not path.exists():
-        return
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-        if hasattr(os, "posix_fadvise"):
-            os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
-    finally:
-        os.close(descriptor)
+    """Waits until the disk has a file or a folder's files, and frees their memory.
+
+    A shard that is all no data has no file.
+    """
+    files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
+    for file in files:
+        descriptor = os.open(file, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+            if hasattr(os, "posix_fadvise"):
+                os.posix_fadvise(descriptor, 0, 0, os.POSIX_FADV_DONTNEED)
+        finally:
+            os.close(descriptor)
