@@ -4,6 +4,7 @@ import fcntl
 import gzip
 import json
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -16,7 +17,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 from prepared import ODD_DIMS, SKEWED, SMALL, Told, packed_whole, prepare_small, store_of, tree, values_of, written
-from programs import TIME_LIMIT, Person
+from programs import TIME_LIMIT, VOLSPLAT, Person
 
 from reference import level_means
 from volsplat.client.single import SingleProcess
@@ -315,6 +316,26 @@ def test_a_place_that_is_taken_is_left_alone(tmp_path: Path) -> None:
     for taken in ("folder", "volume.nrrd"):
         with pytest.raises(BadInput, match="is there already and is no packet store; name another place"):
             prepare_small(volume, tmp_path / taken)
+
+
+@pytest.mark.parametrize("most", [2000, 60000])
+def test_a_disk_that_refuses_is_named_and_the_work_is_taken_up(most: int, tmp_path: Path) -> None:
+    written(tmp_path / "volume.nrrd", values_of("int16", (70, 66, 68)))
+    command = [str(VOLSPLAT), "prepare", "volume.nrrd", "o.zarr"]
+    limited = subprocess.run(
+        command,
+        cwd=tmp_path,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=TIME_LIMIT,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)),
+    )
+    assert (limited.returncode, limited.stderr) == (
+        2,
+        "volsplat: o.zarr: cannot be written (File too large); see to it, then run the same command again\n",
+    )
+    assert Person(tmp_path).runs("prepare", "volume.nrrd", "o.zarr").returncode == 0
+    assert open_store(str(tmp_path / "o.zarr")).description.geometry.dims == (70, 66, 68)
 
 
 @pytest.mark.parametrize(

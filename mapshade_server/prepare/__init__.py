@@ -6,7 +6,7 @@ block is a row of whole shards with one voxel of halo, so that what is held depe
 volume (layout.py). The same block's means (halving.py) go to a raw file beside the store, from which the next level is
 packed in the same way: an eighth of the voxels on disk, instead of sheets carried in memory that grow with the
 volume's width. A source that is compressed as a whole is unpacked once, into such a raw file too (level_source.py),
-since three readings by blocks would unpack it from its beginning again and again.
+since three readings by blocks would unpack it from its beginning again and again; so is what comes from a URL.
 
 What is finished stands in a journal (journal.py). Killed at any moment, the same command goes on from there, and ends
 with the same bytes as if nothing had happened.

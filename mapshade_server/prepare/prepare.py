@@ -31,6 +31,7 @@ from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Geometry
+from volsplat.protocol.volume_name import volume_name
 
 GRADIENT_STRENGTH = "gradient strength"
 UNPACKED = "source.raw"
@@ -77,6 +78,7 @@ class Preparation:
         self._out = out
         self._options = options
         self._progress = progress
+        self._is_far = volume_name(volume).is_url
         self._reader = open_volume(volume)
         self._description = self._reader.describe()
         if self._description.strength_name != GRADIENT_STRENGTH:
@@ -123,13 +125,13 @@ class Preparation:
         writer.finish()
 
     def _source(self, journal: Journal) -> BoxReader:
-        """The values of level 0: from the volume itself or, where it is compressed as a whole, from a copy."""
-        if self._description.reads_sub_cubes:
+        """The values of level 0: from the volume itself or, where blocks of it cost too much, from a raw copy."""
+        if self._description.reads_sub_cubes and not self._is_far:
             return ReadByTurns(self._reader)
         dims = self._description.geometry.dims
         copy = LevelSource(journal.folder / UNPACKED, dims, self._description.scalar_type)
         if not journal.state.unpacked:
-            self._progress.begin("unpacking", self.source_bytes)
+            self._progress.begin("copying", self.source_bytes)
             sheet_bytes = dims[0] * dims[1] * self._item_bytes
             sheets = max(1, (self._options.memory - PROGRAM_BYTES) // (2 * sheet_bytes))
             for k in range(0, dims[2], sheets):
