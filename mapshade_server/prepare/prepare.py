@@ -162,32 +162,34 @@ class Preparation:
 
     def _pack(self, source: BoxReader, attributes: StoreAttributes, writer: StoreWriter, journal: Journal) -> None:
         """Packs what the journal does not have of all levels, then stores what their bricks hold."""
+        missing = self._begin_packing(writer, journal)
+        layout, scalar_type = self._options.layout, mean_type(self._description.scalar_type)
+        for n, geometry in enumerate(self._levels):
+            coarser = None
+            if n + 1 < len(self._levels):
+                coarser = LevelSource(journal.folder / f"{n + 1}.raw", self._levels[n + 1].dims, scalar_type)
+            held = brick_dims(geometry.dims, layout.brick)
+            extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
+            packer = LevelPacker(n, geometry, attributes.quantisation, layout, source, coarser, extents)
+            for block in packer.pack(missing[n], self._plan.blocks - 1, writer, journal):
+                self._progress.advance(block.voxels * self._item_bytes)
+            whole = extents.read(Box((0, 0, 0), held))
+            writer.write_bricks(n, whole.reshape(held[2], held[1], -1, BRICK_FIELDS))
+            source = coarser or source
+
+    def _begin_packing(self, writer: StoreWriter, journal: Journal) -> list[list[Box]]:
+        """The blocks of each level of which the journal lacks a shard."""
         blocks = [self._blocks(level) for level in self._levels]
         missing = [
             [block for block in of_level if not self._is_finished(n, block, writer, journal)]
             for n, of_level in enumerate(blocks)
         ]
-        voxels = sum(block.voxels for of_level in blocks for block in of_level)
-        done = voxels - sum(block.voxels for of_level in missing for block in of_level)
-        if done:
-            self._progress.note(f"resuming: {100 * done // voxels} % done")
+        voxels, left = (sum(block.voxels for of_level in some for block in of_level) for some in (blocks, missing))
+        if left < voxels:
+            self._progress.note(f"resuming: {100 * (voxels - left) // voxels} % done")
         self._progress.begin("packing", voxels * self._item_bytes)
-        self._progress.advance(done * self._item_bytes)
-        scalar_type = mean_type(self._description.scalar_type)
-        for n, geometry in enumerate(self._levels):
-            dims = geometry.dims
-            coarser = None
-            if n + 1 < len(self._levels):
-                coarser = LevelSource(journal.folder / f"{n + 1}.raw", self._levels[n + 1].dims, scalar_type)
-            held = brick_dims(dims, self._options.layout.brick)
-            extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
-            packer = LevelPacker(n, geometry, attributes.quantisation, self._options.layout, source, coarser, extents)
-            for block in packer.pack(missing[n], self._plan.blocks - 1, writer, journal):
-                self._progress.advance(block.voxels * self._item_bytes)
-            whole = extents.read(Box((0, 0, 0), held))
-            writer.write_bricks(n, whole.reshape(held[2], held[1], -1, BRICK_FIELDS))
-            if coarser is not None:
-                source = coarser
+        self._progress.advance((voxels - left) * self._item_bytes)
+        return missing
 
     def _verify(self, writer: StoreWriter, journal: Journal) -> None:
         """Raises BadInput where what is stored is not what was made, and forgets it, so that it is made again."""
