@@ -47,20 +47,15 @@ class SubCube:
 
     def read(self, reader: VolumeReader) -> None:
         """Read the box and its halo. Raises BadInput where the file turns out to be unusable."""
-        source = reader.read(self.with_halo)
+        source = reader.read(self.box.grown(HALO, self.geometry.dims))
         self.hold(source, reader.read_second(self.box) if isinstance(reader, SecondScalarReader) else None)
-
-    @property
-    def with_halo(self) -> Box:
-        """The box of the values that it needs."""
-        return self.box.grown(HALO, self.geometry.dims)
 
     def hold(self, source: Any, second: Any = None) -> None:
         """Take the values of the box and its halo, shaped (k, j, i), of any integer or float type.
 
         `second` has the second scalar of the box alone, where there is one.
         """
-        whole = self.with_halo
+        whole = self.box.grown(HALO, self.geometry.dims)
         ni, nj, nk = whole.size
         if tuple(source.shape) != (nk, nj, ni):
             raise LocalProtocolError(f"a sub-cube of {(nk, nj, ni)} voxels with halo was given {tuple(source.shape)}")

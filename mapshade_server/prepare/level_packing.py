@@ -17,7 +17,7 @@ from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.prepare.survey import BoxReader
 from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.sub_cube import HALO, SubCube
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.volume import Box, Geometry, Index
 
@@ -57,11 +57,12 @@ class LevelPacker:
 
     def _packed(self, box: Box) -> PackedBlock:
         sub_cube = SubCube(self.geometry, box)
-        values = self.source.read(sub_cube.with_halo)
+        with_halo = box.grown(HALO, self.geometry.dims)
+        values = self.source.read(with_halo)
         sub_cube.hold(values)
         sub_cube.pack(self.quantisation)
         packets = np.asarray(memoryview(sub_cube.packets))
-        inside: Voxels = values[_slices(box, sub_cube.with_halo.low)]
+        inside: Voxels = values[_slices(box, with_halo.low)]
         means = None if self.coarser is None else halved(inside)
         return PackedBlock(box, packets, means, brick_extents(packets, self.layout.brick))
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.mapshade_server.sub_cube import Histograms, SubCube
+from volsplat.mapshade_server.sub_cube import HALO, Histograms, SubCube
 from volsplat.protocol import index_rules
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.volume import Box, Geometry
@@ -42,7 +42,7 @@ def survey_volume(
 
     def held(block: Box) -> SubCube:
         sub_cube = SubCube(geometry, block)
-        sub_cube.hold(source.read(sub_cube.with_halo))
+        sub_cube.hold(source.read(block.grown(HALO, geometry.dims)))
         return sub_cube
 
     progress.begin("surveying", geometry.box.voxels * item_bytes)
@@ -56,8 +56,8 @@ def survey_volume(
 
     progress.begin("counting", geometry.box.voxels * item_bytes)
     density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
-    for block, counts in zip(blocks, ahead(histograms, blocks, threads), strict=True):
-        density += np.asarray(counts.density)
-        strength += np.asarray(counts.gradient)
+    for block, (more_density, more_strength) in zip(blocks, ahead(histograms, blocks, threads), strict=True):
+        density += np.asarray(more_density)
+        strength += np.asarray(more_strength)
         progress.advance(block.voxels * item_bytes)
     return Surveyed(survey, density, strength)
