@@ -33,7 +33,6 @@ from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Geometry
 from volsplat.protocol.volume_name import volume_name
 
-GRADIENT_STRENGTH = "gradient strength"
 UNPACKED = "source.raw"
 
 
@@ -81,7 +80,7 @@ class Preparation:
         self._is_far = volume_name(volume).is_url
         self._reader = open_volume(volume)
         self._description = self._reader.describe()
-        if self._description.strength_name != GRADIENT_STRENGTH:
+        if self._description.second_scalar is not None:
             raise BadInput(
                 f"{volume}: has {self._description.strength_name} in place of gradient strength, which a packet store "
                 "does not hold yet; draw it from its own file"
