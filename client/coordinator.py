@@ -6,10 +6,8 @@ list of instructions that the session carries out. Handlers are found by name: `
 were handed out stay idle. Where a map/shade server is lost, the others draw what is left.
 """
 
-from array import array
 from collections.abc import Iterable
 from dataclasses import replace
-from enum import Enum, auto
 
 import msgspec
 
@@ -25,7 +23,6 @@ from volsplat.client.coordinator_events import (
     PartialImageAsked,
     ProbeAsked,
     PublishImage,
-    PublishVolume,
     ReportProgress,
     Send,
     ServerJoined,
@@ -36,48 +33,26 @@ from volsplat.client.coordinator_events import (
 from volsplat.client.probes import Probes
 from volsplat.client.running_frame import RunningFrame
 from volsplat.client.server_states import ServerState, incomplete, missing_boxes
-from volsplat.client.sub_cubes import divided
-from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.volume_holding import Phase, VolumeHolding
 from volsplat.protocol import messages
-from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame, resolved_order
-from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.roles import Role
-from volsplat.protocol.volume import Box, VolumeDescription
-
-
-class Phase(Enum):
-    GATHERING = auto()  # waiting for servers
-    DESCRIBING = auto()
-    READING = auto()  # sub-cubes
-    COUNTING = auto()  # histograms
-    SURVEYED = auto()  # scenes can be made, nothing is packed yet
-    PACKING = auto()
-    READY = auto()
 
 
 class Coordinator:
     """The state machine of a session. `handle` is its only door."""
 
     def __init__(self) -> None:
-        self.phase = Phase.GATHERING
         self.servers: dict[int, ServerJoined] = {}  # those that are there
         self.server_states: dict[int, ServerState] = {}  # all that ever joined; replaced whole, for other threads
-        self.boxes: dict[int, list[Box]] = {}  # by map/shade server; of those that are there
-        self.description: VolumeDescription | None = None
-        self.survey: Survey | None = None
-        self.volume: SurveyedVolume | None = None
-        self.quantisation: Quantisation | None = None
+        self.holding = VolumeHolding()
         self.frame: RunningFrame | None = None
         self._probes = Probes()
         self._path = ""
         self._wanted_workers = 0
-        self._assignment = 0
         self._enlisted_workers: list[int] = []  # those that hold the volume's sub-cubes
         self._splat_server = 0  # the one that draws
-        self._pending: set[int] = set()  # workers whose answer the phase waits for
-        self._density_counts: list[int] = []
-        self._strength_counts: list[int] = []
         self.failure: VolsplatError | None = None
 
     def handle(self, event: Event) -> list[Instruction]:
@@ -114,18 +89,17 @@ class Coordinator:
         self._note([lost])
         if number != self._splat_server and number not in self._enlisted_workers:
             return []
-        if self.volume is None or number == self._splat_server or len(self.boxes) == 1:
+        if self.holding.volume is None or number == self._splat_server or len(self.holding.boxes) == 1:
             return self._fail(PeerLost(cause))
-        del self.boxes[number]
-        self._pending.discard(number)
+        self.holding.lose(number)
         error = incomplete([lost])
-        return [ReportProgress(str(error)), *self._end_frame(error), *self._prepared(), *self._probes.lost(number)]
+        return [ReportProgress(str(error)), *self._end_frame(error), *self._go_on(), *self._probes.lost(number)]
 
     def _note(self, states: Iterable[ServerState]) -> None:
         self.server_states = self.server_states | {state.id: state for state in states}
 
     def _handle_ServerProcessEnded(self, event: ServerProcessEnded) -> list[Instruction]:
-        if self.phase != Phase.GATHERING:
+        if self.holding.phase != Phase.GATHERING:
             return []  # its lost connection tells
         return self._fail(PeerLost(f"{event.cause}; its message is above"))
 
@@ -134,7 +108,7 @@ class Coordinator:
         return self._gathered()
 
     def _gathered(self) -> list[Instruction]:
-        if self.phase != Phase.GATHERING or not self._path:
+        if self.holding.phase != Phase.GATHERING or not self._path:
             return []
         workers, splat_servers = self._joined(Role.MAPSHADE_SERVER), self._joined(Role.SPLAT_SERVER)
         if len(workers) < self._wanted_workers or not splat_servers:
@@ -142,132 +116,48 @@ class Coordinator:
                 f"{len(workers)} of {self._wanted_workers} map/shade servers, {len(splat_servers)} of 1 splat server"
             )
             return [ReportProgress(f"waiting for servers: {missing} joined")]
-        self.phase = Phase.DESCRIBING
         self._enlisted_workers, self._splat_server = workers[: self._wanted_workers], splat_servers[0]
-        return [
-            ReportProgress("reading the volume's header"),
-            Send(workers[0], messages.DescribeVolume(path=self._path)),
-        ]
+        return self.holding.begin(self._path, self._enlisted_workers)
 
     def _joined(self, role: Role) -> list[int]:
         return sorted(n for n, server in self.servers.items() if server.role == role)
 
-    # -- the volume: described, read, counted, packed
+    # -- the volume, and what servers say of it
 
     def _handle_MessageReceived(self, event: MessageReceived) -> list[Instruction]:
         if event.server not in self.servers:
             return []  # it counts as lost
+        if self.holding.takes(event.message):
+            return self._volume_answered(event)
         handler = getattr(self, f"_received_{type(event.message).__name__}")
         instructions: list[Instruction] = handler(event.server, event.message, event)
         return instructions
 
-    def _received_VolumeDescribed(
-        self, server: int, message: messages.VolumeDescribed, event: MessageReceived
-    ) -> list[Instruction]:
-        self.description = message.description
+    def _volume_answered(self, event: MessageReceived) -> list[Instruction]:
         try:
-            boxes = divided(self.description.geometry, len(self._enlisted_workers))
-        except BadInput as error:
+            told = self.holding.received(event.server, event.message, event.payload)
+        except VolsplatError as error:
             return self._fail(error)
-        self.boxes = {worker: [box] for worker, box in zip(self._enlisted_workers, boxes, strict=True)}
-        self._note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in self.boxes.items())
+        if isinstance(event.message, messages.VolumeDescribed):
+            return [*self._connect(), *told]
+        return [*told, *self._go_on()]
+
+    def _connect(self) -> list[Instruction]:
+        """Have every server that is to hold a part of the volume link to the splat server."""
+        boxes = self.holding.boxes
+        self._note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in boxes.items())
         data = self.servers[self._splat_server].data
         routes = [messages.Route(server=self._splat_server, host=data.host, port=data.port)]
-        connect: list[Instruction] = [
-            Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in self.boxes
-        ]
-        return connect + self._read_sub_cubes()
-
-    def _read_sub_cubes(self) -> list[Instruction]:
-        self.phase = Phase.READING
-        self._assignment += 1
-        self._pending = set(self.boxes)
-        read: list[Instruction] = [
-            Send(worker, messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=boxes))
-            for worker, boxes in self.boxes.items()
-        ]
-        return [ReportProgress(f"reading the volume as {len(self.boxes)} sub-cubes"), *read]
+        return [Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in boxes]
 
     def _received_ConnectedToSplatServers(
         self, server: int, message: messages.ConnectedToSplatServers, event: MessageReceived
     ) -> list[Instruction]:
         return []
 
-    def _received_SubCubesRead(
-        self, server: int, message: messages.SubCubesRead, event: MessageReceived
-    ) -> list[Instruction]:
-        if message.assignment != self._assignment:
-            return []
-        first_reading = not self._density_counts
-        if first_reading:
-            self.survey = message.survey if self.survey is None else self.survey.joined(message.survey)
-        if not self._answered(server):
-            return []
-        if not first_reading:
-            return self._prepared()
-        assert self.survey is not None
-        self.phase = Phase.COUNTING
-        self._pending = set(self.boxes)
-        count = messages.CountHistograms(
-            assignment=self._assignment,
-            low=self.survey.low,
-            high=self.survey.high,
-            max_gradient=self.survey.max_gradient,
-        )
-        return [ReportProgress("counting the histograms"), *(Send(worker, count) for worker in self.boxes)]
-
-    def _received_HistogramsCounted(
-        self, server: int, message: messages.HistogramsCounted, event: MessageReceived
-    ) -> list[Instruction]:
-        if message.assignment != self._assignment:
-            return []
-        if message.bins != HISTOGRAM_BINS:
-            return self._fail(RemoteProtocolError(f"{self.servers[server].name} counted {message.bins} bins"))
-        counts = array("q", event.payload.tobytes())
-        density, strength = counts[: message.bins], counts[message.bins :]
-        self._density_counts = _added(self._density_counts, density)
-        self._strength_counts = _added(self._strength_counts, strength)
-        if not self._answered(server):
-            return []
-        assert self.description is not None and self.survey is not None
-        self.phase = Phase.SURVEYED
-        self.volume = SurveyedVolume(self.description, self.survey, self._density_counts, self._strength_counts)
-        return [PublishVolume(self.volume), *self._begin_frame()]
-
-    def _prepare(self, quantisation: Quantisation) -> list[Instruction]:
-        """Have the voxels packed by these rules, from the source, which servers let go of once they have packed it."""
-        return self._pack(quantisation) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
-
-    def _pack(self, quantisation: Quantisation) -> list[Instruction]:
-        self.quantisation = quantisation
-        self.phase = Phase.PACKING
-        self._pending = set(self.boxes)
-        pack = messages.PackVoxels(assignment=self._assignment, quantisation=quantisation)
-        return [ReportProgress("making voxel packets"), *(Send(worker, pack) for worker in self.boxes)]
-
-    def _received_VoxelsPacked(
-        self, server: int, message: messages.VoxelsPacked, event: MessageReceived
-    ) -> list[Instruction]:
-        if message.assignment != self._assignment:
-            return []
-        self._answered(server)
-        return self._prepared()
-
-    def _prepared(self) -> list[Instruction]:
-        """Go on to the waiting frame once every server has read again, or packed."""
-        if self._pending:
-            return []
-        match self.phase:
-            case Phase.READING:
-                self.phase, self.quantisation = Phase.SURVEYED, None
-            case Phase.PACKING:
-                self.phase = Phase.READY
+    def _go_on(self) -> list[Instruction]:
+        """Begin the frame that waits and send the probes that do, where the servers are ready for them."""
         return [*self._begin_frame(), *self._send_probes()]
-
-    def _answered(self, server: int) -> bool:
-        """Note an answer; True once all are in."""
-        self._pending.discard(server)
-        return not self._pending
 
     def _received_Refused(self, server: int, message: messages.Refused, event: MessageReceived) -> list[Instruction]:
         error = PeerLost(message.cause) if message.peer_lost else BadInput(message.cause)
@@ -306,15 +196,16 @@ class Coordinator:
     def _begin_frame(self) -> list[Instruction]:
         """Send the waiting frame, after packing for its quantisation where that is still to be done."""
         frame = self.frame
-        if frame is None or frame.started or self.phase not in (Phase.SURVEYED, Phase.READY):
+        if frame is None or frame.started or not self.holding.settled:
             return []
-        assert self.volume is not None
+        volume = self.holding.volume
+        assert volume is not None
         if frame.whole and missing_boxes(self.server_states.values()):
             return self._end_frame(incomplete(self.server_states.values()))
-        quantisation = self.volume.quantisation(frame.scene.quantise)
-        if quantisation != self.quantisation:
-            return self._prepare(quantisation)
-        geometry = self.volume.description.geometry
+        quantisation = volume.quantisation(frame.scene.quantise)
+        if quantisation != self.holding.quantisation:
+            return self.holding.prepare(quantisation)
+        geometry = volume.description.geometry
         try:
             plan_frame(frame.scene, geometry, frame.step)
         except ValueError as error:
@@ -322,13 +213,13 @@ class Coordinator:
         frame.started = True
         render = messages.RenderFrame(
             frame=frame.frame,
-            assignment=self._assignment,
+            assignment=self.holding.assignment,
             # No two machines may decide this differently.
             scene=msgspec.structs.replace(frame.scene, order=resolved_order(frame.scene, geometry)),
             step=frame.step,
             geometry=geometry,
             quantisation=quantisation,
-            workers=list(self.boxes),
+            workers=list(self.holding.boxes),
         )
         partial = self._handle_PartialImageAsked(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
         return [
@@ -339,7 +230,7 @@ class Coordinator:
 
     def _drawing(self) -> list[int]:
         """The servers of a frame: the splat server first, so that it expects what comes."""
-        return [self._splat_server, *self.boxes]
+        return [self._splat_server, *self.holding.boxes]
 
     def _handle_AbortAsked(self, event: AbortAsked) -> list[Instruction]:
         frame = self.frame
@@ -414,7 +305,7 @@ class Coordinator:
         return self._finished(frame)
 
     def _finished(self, frame: RunningFrame) -> list[Instruction]:
-        image = frame.finished(self.boxes, missing_boxes(self.server_states.values()))
+        image = frame.finished(self.holding.boxes, missing_boxes(self.server_states.values()))
         if image is None:
             return []
         self.frame = None
@@ -433,30 +324,26 @@ class Coordinator:
     # -- probes
 
     def _handle_ProbeAsked(self, event: ProbeAsked) -> list[Instruction]:
-        assert self.volume is not None, "who asks knows the volume"
-        refused = self._probes.add(event, self.volume.description.geometry)
+        assert self.holding.volume is not None, "who asks knows the volume"
+        refused = self._probes.add(event, self.holding.volume.description.geometry)
         return [*refused, *self._send_probes()]
 
     def _send_probes(self) -> list[Instruction]:
         """Send the probes that wait and can be answered by what is packed; pack for the first that cannot."""
-        assert self.volume is not None
         sent: list[Instruction] = []
         for probe in self._probes.waiting():
-            if self.phase not in (Phase.SURVEYED, Phase.READY):
+            volume, boxes = self.holding.volume, self.holding.boxes
+            if volume is None or not self.holding.settled:
                 break
-            quantisation = self.volume.quantisation(probe.scene.quantise)
-            if quantisation != self.quantisation:
-                return sent + self._prepare(quantisation)
-            geometry = self.volume.description.geometry
-            ask = self._probes.request(probe, self.boxes, self._assignment, geometry, quantisation)
-            sent += [Send(worker, ask) for worker in self.boxes]
+            quantisation = volume.quantisation(probe.scene.quantise)
+            if quantisation != self.holding.quantisation:
+                return sent + self.holding.prepare(quantisation)
+            geometry = volume.description.geometry
+            ask = self._probes.request(probe, boxes, self.holding.assignment, geometry, quantisation)
+            sent += [Send(worker, ask) for worker in boxes]
         return sent
 
     def _received_VoxelProbed(
         self, server: int, message: messages.VoxelProbed, event: MessageReceived
     ) -> list[Instruction]:
         return self._probes.received(server, message)
-
-
-def _added(sums: list[int], counts: "array[int]") -> list[int]:
-    return [a + b for a, b in zip(sums, counts, strict=True)] if sums else list(counts)

@@ -6,7 +6,7 @@ from itertools import permutations
 import msgspec
 import pytest
 
-from volsplat.client.coordinator import Coordinator, Phase
+from volsplat.client.coordinator import Coordinator
 from volsplat.client.coordinator_events import (
     AbortAsked,
     AnswerProbe,
@@ -28,6 +28,7 @@ from volsplat.client.coordinator_events import (
     VolumeAsked,
 )
 from volsplat.client.presets import preset_scene
+from volsplat.client.volume_holding import Phase
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.errors import BadInput, PeerLost
@@ -103,7 +104,7 @@ def test_servers_may_join_in_any_order(order: list[Event]) -> None:
 
 
 def test_the_surveys_of_all_sub_cubes_become_one() -> None:
-    volume = surveyed().volume
+    volume = surveyed().holding.volume
     assert volume is not None
     assert (volume.survey.low, volume.survey.high, volume.survey.max_gradient) == (-3.0, 50.0, 50.0)
     assert (volume.survey.voxels, volume.survey.no_data) == (720, 2)
@@ -205,7 +206,7 @@ def test_a_server_that_joins_late_or_leaves_idle_changes_nothing() -> None:
     late = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
     assert coordinator.handle(late) == []
     assert coordinator.handle(ServerLost(4, "left")) == []
-    assert coordinator.phase == Phase.READY
+    assert coordinator.holding.phase == Phase.READY
 
 
 def test_a_process_that_ends_before_it_joined_fails_the_session() -> None:
@@ -270,7 +271,7 @@ def test_answers_of_an_older_assignment_count_for_nothing() -> None:
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
     for server in (FIRST, SECOND):
         assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
-    assert coordinator.phase == Phase.READING
+    assert coordinator.holding.phase == Phase.READING
 
 
 # -- a map/shade server is lost: the volume is 8 x 9 x 10, and the halves meet at k = 5
@@ -338,7 +339,7 @@ def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_o
     coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=True))
     coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 1440, 0.1)))
     assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
-    assert coordinator.phase == Phase.READY
+    assert coordinator.holding.phase == Phase.READY
     asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
     assert sent(asked) == [(SPLAT, messages.RenderFrame), (SECOND, messages.RenderFrame)]
 
