@@ -91,9 +91,10 @@ class Coordinator:
             return []
         if self.holding.volume is None or number == self._splat_server or len(self.holding.boxes) == 1:
             return self._fail(PeerLost(cause))
-        self.holding.lose(number)
+        held = self.holding.lose(number)
         error = incomplete([lost])
-        return [ReportProgress(str(error)), *self._end_frame(error), *self._go_on(), *self._probes.lost(number)]
+        ended = [ReportProgress(str(error)), *self._end_frame(error)]
+        return [*ended, *held, *self._go_on(), *self._probes.lost(number)]
 
     def _note(self, states: Iterable[ServerState]) -> None:
         self.server_states = self.server_states | {state.id: state for state in states}

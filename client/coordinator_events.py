@@ -108,6 +108,7 @@ Event = (
 class Send:
     server: int
     message: messages.Message
+    payload: memoryview = memoryview(b"")
 
 
 @dataclass(frozen=True)

@@ -354,8 +354,8 @@ class Session:
 
     def _carry_out(self, instruction: Instruction) -> None:
         match instruction:
-            case Send(server, message):
-                self._send(server, message)
+            case Send(server, message, payload):
+                self._send(server, message, payload)
             case ReportProgress(text):
                 self._on_progress(text)
             case PublishVolume(volume):
@@ -371,13 +371,13 @@ class Session:
             case FailSession(error):
                 self._fail(error)
 
-    def _send(self, server: int, message: messages.Message) -> None:
+    def _send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
         with self._connections_lock:
             connection = self._connections.get(server)
         if connection is None:
             return  # its loss is on the way as an event
         try:
-            connection.send(message)
+            connection.send(message, *payload)
         except ConnectionClosed:
             return  # by this side, at the end
         except VolsplatError as error:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from enum import Enum, auto
 
 from volsplat.client.coordinator_events import Instruction, PublishVolume, ReportProgress, Send
+from volsplat.client.lending import Lending
 from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
@@ -43,6 +44,7 @@ class VolumeHolding:
         self._density_counts: list[int] = []
         self._strength_counts: list[int] = []
         self._pending: set[int] = set()  # servers whose answer the phase waits for
+        self._lending: Lending | None = None  # while a volume that only comes whole is read
 
     @property
     def settled(self) -> bool:
@@ -72,11 +74,15 @@ class VolumeHolding:
         """Have the voxels packed by these rules, from the source, which servers let go of once they have packed it."""
         return self._pack(quantisation) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
 
-    def lose(self, server: int) -> None:
-        """Go on without this server."""
+    def lose(self, server: int) -> list[Instruction]:
+        """Go on without this server, which is not the last one."""
         del self.boxes[server]
         self._pending.discard(server)
+        lending = self._lending
+        if lending is not None and lending.lender == server:
+            return self._read_sub_cubes()  # by another one
         self._go_on()
+        return lending.lost(server) if lending is not None else []
 
     def _received_VolumeDescribed(
         self, server: int, message: messages.VolumeDescribed, payload: memoryview
@@ -87,14 +93,32 @@ class VolumeHolding:
         return self._read_sub_cubes()
 
     def _read_sub_cubes(self) -> list[Instruction]:
+        assert self._description is not None
         self.phase = Phase.READING
         self.assignment += 1
         self._pending = set(self.boxes)
+        self._lending = None
+        said = f"reading the volume as {len(self.boxes)} sub-cubes"
+        if not self._description.reads_sub_cubes and len(self.boxes) > 1:
+            self._lending = Lending(self.assignment, self._path, self.boxes, self._description)
+            return [ReportProgress(f"{said}, by one server for all"), *self._lending.begin()]
         read: list[Instruction] = [
             Send(worker, messages.ReadSubCubes(assignment=self.assignment, path=self._path, boxes=boxes))
             for worker, boxes in self.boxes.items()
         ]
-        return [ReportProgress(f"reading the volume as {len(self.boxes)} sub-cubes"), *read]
+        return [ReportProgress(said), *read]
+
+    def _received_VolumeLent(self, server: int, message: messages.VolumeLent, payload: memoryview) -> list[Instruction]:
+        return lending.lent(message) if (lending := self._lending_for(message.assignment)) else []
+
+    def _received_PartRead(self, server: int, message: messages.PartRead, payload: memoryview) -> list[Instruction]:
+        return lending.part_read(message, payload) if (lending := self._lending_for(message.assignment)) else []
+
+    def _received_PartHeld(self, server: int, message: messages.PartHeld, payload: memoryview) -> list[Instruction]:
+        return lending.part_held(server) if (lending := self._lending_for(message.assignment)) else []
+
+    def _lending_for(self, assignment: int) -> Lending | None:
+        return self._lending if assignment == self.assignment else None
 
     def _received_SubCubesRead(
         self, server: int, message: messages.SubCubesRead, payload: memoryview
@@ -104,6 +128,8 @@ class VolumeHolding:
         if self.volume is None:
             self._survey = message.survey if self._survey is None else self._survey.joined(message.survey)
         self._pending.discard(server)
+        if not self._pending:
+            self._lending = None
         if self.volume is None and not self._pending:
             return self._count()
         self._go_on()

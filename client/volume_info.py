@@ -77,12 +77,17 @@ def _rows(
         ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
     )
     rows.append(("packet byte 2", description.strength_name + _strength_text(description, survey, strength_counts)))
-    if description.reads_sub_cubes:
-        rows.append(("servers read", "only their sub-cube and its halo"))
-    else:
-        rows.append(("servers read", f"more than their sub-cube: {description.why_whole}"))
+    rows.append(("servers read", _reading_text(description)))
     rows += [("note", warning) for warning in description.warnings]
     return rows
+
+
+def _reading_text(description: VolumeDescription) -> str:
+    if not description.reads_sub_cubes:
+        why = f": {description.why_whole}" if description.why_whole else ""
+        return f"one of them the whole file, and the others get their sub-cubes from it{why}"
+    note = f"; {description.why_whole}" if description.why_whole else ""
+    return f"only their sub-cube and its halo{note}"
 
 
 def _axis_rows(description: VolumeDescription) -> list[tuple[str, str]]:

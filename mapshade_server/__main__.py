@@ -7,6 +7,7 @@ import click
 
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.protocol.addresses import Address
+from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.roles import Role
@@ -24,7 +25,8 @@ def mapshade_server(client: Address, token_file: Path | None, patience: float, v
     log_to_stderr("mapshade-server", verbose)
     token = need_token(os.environ, token_file)
     hello = new_hello(Role.MAPSHADE_SERVER, name=process_name())
-    MapShadeServer(connect(client, hello, token, Role.CLIENT, patience=patience), token).run()
+    connection = connect(client, hello, token, Role.CLIENT, patience=patience, allocate=BufferPool())
+    MapShadeServer(connection, token).run()
 
 
 run_server(mapshade_server, "mapshade-server")

@@ -9,27 +9,28 @@ import queue
 import sys
 import threading
 import time
-from array import array
 from collections import deque
 
 from volsplat.mapshade_server.data_link import DataLink
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
-from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.framing import Received
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
+
+NO_PAYLOAD = memoryview(b"")
 
 
 class MapShadeServer:
@@ -38,22 +39,21 @@ class MapShadeServer:
     def __init__(self, client: Connection, token: Token) -> None:
         self._client = client
         self._token = token
-        self._requests: queue.SimpleQueue[messages.Message | None] = queue.SimpleQueue()
+        self._requests: queue.SimpleQueue[Received | None] = queue.SimpleQueue()
         self._probes: deque[messages.ProbeVoxels] = deque()  # among the requests, not answered yet
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
         self._data_link: DataLink | None = None
-        self._sub_cubes: list[SubCube] = []
-        self._assignment = 0
+        self._held = HeldVolume()
 
     def run(self) -> None:
         """Serve until the client ends the session. Raises VolsplatError where the client is lost."""
         receiver = threading.Thread(target=self._receive, name="receive from client", daemon=True)
         receiver.start()
         try:
-            while (request := self._requests.get()) is not None:
-                self._answer(request)
+            while self._answer_next():
+                pass
         except VolsplatError as error:
             self._failure = self._failure or error
         finally:
@@ -65,84 +65,76 @@ class MapShadeServer:
 
     def _receive(self) -> None:
         try:
-            while (received := self._client.receive()) is not None:
-                message = received.message
-                match message:
-                    case messages.EndSession():
-                        self._over = True
-                        break
-                    case messages.RenderFrame(frame=frame):
-                        self._newest_frame = frame
-                    case messages.AbortFrame(frame=frame):
-                        self._newest_frame = max(self._newest_frame, frame + 1)
-                    case messages.ProbeVoxels():
-                        self._probes.append(message)
-                self._requests.put(message)
+            while self._receive_next():
+                pass
         except VolsplatError as error:
             self._failure = error
         self._newest_frame = sys.maxsize
         self._requests.put(None)
 
-    def _answer(self, request: messages.Message) -> None:
+    def _receive_next(self) -> bool:
+        """Take what comes next. False at the end of the session; in between nothing here keeps a payload."""
+        received = self._client.receive()
+        match received and received.message:
+            case None:
+                return False
+            case messages.EndSession():
+                self._over = True
+                return False
+            case messages.RenderFrame(frame=frame):
+                self._newest_frame = frame
+            case messages.AbortFrame(frame=frame):
+                self._newest_frame = max(self._newest_frame, frame + 1)
+            case messages.ProbeVoxels() as probe:
+                self._probes.append(probe)
+        self._requests.put(received)
+        return True
+
+    def _answer_next(self) -> bool:
+        """Work through one request. False at the end of the session."""
+        received = self._requests.get()
+        if received is not None:
+            self._answer(*received)
+        return received is not None
+
+    def _answer(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> None:
+        """Have the request's handler answer it; one that carries a payload gets that as well."""
         handler = getattr(self, f"_on_{type(request).__name__}")
         try:
-            handler(request)
+            handler(*(request, payload) if payload else (request,))
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
             self._client.send(refusal(request, error))
 
     # -- the volume
 
     def _on_DescribeVolume(self, request: messages.DescribeVolume) -> None:
-        description = open_volume(request.path).describe()
-        self._client.send(messages.VolumeDescribed(description=description))
+        self._client.send(self._held.describe(request))
 
     def _on_ReadSubCubes(self, request: messages.ReadSubCubes) -> None:
-        started = time.perf_counter()
-        reader = open_volume(request.path)
-        description = reader.describe()
-        self._sub_cubes, self._assignment = [], 0  # nothing, should the reading fail
-        for box in request.boxes:
-            sub_cube = SubCube(description.geometry, box, description.second_scalar)
-            sub_cube.read(reader)
-            self._sub_cubes.append(sub_cube)
-        self._assignment = request.assignment
-        survey = self._sub_cubes[0].survey()
-        for sub_cube in self._sub_cubes[1:]:
-            survey = survey.joined(sub_cube.survey())
-        self._client.send(
-            messages.SubCubesRead(
-                assignment=request.assignment,
-                survey=survey,
-                bytes=sum(sub_cube.source_bytes for sub_cube in self._sub_cubes),
-                seconds=time.perf_counter() - started,
-            )
-        )
+        self._client.send(self._held.read(request))
+
+    def _on_LendVolume(self, request: messages.LendVolume) -> None:
+        self._client.send(self._held.lend(request))
+
+    def _on_ReadPart(self, request: messages.ReadPart) -> None:
+        values = self._held.part(request)
+        self._client.send(messages.PartRead(assignment=request.assignment, part=request.part), values)
+
+    def _on_AwaitParts(self, request: messages.AwaitParts) -> None:
+        self._held.wait_for_parts(request)
+
+    def _on_HoldPart(self, request: messages.HoldPart, values: memoryview) -> None:
+        read = self._held.take(request, values)
+        self._client.send(messages.PartHeld(assignment=request.assignment))
+        if read is not None:
+            self._client.send(read)
 
     def _on_CountHistograms(self, request: messages.CountHistograms) -> None:
-        density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
-        for sub_cube in self._sub_cubes:
-            more = sub_cube.histograms(request.low, request.high, request.max_gradient)
-            density = array("q", map(int.__add__, density, more[0]))
-            strength = array("q", map(int.__add__, strength, more[1]))
-        self._client.send(
-            messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS),
-            memoryview(density).cast("B"),
-            memoryview(strength).cast("B"),
-        )
+        counted = messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS)
+        self._client.send(counted, *self._held.count(request))
 
     def _on_PackVoxels(self, request: messages.PackVoxels) -> None:
-        started = time.perf_counter()
-        for sub_cube in self._sub_cubes:
-            sub_cube.pack(request.quantisation)
-        voxels = sum(sub_cube.box.voxels for sub_cube in self._sub_cubes)
-        self._client.send(
-            messages.VoxelsPacked(
-                assignment=request.assignment,
-                voxels=voxels,
-                bytes=4 * voxels,
-                seconds=time.perf_counter() - started,
-            )
-        )
+        self._client.send(self._held.pack(request))
 
     # -- frames
 
@@ -167,7 +159,7 @@ class MapShadeServer:
         self._client.send(messages.FrameAborted(frame=request.frame))
 
     def _on_RenderFrame(self, request: messages.RenderFrame) -> None:
-        self._check_assignment(request.assignment, f"frame {request.frame}")
+        self._held.check(request.assignment, f"frame {request.frame}")
         link = self._data_link
         if link is None:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
@@ -175,7 +167,7 @@ class MapShadeServer:
         started = time.perf_counter()
         plan = plan_frame(request.scene, request.geometry, request.step)
         tile_map = link.begin_frame(request.frame, plan.width, plan.height)
-        walk = FrameWalk(self._sub_cubes, request.geometry, request.quantisation, request.scene, plan, tile_map)
+        walk = FrameWalk(self._held.sub_cubes, request.geometry, request.quantisation, request.scene, plan, tile_map)
         tally.planning_seconds = time.perf_counter() - started
         while self._newest_frame <= request.frame:
             started = time.perf_counter()
@@ -185,21 +177,17 @@ class MapShadeServer:
                 self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats()))
                 return
             self._send_batch(link, request.frame, tally, batch)
-            while self._probes and self._probes[0].assignment == self._assignment:
+            while self._probes and self._probes[0].assignment == self._held.assignment:
                 self._answer(self._probes[0])
 
     def _on_ProbeVoxels(self, request: messages.ProbeVoxels) -> None:
         if not self._probes or self._probes[0] is not request:
             return  # it was answered between two batches
         self._probes.popleft()
-        self._check_assignment(request.assignment, f"probe {request.probe}")
+        self._held.check(request.assignment, f"probe {request.probe}")
         line = LineOfSight(request.scene, request.geometry, request.x, request.y)
-        voxel = front_most(self._sub_cubes, request.geometry, request.quantisation, request.scene, line)
+        voxel = front_most(self._held.sub_cubes, request.geometry, request.quantisation, request.scene, line)
         self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
-
-    def _check_assignment(self, assignment: int, what: str) -> None:
-        if assignment != self._assignment:
-            raise BadInput(f"{what} is for assignment {assignment}, not {self._assignment}")
 
     def _send_batch(self, link: DataLink, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:
         message = messages.Batch(

@@ -7,9 +7,7 @@ from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader
 from volsplat.protocol.errors import BadInput, LocalProtocolError
 from volsplat.protocol.index_rules import Quantisation, Survey, physical_gradient
-from volsplat.protocol.volume import Box, Geometry, Index
-
-HALO = 1  # voxels around a sub-cube that its gradients need
+from volsplat.protocol.volume import HALO, Box, Geometry, Index
 
 
 class Histograms(NamedTuple):

@@ -14,7 +14,16 @@ import msgspec
 from volsplat.protocol import greetings, messages
 from volsplat.protocol.closed_tiles import tile_map_bytes
 from volsplat.protocol.errors import LocalProtocolError, RemoteProtocolError
-from volsplat.protocol.messages import LARGEST_EXTENT, Batch, HistogramsCounted, ImageRead, Message, TilesClosed
+from volsplat.protocol.messages import (
+    LARGEST_EXTENT,
+    Batch,
+    HistogramsCounted,
+    HoldPart,
+    ImageRead,
+    Message,
+    PartRead,
+    TilesClosed,
+)
 from volsplat.protocol.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.printable import printable
 from volsplat.protocol.roles import (
@@ -27,10 +36,12 @@ from volsplat.protocol.roles import (
     SPLAT_TO_DATA_LINK,
     Way,
 )
+from volsplat.protocol.volume import SCALAR_BYTES
 
 MIB = 1 << 20
 LARGEST_BATCH = 16 * MIB  # bytes of runs and packets; senders choose far less
 LARGEST_HISTOGRAMS = MIB
+LARGEST_PART = 16 * MIB  # bytes of values; senders choose less
 RGBA_BYTES = 16  # four float32
 HISTOGRAM_BYTES = 16  # two int64 for each bin
 LARGEST_IMAGE = LARGEST_EXTENT * LARGEST_EXTENT * RGBA_BYTES
@@ -73,6 +84,10 @@ def _histogram_bytes(counted: HistogramsCounted) -> int:
     return counted.bins * HISTOGRAM_BYTES
 
 
+def _part_bytes(carried: PartRead | HoldPart) -> int:
+    return carried.part.box.voxels * SCALAR_BYTES[carried.part.scalar_type]
+
+
 def _image_bytes(image: ImageRead) -> int:
     return image.width * image.height * RGBA_BYTES
 
@@ -96,6 +111,13 @@ RULES: dict[type[Message], Rule] = {
     messages.VolumeDescribed: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
     messages.ReadSubCubes: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.SubCubesRead: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
+    messages.LendVolume: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
+    messages.VolumeLent: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
+    messages.ReadPart: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
+    messages.PartRead: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,), Payload(_part_bytes, LARGEST_PART)),
+    messages.AwaitParts: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
+    messages.HoldPart: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,), Payload(_part_bytes, LARGEST_PART)),
+    messages.PartHeld: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
     messages.CountHistograms: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.HistogramsCounted: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,), Payload(_histogram_bytes, LARGEST_HISTOGRAMS)),
     messages.PackVoxels: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),

@@ -32,6 +32,9 @@ Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]
 Port = Annotated[int, Meta(ge=1, le=65535)]
 Line = Annotated[str, Meta(max_length=LONGEST_LINE)]
 Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
+ScalarType = Literal[
+    "uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64"
+]  # as in volume.SCALAR_BYTES
 ServerIds = Annotated[list[ServerId], Meta(max_length=MAX_SERVERS)]
 
 
@@ -103,6 +106,22 @@ class ProbedVoxel(Detail, frozen=True):
     strength: float  # |gradient|, in these per unit of physical length; or the second scalar
 
 
+class Part(Detail, frozen=True):
+    """Values of a volume on their way to the server that is to hold them.
+
+    They are a box of a sub-cube: of the halo as well where they are the volume's first scalar, whose gradients need it.
+    """
+
+    server: ServerId
+    sub_cube: Ordinal  # by its place among the boxes that this server awaits
+    scalar: Annotated[int, Meta(ge=0, le=1)]  # 1: the second one
+    scalar_type: ScalarType
+    box: Box
+
+    def __post_init__(self) -> None:
+        _check_boxes([self.box])
+
+
 # The volume: client and map/shade servers.
 
 
@@ -126,9 +145,7 @@ class ReadSubCubes(Message, frozen=True):
     boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
 
     def __post_init__(self) -> None:
-        for box in self.boxes:
-            if min(box.low) < 0 or min(box.size) < 1:
-                raise ValueError(f"a box must have 0 <= low < high on each axis, not {box.low} to {box.high}")
+        _check_boxes(self.boxes)
 
 
 class SubCubesRead(Message, frozen=True):
@@ -138,6 +155,66 @@ class SubCubesRead(Message, frozen=True):
     survey: Survey
     bytes: Count
     seconds: Seconds
+
+
+class LendVolume(Message, frozen=True):
+    """Client to map/shade server: read the whole volume, for others to get theirs from it. Replaces what was held.
+
+    It is let go by ReadSubCubes of the same assignment, which takes this server's own boxes from it.
+    """
+
+    assignment: AssignmentId
+    path: Path
+
+
+class VolumeLent(Message, frozen=True):
+    """Map/shade server to client: the volume is in memory; it has values of these types, one scalar or two."""
+
+    assignment: AssignmentId
+    scalar_types: Annotated[list[ScalarType], Meta(min_length=1, max_length=2)]
+    bytes: Count
+    seconds: Seconds
+
+
+class ReadPart(Message, frozen=True):
+    """Client to map/shade server: send this part of the volume that you lend."""
+
+    assignment: AssignmentId
+    part: Part
+
+
+class PartRead(Message, frozen=True):
+    """Map/shade server to client: payload the part's values shaped (k, j, i), i fastest."""
+
+    assignment: AssignmentId
+    part: Part
+
+
+class AwaitParts(Message, frozen=True):
+    """Client to map/shade server: these boxes and their halo will come in parts. Replaces what was held.
+
+    Nothing answers it; SubCubesRead comes once the last part is held.
+    """
+
+    assignment: AssignmentId
+    description: VolumeDescription
+    boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
+
+
+class HoldPart(Message, frozen=True):
+    """Client to map/shade server: keep these values; the payload is that of PartRead."""
+
+    assignment: AssignmentId
+    part: Part
+
+
+class PartHeld(Message, frozen=True):
+    """Map/shade server to client: the part is kept, the next one may come."""
+
+    assignment: AssignmentId
 
 
 class CountHistograms(Message, frozen=True):
@@ -340,6 +417,12 @@ class Refused(Message, frozen=True):
 
 class EndSession(Message, frozen=True):
     """Client to map/shade server and splat server: the session is over, exit. Nothing follows it."""
+
+
+def _check_boxes(boxes: list[Box]) -> None:
+    for box in boxes:
+        if min(box.low) < 0 or min(box.size) < 1:
+            raise ValueError(f"a box must have 0 <= low < high on each axis, not {box.low} to {box.high}")
 
 
 RAW: Literal["raw"] = "raw"  # the one encoding of batches so far

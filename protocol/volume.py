@@ -11,6 +11,22 @@ from volsplat.protocol.printable import printable
 
 Index = tuple[int, int, int]  # always grid (i, j, k)
 
+HALO = 1  # voxels around a sub-cube that its gradients need
+
+# The types that values may have, by their torch names, and the bytes of each.
+SCALAR_BYTES = {
+    "uint8": 1,
+    "int8": 1,
+    "uint16": 2,
+    "int16": 2,
+    "uint32": 4,
+    "int32": 4,
+    "uint64": 8,
+    "int64": 8,
+    "float32": 4,
+    "float64": 8,
+}
+
 
 class Box(NamedTuple):
     """A half-open box of the grid: low <= (i, j, k) < high."""
@@ -105,8 +121,8 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     density_name: str = "density"  # what the packet's first byte holds
     strength_name: str = "gradient strength"  # what its second byte holds
     second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
-    reads_sub_cubes: bool = True  # False: every server reads the whole file
-    why_whole: str = ""  # the reason, when it does
+    reads_sub_cubes: bool = True  # False: one server reads the whole file, and the others get theirs from it
+    why_whole: str = ""  # the reason, when it does; or what else of the file each server must read
 
     def __post_init__(self) -> None:
         for field in _TEXTS:

@@ -20,11 +20,14 @@ from volsplat.protocol.packet_layout import ROW_RUN
 from volsplat.protocol.roles import Role, Way
 from volsplat.protocol.scene import ColourTable, ScalarTable, Scene, Step, Tables
 from volsplat.protocol.versions import SPOKEN
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
 
 RECORDED = Path(__file__).parent / "recorded" / f"protocol-{SPOKEN.newest}"
 
 GEOMETRY = Geometry((4, 5, 6), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)), (1.0, -2.0, 3.0))
+DESCRIPTION = VolumeDescription(
+    name="head", format="NRRD", geometry=GEOMETRY, scalar_type="int16", unit="mm", anatomical=True
+)
 QUANTISATION = Quantisation(window=(-1000.0, 2000.0), strength_scale=0.25)
 SCENE = Scene(
     tables=Tables(
@@ -33,6 +36,7 @@ SCENE = Scene(
         opac=ScalarTable(points=((0.25, 0.0), (0.5, 1.0))),
     )
 )
+PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 SPLAT_STATS = messages.SplatStats(100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 1 << 30)
 
 SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
@@ -44,16 +48,16 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (greetings.Welcome(3, bytes(range(96, 128))), b""),
         (greetings.Rejected("another token"), b""),
         (messages.DescribeVolume("/data/head.nrrd"), b""),
-        (
-            messages.VolumeDescribed(
-                VolumeDescription(
-                    name="head", format="NRRD", geometry=GEOMETRY, scalar_type="int16", unit="mm", anatomical=True
-                )
-            ),
-            b"",
-        ),
+        (messages.VolumeDescribed(DESCRIPTION), b""),
         (messages.ReadSubCubes(1, "/data/head.nrrd", [Box((0, 0, 0), (4, 5, 3)), Box((0, 0, 3), (4, 5, 6))]), b""),
         (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 960, 0.125), b""),
+        (messages.LendVolume(1, "/data/head.nrrd"), b""),
+        (messages.VolumeLent(1, ["int16"], 240, 0.125), b""),
+        (messages.ReadPart(1, PART), b""),
+        (messages.PartRead(1, PART), struct.pack("<4h", -1000, 0, 40, 3000)),
+        (messages.AwaitParts(1, DESCRIPTION, [Box((0, 0, 3), (4, 5, 6))]), b""),
+        (messages.HoldPart(1, PART), struct.pack("<4h", -1000, 0, 40, 3000)),
+        (messages.PartHeld(1), b""),
         (messages.CountHistograms(1, -1000.0, 3000.0, 512.5), b""),
         (messages.HistogramsCounted(1, 2), struct.pack("<4q", 100, 18, 60, 58)),
         (messages.PackVoxels(1, QUANTISATION), b""),
@@ -136,6 +140,11 @@ _voxel = st.tuples(*[st.integers(0, 100)] * 3)
 boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 100)] * 3)).map(
     lambda pair: Box(pair[0], (pair[0][0] + pair[1][0], pair[0][1] + pair[1][1], pair[0][2] + pair[1][2]))
 )
+_small_boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 4)] * 3)).map(
+    lambda pair: Box(pair[0], (pair[0][0] + pair[1][0], pair[0][1] + pair[1][1], pair[0][2] + pair[1][2]))
+)
+_scalar_types = st.sampled_from(sorted(SCALAR_BYTES))
+_parts = st.builds(messages.Part, ids, ordinals, st.integers(0, 1), _scalar_types, _small_boxes)
 _map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts)
 _splat_stats = st.builds(
     messages.SplatStats,
@@ -179,6 +188,15 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.VolumeDescribed: st.builds(messages.VolumeDescribed, descriptions),
     messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, max_size=3)),
     messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
+    messages.LendVolume: st.builds(messages.LendVolume, ids, paths),
+    messages.VolumeLent: st.builds(
+        messages.VolumeLent, ids, st.lists(_scalar_types, min_size=1, max_size=2), counts, seconds
+    ),
+    messages.ReadPart: st.builds(messages.ReadPart, ids, _parts),
+    messages.PartRead: st.builds(messages.PartRead, ids, _parts),
+    messages.AwaitParts: st.builds(messages.AwaitParts, ids, descriptions, st.lists(boxes, max_size=3)),
+    messages.HoldPart: st.builds(messages.HoldPart, ids, _parts),
+    messages.PartHeld: st.builds(messages.PartHeld, ids),
     messages.CountHistograms: st.builds(messages.CountHistograms, ids, finite, finite, finite),
     messages.HistogramsCounted: st.builds(messages.HistogramsCounted, ids, st.integers(1, 40)),
     messages.PackVoxels: st.builds(messages.PackVoxels, ids, quantisations),

@@ -471,3 +471,108 @@ def test_a_refused_probe_ends_alone() -> None:
     assert isinstance(answer, AnswerProbe) and str(answer.error) == "no memory"
     assert coordinator.handle(seen(SECOND, FAR)) == []
     assert coordinator.failure is None
+
+
+# -- a volume that only comes whole: FIRST lends
+
+WHOLE = msgspec.structs.replace(DESCRIPTION, reads_sub_cubes=False, why_whole="it is compressed")
+THIRD = 4
+LENT = messages.VolumeLent(1, ["uint16"], 1440, 0.1)
+
+
+def lending(workers: int = 3) -> Coordinator:
+    coordinator = Coordinator()
+    third = ServerJoined(THIRD, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
+    for event in [*JOINS, third, VolumeAsked("/volumes/head.nrrd", workers=workers)]:
+        coordinator.handle(event)
+    asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE))))
+    assert [ask for ask in asked if ask[1] is not messages.ConnectToSplatServers] == [(FIRST, messages.LendVolume)]
+    return coordinator
+
+
+def asked_parts(instructions: list[Instruction]) -> list[messages.Part]:
+    """Those that the lender is asked for."""
+    reads = [i for i in instructions if isinstance(i, Send) and isinstance(i.message, messages.ReadPart)]
+    assert {read.server for read in reads} <= {FIRST}
+    return [read.message.part for read in reads if isinstance(read.message, messages.ReadPart)]
+
+
+def test_one_server_reads_for_all_and_each_gets_one_part_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("volsplat.client.lending.PART_BYTES", 400)
+    coordinator = lending()
+    told = coordinator.handle(said(FIRST, LENT))
+    assert sent(told)[:2] == [(SECOND, messages.AwaitParts), (THIRD, messages.AwaitParts)]
+    on_the_way = asked_parts(told)
+    assert sorted(part.server for part in on_the_way) == [SECOND, THIRD]
+    got: dict[int, int] = {SECOND: 0, THIRD: 0}
+    ends: list[tuple[int, type]] = []
+    while on_the_way:
+        part = on_the_way.pop()
+        values = bytes(2 * part.box.voxels)
+        (held,) = coordinator.handle(said(FIRST, messages.PartRead(1, part), values))
+        assert isinstance(held, Send) and (held.server, held.message) == (part.server, messages.HoldPart(1, part))
+        assert held.payload == values
+        got[part.server] += part.box.voxels
+        told = coordinator.handle(said(part.server, messages.PartHeld(1)))
+        on_the_way += asked_parts(told)
+        assert len({part.server for part in on_the_way}) == len(on_the_way)
+        ends += [ask for ask in sent(told) if ask[1] is messages.ReadSubCubes]
+    boxes = coordinator.holding.boxes
+    assert got == {server: boxes[server][0].grown(1, (8, 9, 10)).voxels for server in (SECOND, THIRD)}
+    assert ends == [(FIRST, messages.ReadSubCubes)]
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=240, no_data=0)
+    for server in (THIRD, FIRST):
+        assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
+    counts = coordinator.handle(said(SECOND, messages.SubCubesRead(1, survey, 720, 0.1)))
+    assert {kind for _, kind in sent(counts)} == {messages.CountHistograms}
+
+
+def test_a_single_server_reads_for_itself() -> None:
+    coordinator = Coordinator()
+    for event in [*JOINS[:2], VolumeAsked("/volumes/head.nrrd", workers=1)]:
+        coordinator.handle(event)
+    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE)))
+    assert (FIRST, messages.ReadSubCubes) in sent(told)
+
+
+def lending_again() -> Coordinator:
+    """The volume was drawn once and is read again for another window."""
+    coordinator = lending()
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=240, no_data=0)
+    for server in (FIRST, SECOND, THIRD):
+        coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1)))
+    for server in (FIRST, SECOND, THIRD):
+        coordinator.handle(counted(server))
+    coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=False))
+    for server in (FIRST, SECOND, THIRD):
+        coordinator.handle(said(server, messages.VoxelsPacked(1, 240, 960, 0.1)))
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    told = coordinator.handle(FrameAsked(2, narrow, Step.F, whole=False))
+    assert sent(told)[-1] == (FIRST, messages.LendVolume)
+    return coordinator
+
+
+def test_another_server_lends_where_the_lender_is_lost() -> None:
+    coordinator = lending_again()
+    coordinator.handle(said(FIRST, messages.VolumeLent(2, ["uint16"], 1440, 0.1)))
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    assert sent(told)[-1] == (SECOND, messages.LendVolume)
+    assert coordinator.handle(said(THIRD, messages.PartHeld(2))) == [], "of the reading before"
+    told = coordinator.handle(said(SECOND, messages.VolumeLent(3, ["uint16"], 1440, 0.1)))
+    assert (THIRD, messages.AwaitParts) in sent(told)
+
+
+@pytest.mark.parametrize("lent_before", [True, False])
+def test_lending_goes_on_without_the_receivers_that_are_lost(lent_before: bool) -> None:
+    coordinator = lending_again()
+    lent = said(FIRST, messages.VolumeLent(2, ["uint16"], 1440, 0.1))
+    late = asked_parts(coordinator.handle(lent)) if lent_before else []
+    coordinator.handle(ServerLost(SECOND, "it is gone"))
+    told = coordinator.handle(ServerLost(THIRD, "it is gone"))
+    if not lent_before:
+        told = coordinator.handle(lent)
+        assert (FIRST, messages.ReadSubCubes) in sent(told)
+    for part in late:
+        assert coordinator.handle(said(FIRST, messages.PartRead(2, part), bytes(2 * part.box.voxels))) == []
+    coordinator.handle(said(FIRST, messages.SubCubesRead(2, Survey(0.0, 1.0, 1.0, 240, 0), 720, 0.1)))
+    assert coordinator.holding.settled

@@ -16,12 +16,12 @@ from reference import voxel_packets
 from tolerances import SQUARE_ROOT
 from volsplat.bench.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.sub_cube import HALO, SubCube
+from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import LocalProtocolError
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, second_scalar_scale
 from volsplat.protocol.packet_layout import NO_DATA_BIT
-from volsplat.protocol.volume import Box, Geometry
+from volsplat.protocol.volume import HALO, Box, Geometry
 
 SCALAR_TYPES = [getattr(torch, sign + bits) for sign in ("int", "uint") for bits in ("8", "16", "32", "64")]
 SCALAR_TYPES += [torch.float32, torch.float64]

@@ -51,7 +51,12 @@ def test_it_tells_all_that_is_known() -> None:
 
 def test_it_tells_why_a_file_is_read_whole() -> None:
     text = printed(description(reads_sub_cubes=False, why_whole="the file is compressed by gzip"))
-    assert "more than their sub-cube: the file is compressed by gzip" in text
+    assert "one of them the whole file" in text and text.count("the file is compressed by gzip") == 1
+
+
+def test_it_tells_what_else_each_server_reads() -> None:
+    text = printed(description(why_whole="the list of atoms is read whole"))
+    assert "only their sub-cube and its halo; the list of atoms is read whole" in text
 
 
 def test_it_names_a_second_scalar() -> None:

@@ -17,9 +17,9 @@ from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.prepare.survey import BoxReader
 from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.mapshade_server.sub_cube import HALO, SubCube
+from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.index_rules import Quantisation
-from volsplat.protocol.volume import Box, Geometry, Index
+from volsplat.protocol.volume import HALO, Box, Geometry, Index
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.mapshade_server.sub_cube import HALO, Histograms, SubCube
+from volsplat.mapshade_server.sub_cube import Histograms, SubCube
 from volsplat.protocol import index_rules
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
-from volsplat.protocol.volume import Box, Geometry
+from volsplat.protocol.volume import HALO, Box, Geometry
 
 Counts = NDArray[np.int64]
 

@@ -99,7 +99,6 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
         unit="Å",
         density_name="element" if elements else "synthetic density",
         warnings=tuple(warnings),
-        reads_sub_cubes=False,
         why_whole="the list of atoms is read whole, but only a sub-cube's own voxels are made of it",
     )
     return AtomReader(description, AtomGrid(atoms, geometry), elements)

@@ -4,12 +4,12 @@ from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.volume import SCALAR_BYTES, Box, VolumeDescription
 
 Voxels = NDArray[Any]  # shaped (k, j, i), C-contiguous, native byte order, the source's own scalar type
 
 # The scalar types that a volume may have, by their torch names, which are numpy's too.
-SCALAR_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64")
+SCALAR_TYPES = tuple(SCALAR_BYTES)
 
 
 class VolumeReader(Protocol):
