@@ -47,6 +47,8 @@ class FrameWalk:
     ) -> None:
         """Start at the first sample.
 
+        `geometry` is the volume's; the sub-cubes are boxes of the level that the plan draws.
+
         `closed_tiles` is the image's map of closed tiles, uint64 shaped `protocol.closed_tiles.tile_map_shape`; it may
         be written meanwhile. What is hidden by it is left out where the plan allows that.
         """
@@ -74,7 +76,10 @@ class FrameWalk:
             opacity_of_class=[distinct.index(exponent) for exponent in exponents],
             visibility=shading_tables.visibility(rule),
             gradient_bytes=shading_tables.gradient_bytes(octahedral, geometry.index_to_physical),
-            grid_bytes=[shading_tables.grid_bytes(size) for size in geometry.dims],
+            grid_bytes=[
+                shading_tables.grid_bytes(size, factor)
+                for size, factor in zip(geometry.dims, plan.factors, strict=True)
+            ],
             closed_tiles=closed_tiles if hides else None,
         )
         self._ended = False

@@ -6,6 +6,7 @@ from volsplat.mapshade_server import shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.frame_plan import FRACTION_BITS
 from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.levels import index_in_volume
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.messages import ProbedVoxel
 from volsplat.protocol.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
@@ -22,7 +23,10 @@ GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 def front_most(
     sub_cubes: Sequence[SubCube], geometry: Geometry, quantisation: Quantisation, scene: Scene, line: LineOfSight
 ) -> ProbedVoxel | None:
-    """The front-most voxel under the line's point that is not transparent, from sub-cubes packed by these rules."""
+    """The front-most voxel under the line's point that is not transparent, from sub-cubes packed by these rules.
+
+    `geometry` is the volume's, and so is the answer's index; the sub-cubes are boxes of the level of the line.
+    """
     is_visible = _visible_voxels(geometry, quantisation, scene, line)
     found = []
     for cube in sub_cubes:
@@ -36,7 +40,7 @@ def front_most(
         return None
     index, packet = min(found, key=lambda voxel: line.place(voxel[0]))
     return ProbedVoxel(
-        index=index,
+        index=index_in_volume(index, line.plan.factors, geometry.dims),
         density=quantisation.density_of_byte(packet & 255),
         strength=quantisation.strength_of_byte(packet >> 8 & 255),
     )
@@ -72,7 +76,7 @@ def _byte_of(field: Field, geometry: Geometry, octahedral: bool, line: LineOfSig
         dda = line.plan.screen_index[SCREEN.index(field)]
         return lambda index, packet: min(max(dda.at_half_indices(_doubled(index)) >> FRACTION_BITS, 0), 255)
     axis = GRID.index(field)
-    grid_bytes = shading_tables.grid_bytes(geometry.dims[axis])
+    grid_bytes = shading_tables.grid_bytes(geometry.dims[axis], line.plan.factors[axis])
     return lambda index, packet: grid_bytes[index[axis]]
 
 

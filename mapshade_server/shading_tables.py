@@ -96,9 +96,9 @@ def _factors(rule: OpacityRule, field: Field) -> tuple[float, ...]:
 
 
 @lru_cache(KEPT_TABLES)
-def grid_bytes(size: int) -> bytes:
-    """The byte of each grid index of an axis of `size` voxels."""
-    return bytes(grid_index_bytes(size))
+def grid_bytes(size: int, factor: int) -> bytes:
+    """The byte of each grid index of an axis of `size` voxels, at a level where `factor` of them are one."""
+    return bytes(grid_index_bytes(size, factor))
 
 
 def light_of_directions(scene: Scene, step: Step, plan: FramePlan, octahedral: bool) -> "_kernels.Array":

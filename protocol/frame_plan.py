@@ -1,4 +1,4 @@
-"""A frame's numbers, derived from scene, geometry and step by one rule for all programs.
+"""A frame's numbers, derived from scene, geometry, step and resolution by one rule for all programs.
 
 Screen positions here are in pixels from the centre of the top-left pixel, x to the right and y *down*; depth z
 points to the viewer. The DDA is 64-bit fixed point: 2^-32 pixel, stepped by *half* voxels, from the grid's origin,
@@ -10,6 +10,14 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from volsplat.protocol import matrices
+from volsplat.protocol.levels import (
+    Resolution,
+    bounds_at_level,
+    factors_of,
+    own_resolution,
+    point_at_level,
+    thickness_of,
+)
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.refinement import STEP_RULES
 from volsplat.protocol.scene import Order, Scene, Step
@@ -48,12 +56,15 @@ class Dda:
 
 @dataclass(frozen=True)
 class FramePlan:
-    """What both servers and the reference need to know of a frame."""
+    """What both servers and the reference need to know of a frame, in indices and spacings of the level drawn."""
 
     step: Step
     width: int
     height: int
     zoom: float  # pixels per reference spacing
+    factors: Index  # voxels of the volume that one of the level stands for along i, j, k
+    thickness: float  # reference spacing, in those of the volume
+    stride: int
     rotation: Matrix  # physical to screen axes (x right, y up, z to the viewer)
     pixels_per_index: Matrix  # grid step to pixels, rows x right, y DOWN, z to the viewer
     x: Dda
@@ -66,17 +77,17 @@ class FramePlan:
     bounds: Box
     reach: Reach
 
-    @property
-    def stride(self) -> int:
-        return STEP_RULES[self.step].stride
-
     def opacity_exponent(self, block: Index) -> float:
         """The t of 1 - (1 - a)^t for a sample whose clipped block has this many voxels along i, j, k.
 
+        a is the opacity of one of the volume's reference spacings; a coarser level's is thicker.
         Footprints carry thickness in their weights, so there only the stride counts. A cell covers its pixels
         once, so t is the path through its sheet in reference spacings; one pixel holds many cells, so there it
         is the path times the cell's share of the pixel.
         """
+        return self.thickness * self._reference_spacings(block)
+
+    def _reference_spacings(self, block: Index) -> float:
         if self.reach == Reach.FOOTPRINT:
             return float(self.stride)
         if self.reach == Reach.PIXEL:
@@ -86,35 +97,44 @@ class FramePlan:
         return abs(matrices.determinant(self.pixels_per_index)) / (area * self.zoom) * block[sheet]
 
 
-def plan_frame(scene: Scene, geometry: Geometry, step: Step) -> FramePlan:
-    """Derive a frame's numbers. Raises ValueError where bounds or view do not fit the volume."""
-    bounds = resolved_bounds(scene, geometry)
+def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolution | None = None) -> FramePlan:
+    """Derive a frame's numbers. Raises ValueError where bounds or view do not fit the volume.
+
+    `geometry` is the volume's; the frame is drawn from `resolution`, or where there is none from the volume, strided.
+    """
+    drawn = resolution or own_resolution(geometry, step)
+    level = drawn.geometry
+    factors, thickness = factors_of(geometry, level), thickness_of(geometry, level)
+    bounds = bounds_at_level(resolved_bounds(scene, geometry), factors)
     rotation = matrices.rotation_from_quaternion(scene.view.rotation)
-    zoom = resolved_zoom(scene, geometry)
-    scale = zoom / geometry.reference_spacing
-    upright = matrices.times(matrices.product(rotation, geometry.index_to_physical), scale)
+    zoom = resolved_zoom(scene, geometry) * thickness
+    scale = zoom / level.reference_spacing
+    upright = matrices.times(matrices.product(rotation, level.index_to_physical), scale)
     to_pixels: Matrix = (upright[0], matrices.scaled(upright[1], -1.0), upright[2])
-    center = resolved_center(scene, geometry)
+    center = point_at_level(resolved_center(scene, geometry), factors)
     middle = ((scene.image.width - 1) / 2, (scene.image.height - 1) / 2, 0.0)
     origin = matrices.minus(middle, matrices.applied(to_pixels, center))
-    _check_reach(origin, to_pixels, geometry.dims)
+    _check_reach(origin, to_pixels, level.dims)
     x, y, depth = (_dda(origin[axis], to_pixels[axis]) for axis in range(3))
     rule = STEP_RULES[step]
-    visits = tuple(visits_of(bounds.low[axis], bounds.high[axis], rule.stride) for axis in range(3))
+    visits = tuple(visits_of(bounds.low[axis], bounds.high[axis], drawn.stride) for axis in range(3))
     order = resolved_order(scene, geometry)
     traversal = traversal_of(_ray_to_viewer(to_pixels, zoom), order)
-    reach = Reach.FOOTPRINT if rule.footprint else _nearest_reach(to_pixels, traversal, rule.stride)
+    reach = Reach.FOOTPRINT if rule.footprint else _nearest_reach(to_pixels, traversal, drawn.stride)
     return FramePlan(
         step=step,
         width=scene.image.width,
         height=scene.image.height,
         zoom=zoom,
+        factors=factors,
+        thickness=thickness,
+        stride=drawn.stride,
         rotation=rotation,
         pixels_per_index=to_pixels,
         x=x,
         y=y,
         depth=depth,
-        screen_index=_screen_index_ddas(upright, geometry),
+        screen_index=_screen_index_ddas(upright, geometry, factors),
         order=order,
         traversal=traversal,
         visits=(visits[0], visits[1], visits[2]),
@@ -189,14 +209,17 @@ def _dda(origin: float, steps: Vector) -> Dda:
     )
 
 
-def _screen_index_ddas(upright: Matrix, geometry: Geometry) -> tuple[Dda, Dda, Dda]:
-    """The fields screen x, y, z over the volume's bounding sphere, as values whose integer part is the byte."""
+def _screen_index_ddas(upright: Matrix, geometry: Geometry, factors: Index) -> tuple[Dda, Dda, Dda]:
+    """The fields screen x, y, z over the volume's bounding sphere, as values whose integer part is the byte.
+
+    `upright` is the level's.
+    """
     ni, nj, nk = geometry.dims
-    middle = ((ni - 1) / 2, (nj - 1) / 2, (nk - 1) / 2)
+    middle = point_at_level(((ni - 1) / 2, (nj - 1) / 2, (nk - 1) / 2), factors)
     step_length = matrices.length(matrices.column(upright, 0)) / matrices.length(
         matrices.column(geometry.index_to_physical, 0)
     )
-    radius = bounding_radius(geometry) * step_length
+    radius = bounding_radius(geometry) * step_length / factors[0]
     per_pixel = 256 / (2 * radius)
     x, y, z = (
         _dda(128 - matrices.dot(upright[axis], middle) * per_pixel, matrices.scaled(upright[axis], per_pixel))

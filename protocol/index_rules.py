@@ -131,6 +131,6 @@ def physical_gradient(geometry: Geometry) -> Matrix:
     return matrices.transposed(matrices.inverse(geometry.index_to_physical))
 
 
-def grid_index_bytes(size: int) -> list[int]:
-    """The byte of each grid index of an axis of `size` voxels."""
-    return [256 * index // size for index in range(size)]
+def grid_index_bytes(size: int, factor: int = 1) -> list[int]:
+    """The byte of each grid index of an axis of `size` voxels; at a level, of each `factor` of them (see levels)."""
+    return [256 * min(first + factor // 2, size - 1) // size for first in range(0, size, factor)]

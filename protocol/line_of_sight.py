@@ -11,6 +11,7 @@ from collections.abc import Iterator
 import msgspec
 
 from volsplat.protocol.frame_plan import FIXED_ONE, plan_frame
+from volsplat.protocol.levels import Resolution
 from volsplat.protocol.scene import Order, Scene, Step
 from volsplat.protocol.volume import Box, Geometry, Index
 
@@ -21,12 +22,15 @@ MOST_ASIDE = 2.0  # voxels
 class LineOfSight:
     """A line from a point of the image into the volume."""
 
-    def __init__(self, scene: Scene, geometry: Geometry, x: float, y: float) -> None:
+    def __init__(
+        self, scene: Scene, geometry: Geometry, x: float, y: float, resolution: Resolution | None = None
+    ) -> None:
         """x and y are pixels from the centre of the image's top left pixel, x to the right and y down.
 
-        Raises ValueError where bounds or view do not fit the volume.
+        It runs through the level of `resolution`, or where there is none through the volume itself; indices are the
+        level's. Raises ValueError where bounds or view do not fit the volume.
         """
-        self.plan = plan_frame(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK), geometry, Step.F)
+        self.plan = plan_frame(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK), geometry, Step.F, resolution)
         self._inside = 0 <= x + HALF < self.plan.width and 0 <= y + HALF < self.plan.height
         self._x = x - self.plan.x.origin / FIXED_ONE
         self._y = y - self.plan.y.origin / FIXED_ONE

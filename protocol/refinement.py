@@ -10,6 +10,11 @@ class StepRule:
     stride: int  # every n-th sample on each axis is visited
     footprint: bool  # False: nearest pixel
 
+    @property
+    def octaves(self) -> int:
+        """How often the grid is halved by that."""
+        return self.stride.bit_length() - 1
+
 
 STEP_RULES = {
     Step.A: StepRule(stride=4, footprint=False),

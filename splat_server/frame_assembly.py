@@ -8,6 +8,7 @@ from time import perf_counter
 
 from volsplat.protocol.errors import RemoteProtocolError
 from volsplat.protocol.frame_plan import plan_frame
+from volsplat.protocol.levels import Resolution
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Geometry
 from volsplat.splat_server._kernels import BatchMemory
@@ -57,9 +58,13 @@ class FrameAssembly:
         merge: Merge | None = None,
         lock: AbstractContextManager[object] | None = None,
         threads: int = 1,
+        resolution: Resolution | None = None,
     ) -> None:
-        """Clears `image` and uses it if it has the scene's size. Raises ValueError or BadInput for a bad scene."""
-        self.plan = plan_frame(scene, geometry, step)
+        """Clears `image` and uses it if it has the scene's size. Raises ValueError or BadInput for a bad scene.
+
+        `geometry` is the volume's; the frame is drawn from `resolution`, as plan_frame has it.
+        """
+        self.plan = plan_frame(scene, geometry, step, resolution)
         self.frame = frame
         self.complete = False
         self.lost: tuple[int, ...] = ()
@@ -68,7 +73,7 @@ class FrameAssembly:
         self.seconds_in_splat = 0.0
         self._reach = pixel_reach(self.plan, scene.reconstruction)
         self.pixels_per_packet = pixels_reached(self._reach, self.plan)
-        edges = volume_edges(scene, geometry, self.plan)
+        edges = volume_edges(scene, geometry, plan_frame(scene, geometry, step))  # whatever level is drawn
         self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
         if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
             image = ImageBuffer(self.plan.width, self.plan.height, threads)

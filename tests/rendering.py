@@ -13,6 +13,7 @@ from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.levels import Resolution
 from volsplat.protocol.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, Geometry
@@ -31,18 +32,22 @@ def rendered(
     max_voxels: int = 1 << 20,
     threads: int = 1,
     arrival: Random | None = None,
+    resolution: Resolution | None = None,
 ) -> Tensor:
-    """The image (H, W, 4) float32, associated alpha, of values (k, j, i).
+    """The image (H, W, 4) float32, associated alpha, of values (k, j, i); they are those of the resolution's level.
 
     `workers` are the boxes that each worker holds: together they partition the grid. `arrival` shuffles whose
     batch comes next, and how far the splatter gets in between; else one worker after the other delivers.
     """
-    holdings = workers or [[geometry.box]]
-    plan = plan_frame(scene, geometry, step)
-    assembly = FrameAssembly(scene, geometry, step, frame=1, workers=range(len(holdings)), threads=threads)
+    held = resolution.geometry if resolution else geometry
+    holdings = workers or [[held.box]]
+    plan = plan_frame(scene, geometry, step, resolution)
+    assembly = FrameAssembly(
+        scene, geometry, step, frame=1, workers=range(len(holdings)), threads=threads, resolution=resolution
+    )
     walks = []
     for boxes in holdings:
-        sub_cubes = [SubCube.of_volume(geometry, values, box) for box in boxes]
+        sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
         walks.append(FrameWalk(sub_cubes, geometry, quantisation, scene, plan))
