@@ -38,6 +38,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame, resolved_order
 from volsplat.protocol.roles import Role
+from volsplat.protocol.scene import Step
 
 
 class Coordinator:
@@ -49,8 +50,7 @@ class Coordinator:
         self.holding = VolumeHolding()
         self.frame: RunningFrame | None = None
         self._probes = Probes()
-        self._path = ""
-        self._wanted_workers = 0
+        self._asked: VolumeAsked | None = None
         self._enlisted_workers: list[int] = []  # those that hold the volume's sub-cubes
         self._splat_server = 0  # the one that draws
         self.failure: VolsplatError | None = None
@@ -105,20 +105,20 @@ class Coordinator:
         return self._fail(PeerLost(f"{event.cause}; its message is above"))
 
     def _handle_VolumeAsked(self, event: VolumeAsked) -> list[Instruction]:
-        self._path, self._wanted_workers = event.path, event.workers
+        self._asked = event
         return self._gathered()
 
     def _gathered(self) -> list[Instruction]:
-        if self.holding.phase != Phase.GATHERING or not self._path:
+        asked = self._asked
+        if self.holding.phase != Phase.GATHERING or asked is None:
             return []
         workers, splat_servers = self._joined(Role.MAPSHADE_SERVER), self._joined(Role.SPLAT_SERVER)
-        if len(workers) < self._wanted_workers or not splat_servers:
-            missing = (
-                f"{len(workers)} of {self._wanted_workers} map/shade servers, {len(splat_servers)} of 1 splat server"
-            )
+        if len(workers) < asked.workers or not splat_servers:
+            missing = f"{len(workers)} of {asked.workers} map/shade servers, {len(splat_servers)} of 1 splat server"
             return [ReportProgress(f"waiting for servers: {missing} joined")]
-        self._enlisted_workers, self._splat_server = workers[: self._wanted_workers], splat_servers[0]
-        return self.holding.begin(self._path, self._enlisted_workers)
+        self._enlisted_workers, self._splat_server = workers[: asked.workers], splat_servers[0]
+        hosts = {worker: self.servers[worker].host for worker in self._enlisted_workers}
+        return self.holding.begin(asked.path, hosts, asked.memory)
 
     def _joined(self, role: Role) -> list[int]:
         return sorted(n for n, server in self.servers.items() if server.role == role)
@@ -203,14 +203,18 @@ class Coordinator:
         assert volume is not None
         if frame.whole and missing_boxes(self.server_states.values()):
             return self._end_frame(incomplete(self.server_states.values()))
-        quantisation = volume.quantisation(frame.scene.quantise)
-        if quantisation != self.holding.quantisation:
-            return self.holding.prepare(quantisation)
         geometry = volume.description.geometry
         try:
-            plan_frame(frame.scene, geometry, frame.step)
+            packing = self.holding.wanted(frame.scene, steady=not frame.whole)
+            if packing != self.holding.packing:
+                return self.holding.prepare(packing)
+            resolution = self.holding.resolution(frame.step, frame.scene.refine.striding)
+            plan_frame(frame.scene, geometry, frame.step, resolution)
+        except BadInput as error:
+            return self._end_frame(error)
         except ValueError as error:
             return self._end_frame(BadInput(str(error)))
+        frame.level, frame.why_level = resolution.level, packing.why_level
         frame.started = True
         render = messages.RenderFrame(
             frame=frame.frame,
@@ -219,7 +223,8 @@ class Coordinator:
             scene=msgspec.structs.replace(frame.scene, order=resolved_order(frame.scene, geometry)),
             step=frame.step,
             geometry=geometry,
-            quantisation=quantisation,
+            quantisation=packing.quantisation,
+            resolution=resolution,
             workers=list(self.holding.boxes),
         )
         partial = self._handle_PartialImageAsked(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
@@ -332,15 +337,22 @@ class Coordinator:
     def _send_probes(self) -> list[Instruction]:
         """Send the probes that wait and can be answered by what is packed; pack for the first that cannot."""
         sent: list[Instruction] = []
-        for probe in self._probes.waiting():
+        for probe in list(self._probes.waiting()):
             volume, boxes = self.holding.volume, self.holding.boxes
             if volume is None or not self.holding.settled:
                 break
-            quantisation = volume.quantisation(probe.scene.quantise)
-            if quantisation != self.holding.quantisation:
-                return sent + self.holding.prepare(quantisation)
+            try:
+                packing = self.holding.wanted(probe.scene, steady=True)
+            except BadInput as error:
+                sent += self._probes.refused(probe.probe, error)
+                continue
+            if self.holding.packing is None or packing.quantisation != self.holding.packing.quantisation:
+                return sent + self.holding.prepare(packing)  # any level will do
             geometry = volume.description.geometry
-            ask = self._probes.request(probe, boxes, self.holding.assignment, geometry, quantisation)
+            resolution = self.holding.resolution(Step.F, striding=False)
+            ask = self._probes.request(
+                probe, boxes, self.holding.assignment, geometry, packing.quantisation, resolution
+            )
             sent += [Send(worker, ask) for worker in boxes]
         return sent
 

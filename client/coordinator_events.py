@@ -13,11 +13,16 @@ from volsplat.protocol.volume import Box
 
 @dataclass(frozen=True)
 class FrameOutcome:
-    """What the servers report of a finished frame, and the parts of the volume that no server holds any more."""
+    """What the servers report of a finished frame, and the parts of the volume that no server holds any more.
+
+    Of a prepared volume also which level was drawn, and why the finest step draws the one that it does.
+    """
 
     map_shade: dict[int, messages.MapShadeStats]
     splat: messages.SplatStats
     missing: tuple[Box, ...] = ()
+    level: int = 0
+    why_level: str = ""
 
 
 # -- events -----------------------------------------------------------------------------------------------------
@@ -57,6 +62,7 @@ class MessageReceived:
 class VolumeAsked:
     path: str
     workers: int
+    memory: int | None = None  # bytes that each map/shade server may hold of a prepared volume; None: as it sees fit
 
 
 @dataclass(frozen=True)

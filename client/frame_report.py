@@ -57,6 +57,7 @@ class StepReport(msgspec.Struct, frozen=True):
     """One step. Of the workers, seconds are given as their sum and as the slowest one's."""
 
     step: Step
+    level: int  # that was drawn; 0 is the volume itself
     wall_seconds: float  # from asking to having the image
     voxels_visited: int
     packets_sent: int
@@ -85,12 +86,13 @@ class FrameReport(msgspec.Struct, frozen=True):
     width: int
     height: int
     order: str
+    why_level: str  # which level of a prepared volume the last step shows, and why; else ""
     steps: tuple[StepReport, ...]
 
 
 def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutcome]) -> FrameReport:
     """The report of the steps drawn of a volume."""
-    description = volume.description
+    description, drawn = volume.description, list(outcomes)
     return FrameReport(
         volsplat=version("volsplat"),
         machine=this_machine(),
@@ -98,7 +100,8 @@ def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutco
         width=scene.image.width,
         height=scene.image.height,
         order=scene.order.value,
-        steps=tuple(_step_report(outcome) for outcome in outcomes),
+        why_level=drawn[-1].servers.why_level if drawn else "",
+        steps=tuple(_step_report(outcome) for outcome in drawn),
     )
 
 
@@ -157,6 +160,7 @@ def _step_report(outcome: StepOutcome) -> StepReport:
     memory = {f"map/shade server {server}": worker.peak_memory_bytes for server, worker in sorted(workers.items())}
     return StepReport(
         step=outcome.step,
+        level=outcome.servers.level,
         wall_seconds=outcome.wall_seconds,
         voxels_visited=sum(worker.voxels_visited for worker in stats),
         packets_sent=sum(worker.packets for worker in stats),

@@ -16,4 +16,7 @@ def info(volume: str) -> None:
     with Console(stderr=True).status("reading") as status:
         with Session(volume, workers=1, on_progress=status.update) as session:
             known = session.volume
-    Console().print(info_text(known.description, known.survey, known.density_counts, known.automatic_window))
+    told = info_text(
+        known.description, known.survey, known.density_counts, known.automatic_window, prepared=known.prepared
+    )
+    Console().print(told)

@@ -10,11 +10,13 @@ from dataclasses import dataclass
 from ipaddress import ip_address
 from pathlib import Path
 
+import click
 from rich.console import Console
 
 from volsplat.client.renderer import Renderer
 from volsplat.client.session import ANY_LOOPBACK_PORT, Session
 from volsplat.protocol.addresses import Address, parse_address
+from volsplat.protocol.byte_sizes import bytes_from_option
 from volsplat.protocol.tokens import TOKEN_VARIABLE, Token, find_token, new_token
 
 
@@ -26,15 +28,24 @@ class Servers:
     single: bool
     listen: Address | None
     token: Token | None
+    memory: int | None = None  # bytes of a prepared volume that each may hold
 
 
-def servers_from_options(workers: int, listen: str | None, token_file: Path | None, single: bool = False) -> Servers:
-    """What --workers, --listen, --token-file and --single ask for. Raises BadInput."""
+memory_option = click.option(
+    "--memory", metavar="SIZE", help="What each server may hold of a prepared volume, as 2G (half of what is left)."
+)
+
+
+def servers_from_options(
+    workers: int, listen: str | None, token_file: Path | None, single: bool = False, memory: str | None = None
+) -> Servers:
+    """What --workers, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
     return Servers(
         workers=workers,
         single=single,
         listen=parse_address(listen) if listen else None,
         token=shared_token(token_file, makes=listen is not None),
+        memory=bytes_from_option("--memory", memory) if memory else None,
     )
 
 
@@ -83,7 +94,7 @@ def opened_quietly(
     if servers.single:
         from volsplat.client.single import SingleProcess
 
-        with SingleProcess(volume, on_progress=say) as single:
+        with SingleProcess(volume, memory=servers.memory, on_progress=say) as single:
             yield single
         return
     token = servers.token or new_token()
@@ -93,6 +104,7 @@ def opened_quietly(
         listen=servers.listen or ANY_LOOPBACK_PORT,
         spawn=spawns,
         token=token,
+        memory=servers.memory,
         on_progress=say,
     ) as session:
         if not spawns:

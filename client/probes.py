@@ -9,6 +9,7 @@ from volsplat.client.coordinator_events import AnswerProbe, Instruction, ProbeAs
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.levels import Resolution
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.volume import Geometry
 
@@ -46,7 +47,13 @@ class Probes:
         return (probe.asked for probe in self._probes.values() if probe.pending is None)
 
     def request(
-        self, asked: ProbeAsked, servers: Collection[int], assignment: int, geometry: Geometry, packed_by: Quantisation
+        self,
+        asked: ProbeAsked,
+        servers: Collection[int],
+        assignment: int,
+        geometry: Geometry,
+        packed_by: Quantisation,
+        resolution: Resolution,
     ) -> messages.ProbeVoxels:
         """What to ask these servers, whose answers are waited for from now on."""
         self._probes[asked.probe].pending = set(servers)
@@ -56,6 +63,7 @@ class Probes:
             scene=asked.scene,
             geometry=geometry,
             quantisation=packed_by,
+            resolution=resolution,
             x=asked.x,
             y=asked.y,
         )

@@ -13,7 +13,7 @@ from volsplat.client.empty_image import why_empty
 from volsplat.client.frame_report import report_of, write_report
 from volsplat.client.image_properties import image_properties
 from volsplat.client.interrupts import interrupts_held
-from volsplat.client.opened_volume import opened, servers_from_options
+from volsplat.client.opened_volume import memory_option, opened, servers_from_options
 from volsplat.client.presets import PRESETS
 from volsplat.client.render_options import (
     SceneOptions,
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
 @click.option("--center", metavar="I,J,K", help="Grid point at the image's centre.")
 @click.option("--bounds", metavar="I0:I1,J0:J1,K0:K1", help="Draw only this part of the grid.")
 @click.option("--edges/--no-edges", default=None, help="Draw the volume's boundary as white edges.")
+@memory_option
 @click.option("--single", is_flag=True, help="One process, no servers: the same image.")
 @click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
@@ -70,6 +71,7 @@ def render(
     center: str | None,
     bounds: str | None,
     edges: bool | None,
+    memory: str | None,
     single: bool,
     report: Path | None,
     listen: str | None,
@@ -102,7 +104,7 @@ def render(
         check_is_there(volume)
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
-    servers = servers_from_options(workers, listen, token_file, single)
+    servers = servers_from_options(workers, listen, token_file, single, memory)
     console = Console(stderr=True)
     with opened(volume, servers, spawns, console) as renderer:
         draw(renderer, scene_options, Step(step), outputs, console)
@@ -122,6 +124,7 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
         if outputs.steps_dir is not None:
             outputs.make_folder()
             write_image(step_image_path(outputs.steps_dir, refinement.step), refinement.image, scene, properties)
+    tell_level(finished[-1], console)
     if outputs.image is not None:
         write_image(outputs.image, finished[-1].image, scene, properties)
         tell_if_empty(finished[-1].image, scene, console)
@@ -136,6 +139,12 @@ def tell_if_empty(image: Tensor, scene: Scene, console: Console) -> None:
     """Say so where nothing is to be seen, and why."""
     if why := why_empty(image, scene):
         console.print(f"note: {why}", highlight=False, soft_wrap=True)
+
+
+def tell_level(drawn: Refinement, console: Console) -> None:
+    """Which level of a prepared volume the image shows, and why."""
+    if drawn.outcome is not None and drawn.outcome.servers.why_level:
+        console.print(drawn.outcome.servers.why_level, highlight=False, soft_wrap=True)
 
 
 def _size(scene: Scene) -> str:

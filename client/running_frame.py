@@ -16,6 +16,8 @@ class RunningFrame:
     step: Step
     whole: bool  # or not at all
     started: bool = False  # sent to the servers
+    level: int = 0  # that is drawn
+    why_level: str = ""
     partial_wanted: bool = False  # as soon as it has started
     unacknowledged: set[int] = field(default_factory=set)  # servers that were told to abort and have not said so
     image: PublishImage | None = None
@@ -27,5 +29,5 @@ class RunningFrame:
         """The finished image, once it and the statistics of all its servers are here."""
         if self.image is None or self.splat is None or set(self.map_shade) != set(workers):
             return None
-        outcome = FrameOutcome(self.map_shade, self.splat, missing)
+        outcome = FrameOutcome(self.map_shade, self.splat, missing, self.level, self.why_level)
         return replace(self.image, outcome=outcome, drawn_at=self.drawn_at)

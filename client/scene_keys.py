@@ -100,6 +100,9 @@ KEYS: dict[str, SceneKey] = {
     "refine.bare_buffer": SceneKey(
         _SWITCH, "Show a step's partial image alone, as in the paper, not over the finished step before it."
     ),
+    "refine.striding": SceneKey(
+        _SWITCH, "Of a prepared volume, A and B leave out voxels, as in the paper, instead of drawing means."
+    ),
     "image.width": SceneKey("1 to 16384 pixels", "The picture's width."),
     "image.height": SceneKey("1 to 16384 pixels", "The picture's height."),
     "image.background": SceneKey(

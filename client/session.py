@@ -86,8 +86,9 @@ class Session:
     """A volume held by map/shade servers and a splat server.
 
     `volume` is a path as the servers see it. With `spawn` the servers are started on this machine; without it they
-    are started by hand and join at `listen`. `on_progress` gets one line for each thing that takes time, on a
-    thread of the session.
+    are started by hand and join at `listen`. `memory` is how many bytes each map/shade server may hold of a prepared
+    volume; by default half of what its machine has left, shared with the others there. `on_progress` gets one line
+    for each thing that takes time, on a thread of the session.
     """
 
     def __init__(
@@ -98,6 +99,7 @@ class Session:
         listen: Address = ANY_LOOPBACK_PORT,
         spawn: bool = True,
         token: Token | None = None,
+        memory: int | None = None,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
         self._on_progress = on_progress
@@ -136,7 +138,7 @@ class Session:
                 self._servers.start(Program.SPLAT_SERVER, address, token)
                 for _ in range(wanted):
                     self._servers.start(Program.MAPSHADE_SERVER, address, token)
-            self._events.put(VolumeAsked(absolute_name(str(volume)) if spawn else str(volume), wanted))
+            self._events.put(VolumeAsked(absolute_name(str(volume)) if spawn else str(volume), wanted, memory))
         except BaseException:
             self.close()
             raise

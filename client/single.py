@@ -12,17 +12,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
-from volsplat.client.coordinator_events import FrameOutcome
+from volsplat.client.coordinator_events import FrameOutcome, Instruction, ReportProgress, Send
 from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, image_tensor, refined
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.volume_holding import Packing, VolumeHolding
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
-from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.levels import Resolution
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.scene import Scene, Step
@@ -43,24 +43,24 @@ class SingleProcess:
     """A volume held and drawn by this process alone: the same images as a Session's, bit for bit."""
 
     def __init__(
-        self, volume: str | Path, *, threads: int = 1, on_progress: Callable[[str], None] | None = None
+        self,
+        volume: str | Path,
+        *,
+        threads: int = 1,
+        memory: int | None = None,
+        on_progress: Callable[[str], None] | None = None,
     ) -> None:
         """Read and survey the volume. Raises BadInput.
 
-        `threads` splat, one image stripe each; where there are several, one more walks ahead of them.
+        `threads` splat, one image stripe each; where there are several, one more walks ahead of them. `memory` is how
+        many bytes of a prepared volume may be held; by default half of what the machine has left.
         """
         self._say = on_progress or (lambda text: None)
         self._threads = threads
         self._walker = ThreadPoolExecutor(1, "walk") if threads > 1 else None
-        self._reader = open_volume(str(volume))
-        description = self._reader.describe()
-        self._sub_cube = SubCube(description.geometry, description.geometry.box, description.second_scalar)
-        self._read()
-        survey = self._sub_cube.survey()
-        self._say("counting the histograms")
-        density, strength = self._sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
-        self._volume = SurveyedVolume(description, survey, density.tolist(), strength.tolist())
-        self._quantisation: Quantisation | None = None
+        self._held = HeldVolume()
+        self._holding = VolumeHolding()
+        self._carry_out(self._holding.begin(str(volume), {WORKER: "here"}, memory))
         self._image: ImageBuffer | None = None
         self._frame = 0
         self._ahead: Future[ShadedBatch | None] | None = None  # the batch that the walker is at
@@ -68,7 +68,8 @@ class SingleProcess:
     @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume."""
-        return self._volume
+        assert self._holding.volume is not None
+        return self._holding.volume
 
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput."""
@@ -106,18 +107,20 @@ class SingleProcess:
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
-        geometry = self._volume.description.geometry
+        geometry = self.volume.description.geometry
+        packing = self._packed(scene)
+        resolution = self._holding.resolution(Step.F, striding=False)
         try:
-            line = LineOfSight(scene, geometry, x, y)
+            line = LineOfSight(scene, geometry, x, y, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        quantisation = self._packed(self._volume.quantisation(scene.quantise))
-        return front_most([self._sub_cube], geometry, quantisation, scene, line)
+        sub_cubes = self._held.sub_cubes(resolution.level)
+        return front_most(sub_cubes, geometry, packing.quantisation, scene, line)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
         began = shown = time.perf_counter()
-        walk, assembly = self._stages(scene, step)
+        resolution, walk, assembly = self._stages(scene, step)
         tally = FrameTally(planning_seconds=time.perf_counter() - began)
         waiting_seconds = 0.0
         asked = time.perf_counter()
@@ -149,7 +152,9 @@ class SingleProcess:
             held_back_seconds={},
             peak_memory_bytes=peak_memory(),
         )
-        outcome = FrameOutcome({WORKER: tally.stats()}, splat)
+        assert self._holding.packing is not None
+        why = self._holding.packing.why_level
+        outcome = FrameOutcome({WORKER: tally.stats()}, splat, level=resolution.level, why_level=why)
         now = time.perf_counter()
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, outcome))
 
@@ -169,36 +174,49 @@ class SingleProcess:
                 self._ahead = walker.submit(next_batch)
             yield batch
 
-    def _stages(self, scene: Scene, step: Step) -> tuple[FrameWalk, FrameAssembly]:
-        geometry = self._volume.description.geometry
+    def _stages(self, scene: Scene, step: Step) -> tuple[Resolution, FrameWalk, FrameAssembly]:
+        geometry = self.volume.description.geometry
         if self._ahead is not None:
             self._ahead.result()  # an older frame's walk must not go on beside this one's
         self._frame += 1
         try:
+            packing = self._packed(scene)
+            resolution = self._holding.resolution(step, scene.refine.striding)
             assembly = FrameAssembly(
-                scene, geometry, step, self._frame, [WORKER], image=self._image, threads=self._threads
+                scene,
+                geometry,
+                step,
+                self._frame,
+                [WORKER],
+                image=self._image,
+                threads=self._threads,
+                resolution=resolution,
             )
         except ValueError as error:
             raise BadInput(str(error)) from error
         self._image = assembly.image
-        quantisation = self._packed(self._volume.quantisation(scene.quantise))
         self._say(f"step {step}")
-        walk = FrameWalk([self._sub_cube], geometry, quantisation, scene, assembly.plan, assembly.image.closed_tiles)
-        return walk, assembly
+        sub_cubes = self._held.sub_cubes(resolution.level)
+        walk = FrameWalk(sub_cubes, geometry, packing.quantisation, scene, assembly.plan, assembly.image.closed_tiles)
+        return resolution, walk, assembly
 
-    def _packed(self, quantisation: Quantisation) -> Quantisation:
-        """Have the voxels packed by these rules."""
-        if quantisation != self._quantisation:
-            if self._quantisation is not None:
-                self._read()
-            self._say("making voxel packets")
-            self._sub_cube.pack(quantisation)
-            self._quantisation = quantisation
-        return quantisation
+    def _packed(self, scene: Scene) -> Packing:
+        """Have the packets held that the scene is drawn from."""
+        packing = self._holding.wanted(scene)
+        while self._holding.packing != packing or not self._holding.settled:
+            self._carry_out(self._holding.prepare(packing))
+        return packing
 
-    def _read(self) -> None:
-        self._say("reading the volume")
-        self._sub_cube.read(self._reader)
+    def _carry_out(self, instructions: list[Instruction]) -> None:
+        """Do here what a session has its servers do."""
+        for instruction in instructions:
+            match instruction:
+                case ReportProgress(text):
+                    self._say(text)
+                case Send(message=message):
+                    for answer in self._held.answers(message):
+                        payload = memoryview(b"".join(answer.payload))
+                        self._carry_out(self._holding.received(WORKER, answer.message, payload))
 
     def close(self) -> None:
         """End the threads."""

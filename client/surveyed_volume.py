@@ -8,6 +8,7 @@ from volsplat.client.density_histogram import DensityHistogram, density_histogra
 from volsplat.protocol import index_rules
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.levels import Prepared
 from volsplat.protocol.scene import Quantise, Scene
 from volsplat.protocol.volume import VolumeDescription
 
@@ -20,10 +21,13 @@ class SurveyedVolume:
     survey: Survey
     density_counts: list[int]  # over survey.low..survey.high
     strength_counts: list[int]  # over strength_range
+    prepared: Prepared | None = None  # where its packets were made before
 
     @cached_property
     def automatic_window(self) -> tuple[float, float]:
-        """The density window that the data chooses, in its own units."""
+        """The density window that the data chooses, in its own units; or with which it was prepared."""
+        if self.prepared is not None:
+            return self.prepared.quantisation.window
         return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type)
 
     @property
@@ -34,6 +38,8 @@ class SurveyedVolume:
     @cached_property
     def strength_scale(self) -> float:
         """Bytes per unit of |gradient|, or of the second scalar."""
+        if self.prepared is not None:
+            return self.prepared.quantisation.strength_scale
         if self.description.second_scalar is not None:
             return index_rules.second_scalar_scale(self.description.second_scalar)
         return index_rules.strength_scale(self.survey, self.strength_counts)

@@ -13,7 +13,7 @@ import msgspec
 from rich.console import Console
 
 from volsplat.client.interrupts import interrupts_held
-from volsplat.client.opened_volume import ignored, opened, servers_from_options
+from volsplat.client.opened_volume import ignored, memory_option, opened, servers_from_options
 from volsplat.client.presets import PRESETS
 from volsplat.client.render_options import SceneOptions
 from volsplat.client.session import Session
@@ -42,6 +42,7 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
     metavar="SECONDS",
     help="End when no page has been open for so long (600).",
 )
+@memory_option
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option(
     "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
@@ -54,6 +55,7 @@ def view(
     port: int,
     no_browser: bool,
     grace: float,
+    memory: str | None,
     listen: str | None,
     token_file: Path | None,
 ) -> None:
@@ -67,7 +69,7 @@ def view(
     options.scene_of(None)
     if listen is None:
         check_is_there(volume)
-    servers = servers_from_options(workers, listen, token_file)
+    servers = servers_from_options(workers, listen, token_file, memory=memory)
     console = Console(stderr=True)
     with _bound(port) as bound:
         address = PageAddress(bound)

@@ -5,16 +5,20 @@ Handlers are found by name: `_received_<message>`.
 """
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from enum import Enum, auto
 
+from volsplat.client.base_level import LevelChoice, budgets
 from volsplat.client.coordinator_events import Instruction, PublishVolume, ReportProgress, Send
 from volsplat.client.lending import Lending
 from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
-from volsplat.protocol.errors import RemoteProtocolError
+from volsplat.protocol.errors import BadInput, RemoteProtocolError
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.levels import Prepared, Resolution, own_resolution, resolution_of
+from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
 
 
@@ -28,6 +32,15 @@ class Phase(Enum):
     READY = auto()
 
 
+@dataclass(frozen=True)
+class Packing:
+    """What packets are held: by which rules they were made, and from which level on."""
+
+    quantisation: Quantisation
+    base_level: int = 0
+    why_level: str = field(default="", compare=False)  # for a person; "" where there is only one
+
+
 class VolumeHolding:
     """What is known of one volume, and which part of it each map/shade server holds in which form."""
 
@@ -36,9 +49,13 @@ class VolumeHolding:
         self.assignment = 0
         self.boxes: dict[int, list[Box]] = {}  # by map/shade server; of those that are there
         self.volume: SurveyedVolume | None = None
-        self.quantisation: Quantisation | None = None  # by which it is packed
+        self.packing: Packing | None = None  # what is held, or on its way
         self._path = ""
-        self._enlisted: Sequence[int] = ()
+        self._hosts: Mapping[int, str] = {}  # of the servers that share the volume
+        self._memory: int | None = None  # for each, where a person has set it
+        self._memories: dict[int, int] = {}  # what their machines have left
+        self._levels: LevelChoice | None = None  # of a prepared volume
+        self._prepared: Prepared | None = None
         self._description: VolumeDescription | None = None
         self._survey: Survey | None = None
         self._density_counts: list[int] = []
@@ -51,13 +68,13 @@ class VolumeHolding:
         """Nothing is on its way: frames can be drawn, or their packets be made."""
         return self.phase in (Phase.SURVEYED, Phase.READY)
 
-    def begin(self, path: str, servers: Sequence[int]) -> list[Instruction]:
-        """Have these servers share the volume at `path`."""
+    def begin(self, path: str, hosts: Mapping[int, str], memory: int | None = None) -> list[Instruction]:
+        """Have the servers that run on these hosts share the volume at `path`."""
         self.phase = Phase.DESCRIBING
-        self._path, self._enlisted = path, servers
+        self._path, self._hosts, self._memory = path, hosts, memory
         return [
             ReportProgress("reading the volume's header"),
-            Send(servers[0], messages.DescribeVolume(path=path)),
+            Send(next(iter(hosts)), messages.DescribeVolume(path=path)),
         ]
 
     def takes(self, message: messages.Message) -> bool:
@@ -70,9 +87,35 @@ class VolumeHolding:
         instructions: list[Instruction] = handler(server, message, payload)
         return instructions
 
-    def prepare(self, quantisation: Quantisation) -> list[Instruction]:
-        """Have the voxels packed by these rules, from the source, which servers let go of once they have packed it."""
-        return self._pack(quantisation) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
+    def wanted(self, scene: Scene, steady: bool = False) -> Packing:
+        """What a scene is drawn from. While a person moves through scenes, `steady` saves reading now and then.
+
+        Raises BadInput where the volume was prepared by other rules.
+        """
+        assert self.volume is not None
+        quantisation = self.volume.quantisation(scene.quantise)
+        if self._levels is None or self._prepared is None:
+            return Packing(quantisation)
+        _check_prepared(quantisation, self._prepared.quantisation)
+        current = self.packing.base_level if steady and self.packing is not None else None
+        base = self._levels.base_level(scene, current)
+        return Packing(quantisation, base.level, base.why)
+
+    def prepare(self, packing: Packing) -> list[Instruction]:
+        """Have these packets held.
+
+        They are made from the source, which servers let go of once they have packed it, or were made before.
+        """
+        if self._levels is not None:
+            return self._open_packets(self._levels, packing)
+        return self._pack(packing) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
+
+    def resolution(self, step: Step, striding: bool) -> Resolution:
+        """What a step draws of the packets that are held."""
+        assert self.volume is not None and self.packing is not None
+        if self._levels is None:
+            return own_resolution(self.volume.description.geometry, step)
+        return resolution_of(step, self._levels.grids, self.packing.base_level, striding)
 
     def lose(self, server: int) -> list[Instruction]:
         """Go on without this server, which is not the last one."""
@@ -88,9 +131,40 @@ class VolumeHolding:
         self, server: int, message: messages.VolumeDescribed, payload: memoryview
     ) -> list[Instruction]:
         self._description = message.description
-        boxes = divided(message.description.geometry, len(self._enlisted))
-        self.boxes = {worker: [box] for worker, box in zip(self._enlisted, boxes, strict=True)}
-        return self._read_sub_cubes()
+        boxes = divided(message.description.geometry, len(self._hosts))
+        self.boxes = {worker: [box] for worker, box in zip(self._hosts, boxes, strict=True)}
+        if not message.prepared:
+            return self._read_sub_cubes()
+        (self._prepared,) = message.prepared
+        self._survey = self._prepared.survey
+        self._add_counts(payload)
+        self._pending = set(self.boxes)
+        return [Send(worker, messages.DescribeMachine()) for worker in self.boxes]
+
+    def _received_MachineDescribed(
+        self, server: int, message: messages.MachineDescribed, payload: memoryview
+    ) -> list[Instruction]:
+        self._memories[server] = message.memory_bytes
+        self._pending.discard(server)
+        if self._pending:
+            return []
+        assert self._prepared is not None
+        memory = budgets(self._memories, self._hosts)
+        if self._memory is not None:
+            memory = dict.fromkeys(memory, self._memory)
+        self._levels = LevelChoice(self._prepared.levels, self.boxes, memory)
+        return self._surveyed()
+
+    def _open_packets(self, choice: LevelChoice, packing: Packing) -> list[Instruction]:
+        self.packing = packing
+        self.phase = Phase.PACKING
+        self.assignment += 1
+        self._pending = set(self.boxes)
+        opened: list[Instruction] = []
+        for worker in self.boxes:
+            held = choice.holdings(worker, packing.base_level)
+            opened.append(Send(worker, messages.OpenPackets(assignment=self.assignment, path=self._path, levels=held)))
+        return [ReportProgress(f"reading {packing.why_level}"), *opened]
 
     def _read_sub_cubes(self) -> list[Instruction]:
         assert self._description is not None
@@ -98,7 +172,7 @@ class VolumeHolding:
         self.assignment += 1
         self._pending = set(self.boxes)
         self._lending = None
-        said = f"reading the volume as {len(self.boxes)} sub-cubes"
+        said = f"reading the volume as {len(self.boxes)} sub-cubes" if len(self.boxes) > 1 else "reading the volume"
         if not self._description.reads_sub_cubes and len(self.boxes) > 1:
             self._lending = Lending(self.assignment, self._path, self.boxes, self._description)
             return [ReportProgress(f"{said}, by one server for all"), *self._lending.begin()]
@@ -154,22 +228,28 @@ class VolumeHolding:
             return []
         if message.bins != HISTOGRAM_BINS:
             raise RemoteProtocolError(f"map/shade server {server} counted {message.bins} bins")
-        counts = array("q", payload.tobytes())
-        self._density_counts = _added(self._density_counts, counts[: message.bins])
-        self._strength_counts = _added(self._strength_counts, counts[message.bins :])
+        self._add_counts(payload)
         self._pending.discard(server)
-        if self._pending:
-            return []
+        return [] if self._pending else self._surveyed()
+
+    def _add_counts(self, payload: memoryview) -> None:
+        counts = array("q", payload.tobytes())
+        self._density_counts = _added(self._density_counts, counts[:HISTOGRAM_BINS])
+        self._strength_counts = _added(self._strength_counts, counts[HISTOGRAM_BINS:])
+
+    def _surveyed(self) -> list[Instruction]:
         assert self._description is not None and self._survey is not None
         self.phase = Phase.SURVEYED
-        self.volume = SurveyedVolume(self._description, self._survey, self._density_counts, self._strength_counts)
+        self.volume = SurveyedVolume(
+            self._description, self._survey, self._density_counts, self._strength_counts, self._prepared
+        )
         return [PublishVolume(self.volume)]
 
-    def _pack(self, quantisation: Quantisation) -> list[Instruction]:
-        self.quantisation = quantisation
+    def _pack(self, packing: Packing) -> list[Instruction]:
+        self.packing = packing
         self.phase = Phase.PACKING
         self._pending = set(self.boxes)
-        pack = messages.PackVoxels(assignment=self.assignment, quantisation=quantisation)
+        pack = messages.PackVoxels(assignment=self.assignment, quantisation=packing.quantisation)
         return [ReportProgress("making voxel packets"), *(Send(worker, pack) for worker in self.boxes)]
 
     def _received_VoxelsPacked(
@@ -186,9 +266,23 @@ class VolumeHolding:
             return
         match self.phase:
             case Phase.READING:
-                self.phase, self.quantisation = Phase.SURVEYED, None
+                self.phase, self.packing = Phase.SURVEYED, None
             case Phase.PACKING:
                 self.phase = Phase.READY
+
+
+def _check_prepared(wanted: Quantisation, stored: Quantisation) -> None:
+    if wanted.window != stored.window:
+        low, high = wanted.window
+        raise BadInput(
+            f"the volume was prepared with the window {stored.window[0]:g} to {stored.window[1]:g}; "
+            f"for another one prepare it again with --window {low:g},{high:g}"
+        )
+    if wanted.directions != stored.directions:
+        raise BadInput(
+            f"the volume was prepared with {stored.directions} directions; set them in the scene, "
+            f"or prepare it again with --directions {wanted.directions}"
+        )
 
 
 def _added(sums: list[int], counts: "array[int]") -> list[int]:

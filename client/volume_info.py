@@ -8,6 +8,7 @@ from rich.text import Text
 
 from volsplat.protocol import matrices
 from volsplat.protocol.index_rules import Survey, percentile
+from volsplat.protocol.levels import Prepared
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import VolumeDescription
 
@@ -27,16 +28,17 @@ def info_text(
     density_counts: list[int],
     window: tuple[float, float],
     strength_counts: list[int] | None = None,
+    prepared: Prepared | None = None,
 ) -> Group:
     """What a person wants to know of a volume before rendering it, for rich's console.
 
     `density_counts` splits survey.low..survey.high into even bins, `strength_counts` the range of strengths;
-    `window` is the density window that the servers will use.
+    `window` is the density window that the servers will use; `prepared` what was decided when the volume was prepared.
     """
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    for name, text in _rows(description, survey, density_counts, window, strength_counts):
+    for name, text in _rows(description, survey, density_counts, window, strength_counts, prepared):
         table.add_row(name, Text(text))
     if survey.low > survey.high:
         return Group(table)
@@ -49,6 +51,7 @@ def _rows(
     density_counts: list[int],
     window: tuple[float, float],
     strength_counts: list[int] | None,
+    prepared: Prepared | None,
 ) -> list[tuple[str, str]]:
     geometry = description.geometry
     unit = f" {description.unit}" if description.unit else " (the file states no unit)"
@@ -77,12 +80,15 @@ def _rows(
         ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
     )
     rows.append(("packet byte 2", description.strength_name + _strength_text(description, survey, strength_counts)))
-    rows.append(("servers read", _reading_text(description)))
+    rows.append(("servers read", _reading_text(description, prepared)))
     rows += [("note", warning) for warning in description.warnings]
     return rows
 
 
-def _reading_text(description: VolumeDescription) -> str:
+def _reading_text(description: VolumeDescription, prepared: Prepared | None) -> str:
+    if prepared is not None:
+        sizes = ", ".join(" x ".join(str(n) for n in level.dims) for level in prepared.levels)
+        return f"packets that were made before, of the levels that are drawn: {sizes}"
     if not description.reads_sub_cubes:
         why = f": {description.why_whole}" if description.why_whole else ""
         return f"one of them the whole file, and the others get their sub-cubes from it{why}"

@@ -2,9 +2,9 @@
 
 import time
 
-import torch
-from torch import Tensor
+import numpy as np
 
+from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.messages import AwaitParts, Part
@@ -23,7 +23,7 @@ class AwaitedParts:
         self._boxes = [  # by sub-cube, then by scalar: gradients of the first one need the halo
             [box.grown(HALO, dims), box][:scalars] for box in request.boxes
         ]
-        self._values: list[dict[int, Tensor]] = [{} for _ in request.boxes]
+        self._values: list[dict[int, Voxels]] = [{} for _ in request.boxes]
         self._missing = sum(box.voxels for boxes in self._boxes for box in boxes)
 
     @property
@@ -33,15 +33,15 @@ class AwaitedParts:
     def take(self, part: Part, values: memoryview) -> None:
         """Copy a part to its place. Raises BadInput for one that does not belong here."""
         whole = self._whole(part)
-        dtype = getattr(torch, part.scalar_type)
+        dtype = np.dtype(part.scalar_type)
         held = self._values[part.sub_cube].get(part.scalar)
         if held is None:
-            held = self._values[part.sub_cube][part.scalar] = torch.empty(_shape(whole), dtype=dtype)
+            held = self._values[part.sub_cube][part.scalar] = np.empty(_shape(whole), dtype)
         if held.dtype != dtype:
             raise BadInput(f"parts of one sub-cube are {held.dtype} and {dtype}")
         low, size = part.box.low, part.box.size
         i, j, k = (slice(low[a] - whole.low[a], low[a] - whole.low[a] + size[a]) for a in range(3))
-        held[k, j, i] = torch.frombuffer(values, dtype=dtype).reshape(_shape(part.box))
+        held[k, j, i] = np.frombuffer(values, dtype).reshape(_shape(part.box))
         self._missing -= part.box.voxels
 
     def sub_cubes(self) -> list[SubCube]:

@@ -1,39 +1,76 @@
 """What a map/shade server holds of the volume: its sub-cubes, and while others get theirs from it, all of it.
 
-Takes the client's requests about the volume and gives the answers; knows no connection.
+Takes the client's requests about the volume and gives the answers; knows no connection. Handlers are found by name:
+`_on_<message>`.
 """
 
 import time
 from array import array
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
 
+from volsplat.mapshade_server.available_memory import available_memory
 from volsplat.mapshade_server.awaited_parts import AwaitedParts
 from volsplat.mapshade_server.lent_volume import LentVolume, lent
+from volsplat.mapshade_server.packet_store import PacketStore, is_store, open_store
 from volsplat.mapshade_server.readers import VolumeReader, open_volume
+from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
+from volsplat.protocol.levels import Prepared
+
+PACKET_BYTES = 4
+NO_PAYLOAD = memoryview(b"")
+
+
+class Answer(NamedTuple):
+    message: messages.Message
+    payload: tuple[memoryview, ...] = ()
 
 
 class HeldVolume:
-    """The sub-cubes of one assignment, and how they come here. Every method raises BadInput where it cannot be done."""
+    """The sub-cubes of one assignment, and how they come here."""
 
     def __init__(self) -> None:
-        self.sub_cubes: list[SubCube] = []
         self.assignment = 0
+        self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone where values were packed
+        self._path = ""
         self._lent: LentVolume | None = None
         self._lent_for = 0  # assignment
         self._awaited: AwaitedParts | None = None
 
+    def takes(self, request: messages.Message) -> bool:
+        """Whether the request is about the volume."""
+        return hasattr(self, f"_on_{type(request).__name__}")
+
+    def answers(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> list[Answer]:
+        """Do what is asked. Raises BadInput where that cannot be done."""
+        handler = getattr(self, f"_on_{type(request).__name__}")
+        answers: list[Answer] = handler(request, payload) if payload else handler(request)
+        return answers
+
     def check(self, assignment: int, what: str) -> None:
-        """Whether `what` can be made from what is held."""
+        """Raises BadInput unless `what` can be made from what is held."""
         if assignment != self.assignment:
             raise BadInput(f"{what} is for assignment {assignment}, not {self.assignment}")
 
-    def describe(self, request: messages.DescribeVolume) -> messages.VolumeDescribed:
-        return messages.VolumeDescribed(description=open_volume(request.path).describe())
+    def sub_cubes(self, level: int) -> list[SubCube]:
+        """Those of a level. Raises BadInput where it is not held."""
+        if level not in self._levels:
+            raise BadInput(f"level {level} is not held, only {', '.join(map(str, sorted(self._levels)))}")
+        return self._levels[level]
 
-    def read(self, request: messages.ReadSubCubes) -> messages.SubCubesRead:
+    # -- from values
+
+    def _on_DescribeVolume(self, request: messages.DescribeVolume) -> list[Answer]:
+        if is_store(Path(request.path)):
+            return [_described(open_store(request.path))]
+        return [Answer(messages.VolumeDescribed(description=open_volume(request.path).describe(), prepared=[]))]
+
+    def _on_ReadSubCubes(self, request: messages.ReadSubCubes) -> list[Answer]:
         """From the volume that was lent to others, if it is that, which is let go; else from the file."""
         started = time.perf_counter()
         loan = self._lent if self._lent_for == request.assignment else None
@@ -43,74 +80,115 @@ class HeldVolume:
         sub_cubes = [SubCube(description.geometry, box, description.second_scalar) for box in request.boxes]
         for sub_cube in sub_cubes:
             sub_cube.read(reader)
-        return self._hold(sub_cubes, request.assignment, started)
+        return [self._read(sub_cubes, request.assignment, started)]
 
-    def lend(self, request: messages.LendVolume) -> messages.VolumeLent:
+    def _on_LendVolume(self, request: messages.LendVolume) -> list[Answer]:
         started = time.perf_counter()
         self._drop()
         self._lent, self._lent_for = lent(open_volume(request.path)), request.assignment
-        return messages.VolumeLent(
+        answer = messages.VolumeLent(
             assignment=request.assignment,
             scalar_types=self._lent.scalar_types,
             bytes=self._lent.nbytes,
             seconds=time.perf_counter() - started,
         )
+        return [Answer(answer)]
 
-    def part(self, request: messages.ReadPart) -> memoryview:
-        """The values of a part of the lent volume."""
+    def _on_ReadPart(self, request: messages.ReadPart) -> list[Answer]:
         if self._lent is None or self._lent_for != request.assignment:
             raise BadInput(f"a part is for assignment {request.assignment}, of which nothing is lent")
-        return self._lent.part(request.part)
+        read = messages.PartRead(assignment=request.assignment, part=request.part)
+        return [Answer(read, (self._lent.part(request.part),))]
 
-    def wait_for_parts(self, request: messages.AwaitParts) -> None:
-        """Hold the boxes once their last part has come."""
+    def _on_AwaitParts(self, request: messages.AwaitParts) -> list[Answer]:
         self._drop()
         self._awaited = AwaitedParts(request)
+        return []
 
-    def take(self, request: messages.HoldPart, values: memoryview) -> messages.SubCubesRead | None:
-        """Keep a part; the answer of all where it was the last."""
+    def _on_HoldPart(self, request: messages.HoldPart, values: memoryview) -> list[Answer]:
+        """Keep a part; with the last one comes the answer of all."""
         awaited = self._awaited
         if awaited is None or awaited.assignment != request.assignment:
             raise BadInput(f"a part is for assignment {request.assignment}, of which nothing is awaited")
         awaited.take(request.part, values)
+        held = Answer(messages.PartHeld(assignment=request.assignment))
         if not awaited.complete:
-            return None
+            return [held]
         self._awaited = None
-        return self._hold(awaited.sub_cubes(), awaited.assignment, awaited.began)
+        return [held, self._read(awaited.sub_cubes(), awaited.assignment, awaited.began)]
 
-    def count(self, request: messages.CountHistograms) -> tuple[memoryview, memoryview]:
-        """Density and strength, HISTOGRAM_BINS int64 each."""
+    def _on_CountHistograms(self, request: messages.CountHistograms) -> list[Answer]:
         density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
-        for sub_cube in self.sub_cubes:
+        for sub_cube in self.sub_cubes(0):
             more = sub_cube.histograms(request.low, request.high, request.max_gradient)
             density = array("q", map(int.__add__, density, more[0]))
             strength = array("q", map(int.__add__, strength, more[1]))
-        return memoryview(density).cast("B"), memoryview(strength).cast("B")
+        counted = messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS)
+        return [Answer(counted, (memoryview(density).cast("B"), memoryview(strength).cast("B")))]
 
-    def pack(self, request: messages.PackVoxels) -> messages.VoxelsPacked:
+    def _on_PackVoxels(self, request: messages.PackVoxels) -> list[Answer]:
         started = time.perf_counter()
-        for sub_cube in self.sub_cubes:
+        for sub_cube in self.sub_cubes(0):
             sub_cube.pack(request.quantisation)
-        voxels = sum(sub_cube.box.voxels for sub_cube in self.sub_cubes)
-        return messages.VoxelsPacked(
-            assignment=request.assignment,
-            voxels=voxels,
-            bytes=4 * voxels,
-            seconds=time.perf_counter() - started,
-        )
+        return [self._packed(request.assignment, started)]
+
+    # -- from a packet store
+
+    def _on_DescribeMachine(self, request: messages.DescribeMachine) -> list[Answer]:
+        return [Answer(messages.MachineDescribed(memory_bytes=available_memory()))]
+
+    def _on_OpenPackets(self, request: messages.OpenPackets) -> list[Answer]:
+        """What is held already stays; what is not wanted any more is let go before anything is read."""
+        started = time.perf_counter()
+        before = {} if request.path != self._path else self._levels
+        wanted = {(one.level, box) for one in request.levels for box in one.boxes}
+        kept = {
+            (level, cube.box): cube for level, cubes in before.items() for cube in cubes if (level, cube.box) in wanted
+        }
+        del before
+        self._drop()
+        store = open_store(request.path)
+        for one in request.levels:
+            self._levels[one.level] = [
+                kept.get((one.level, box)) or stored_sub_cube(store, one.level, box) for box in one.boxes
+            ]
+        self._path, self.assignment = request.path, request.assignment
+        return [self._packed(request.assignment, started)]
 
     def _drop(self) -> None:
-        self.sub_cubes, self.assignment = [], 0
+        self._levels, self.assignment, self._path = {}, 0, ""
         self._lent, self._awaited = None, None
 
-    def _hold(self, sub_cubes: list[SubCube], assignment: int, started: float) -> messages.SubCubesRead:
+    def _read(self, sub_cubes: Sequence[SubCube], assignment: int, started: float) -> Answer:
+        """The sub-cubes have their values."""
         survey = sub_cubes[0].survey()
         for sub_cube in sub_cubes[1:]:
             survey = survey.joined(sub_cube.survey())
-        self.sub_cubes, self.assignment = sub_cubes, assignment
-        return messages.SubCubesRead(
+        self._levels, self.assignment = {0: list(sub_cubes)}, assignment
+        read = messages.SubCubesRead(
             assignment=assignment,
             survey=survey,
             bytes=sum(sub_cube.source_bytes for sub_cube in sub_cubes),
             seconds=time.perf_counter() - started,
         )
+        return Answer(read)
+
+    def _packed(self, assignment: int, started: float) -> Answer:
+        voxels = sum(sub_cube.box.voxels for sub_cubes in self._levels.values() for sub_cube in sub_cubes)
+        packed = messages.VoxelsPacked(
+            assignment=assignment,
+            voxels=voxels,
+            bytes=PACKET_BYTES * voxels,
+            seconds=time.perf_counter() - started,
+        )
+        return Answer(packed)
+
+
+def _described(store: PacketStore) -> Answer:
+    prepared = Prepared(
+        survey=store.survey,
+        quantisation=store.quantisation,
+        levels=tuple(level.geometry for level in store.levels),
+    )
+    counts = [memoryview(array("q", each)).cast("B") for each in (store.density_counts, store.strength_counts)]
+    return Answer(messages.VolumeDescribed(description=store.description, prepared=[prepared]), tuple(counts))

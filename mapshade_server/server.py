@@ -14,7 +14,7 @@ from collections import deque
 from volsplat.mapshade_server.data_link import DataLink
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
-from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
@@ -24,13 +24,10 @@ from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.framing import Received
 from volsplat.protocol.handshake import new_hello
-from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
-
-NO_PAYLOAD = memoryview(b"")
 
 
 class MapShadeServer:
@@ -98,43 +95,14 @@ class MapShadeServer:
         return received is not None
 
     def _answer(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> None:
-        """Have the request's handler answer it; one that carries a payload gets that as well."""
-        handler = getattr(self, f"_on_{type(request).__name__}")
         try:
-            handler(*(request, payload) if payload else (request,))
+            if self._held.takes(request):
+                for answer in self._held.answers(request, payload):
+                    self._client.send(answer.message, *answer.payload)
+            else:
+                getattr(self, f"_on_{type(request).__name__}")(request)
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
             self._client.send(refusal(request, error))
-
-    # -- the volume
-
-    def _on_DescribeVolume(self, request: messages.DescribeVolume) -> None:
-        self._client.send(self._held.describe(request))
-
-    def _on_ReadSubCubes(self, request: messages.ReadSubCubes) -> None:
-        self._client.send(self._held.read(request))
-
-    def _on_LendVolume(self, request: messages.LendVolume) -> None:
-        self._client.send(self._held.lend(request))
-
-    def _on_ReadPart(self, request: messages.ReadPart) -> None:
-        values = self._held.part(request)
-        self._client.send(messages.PartRead(assignment=request.assignment, part=request.part), values)
-
-    def _on_AwaitParts(self, request: messages.AwaitParts) -> None:
-        self._held.wait_for_parts(request)
-
-    def _on_HoldPart(self, request: messages.HoldPart, values: memoryview) -> None:
-        read = self._held.take(request, values)
-        self._client.send(messages.PartHeld(assignment=request.assignment))
-        if read is not None:
-            self._client.send(read)
-
-    def _on_CountHistograms(self, request: messages.CountHistograms) -> None:
-        counted = messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS)
-        self._client.send(counted, *self._held.count(request))
-
-    def _on_PackVoxels(self, request: messages.PackVoxels) -> None:
-        self._client.send(self._held.pack(request))
 
     # -- frames
 
@@ -165,9 +133,10 @@ class MapShadeServer:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
         tally = FrameTally()
         started = time.perf_counter()
-        plan = plan_frame(request.scene, request.geometry, request.step)
+        plan = plan_frame(request.scene, request.geometry, request.step, request.resolution)
+        sub_cubes = self._held.sub_cubes(request.resolution.level)
         tile_map = link.begin_frame(request.frame, plan.width, plan.height)
-        walk = FrameWalk(self._held.sub_cubes, request.geometry, request.quantisation, request.scene, plan, tile_map)
+        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.scene, plan, tile_map)
         tally.planning_seconds = time.perf_counter() - started
         while self._newest_frame <= request.frame:
             started = time.perf_counter()
@@ -185,8 +154,9 @@ class MapShadeServer:
             return  # it was answered between two batches
         self._probes.popleft()
         self._held.check(request.assignment, f"probe {request.probe}")
-        line = LineOfSight(request.scene, request.geometry, request.x, request.y)
-        voxel = front_most(self._held.sub_cubes, request.geometry, request.quantisation, request.scene, line)
+        sub_cubes = self._held.sub_cubes(request.resolution.level)
+        line = LineOfSight(request.scene, request.geometry, request.x, request.y, request.resolution)
+        voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.scene, line)
         self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
 
     def _send_batch(self, link: DataLink, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:

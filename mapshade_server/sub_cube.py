@@ -43,6 +43,13 @@ class SubCube:
         sub_cube.hold(values[low[2] : high[2], low[1] : high[1], low[0] : high[0]])
         return sub_cube
 
+    @classmethod
+    def of_packets(cls, geometry: Geometry, box: Box, packets: Any) -> "SubCube":
+        """A sub-cube whose packets were made before: uint32 (k, j, i), with some room behind them."""
+        sub_cube = cls(geometry, box)
+        sub_cube._packets = packets
+        return sub_cube
+
     def read(self, reader: VolumeReader) -> None:
         """Read the box and its halo. Raises BadInput where the file turns out to be unusable."""
         source = reader.read(self.box.grown(HALO, self.geometry.dims))

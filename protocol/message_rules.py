@@ -14,6 +14,7 @@ import msgspec
 from volsplat.protocol import greetings, messages
 from volsplat.protocol.closed_tiles import tile_map_bytes
 from volsplat.protocol.errors import LocalProtocolError, RemoteProtocolError
+from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.messages import (
     LARGEST_EXTENT,
     Batch,
@@ -23,6 +24,7 @@ from volsplat.protocol.messages import (
     Message,
     PartRead,
     TilesClosed,
+    VolumeDescribed,
 )
 from volsplat.protocol.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.printable import printable
@@ -80,6 +82,10 @@ def _batch_bytes(batch: Batch) -> int:
     return batch.run_count * ROW_RUN_BYTES + batch.packet_count * SHADED_PACKET_BYTES
 
 
+def _description_bytes(described: VolumeDescribed) -> int:
+    return HISTOGRAM_BINS * HISTOGRAM_BYTES if described.prepared else 0
+
+
 def _histogram_bytes(counted: HistogramsCounted) -> int:
     return counted.bins * HISTOGRAM_BYTES
 
@@ -108,7 +114,7 @@ RULES: dict[type[Message], Rule] = {
     greetings.Welcome: Rule(Phase.GREETING, _ACCEPT),
     greetings.Rejected: Rule(Phase.GREETING, _ACCEPT),
     messages.DescribeVolume: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
-    messages.VolumeDescribed: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
+    messages.VolumeDescribed: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,), Payload(_description_bytes, LARGEST_HISTOGRAMS)),
     messages.ReadSubCubes: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.SubCubesRead: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
     messages.LendVolume: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
@@ -122,6 +128,9 @@ RULES: dict[type[Message], Rule] = {
     messages.HistogramsCounted: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,), Payload(_histogram_bytes, LARGEST_HISTOGRAMS)),
     messages.PackVoxels: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.VoxelsPacked: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
+    messages.DescribeMachine: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
+    messages.MachineDescribed: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
+    messages.OpenPackets: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.ConnectToSplatServers: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.ConnectedToSplatServers: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
     messages.RenderFrame: Rule(Phase.OPEN, _TO_SERVERS),

@@ -9,6 +9,7 @@ import msgspec
 from msgspec import Meta
 
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.levels import Prepared, Resolution
 from volsplat.protocol.printable import printable
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
@@ -18,6 +19,7 @@ LARGEST_COUNT = 2**62
 LARGEST_EXTENT = 16384  # pixels, as in the scene
 MAX_SERVERS = 4096
 MAX_BOXES = 4096
+MOST_LEVELS = 32
 LONGEST_LINE = 1000  # characters
 LONGEST_PATH = 4096
 
@@ -29,6 +31,7 @@ Count = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Ordinal = Annotated[int, Meta(ge=0, le=2**32 - 1)]  # as in a row run
 Seconds = Annotated[float, Meta(ge=0)]
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]
+LevelNumber = Annotated[int, Meta(ge=0, lt=MOST_LEVELS)]
 Port = Annotated[int, Meta(ge=1, le=65535)]
 Line = Annotated[str, Meta(max_length=LONGEST_LINE)]
 Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
@@ -132,9 +135,13 @@ class DescribeVolume(Message, frozen=True):
 
 
 class VolumeDescribed(Message, frozen=True):
-    """Map/shade server to client: the answer to DescribeVolume."""
+    """Map/shade server to client: the answer to DescribeVolume.
+
+    Of a volume that was prepared, what was decided then follows; the payload is that of HistogramsCounted.
+    """
 
     description: VolumeDescription
+    prepared: Annotated[list[Prepared], Meta(max_length=1)]
 
 
 class ReadSubCubes(Message, frozen=True):
@@ -252,6 +259,37 @@ class VoxelsPacked(Message, frozen=True):
     seconds: Seconds
 
 
+class DescribeMachine(Message, frozen=True):
+    """Client to map/shade server: tell what your machine has left."""
+
+
+class MachineDescribed(Message, frozen=True):
+    """Map/shade server to client: the memory that it could take."""
+
+    memory_bytes: Count
+
+
+class LevelBoxes(Detail, frozen=True):
+    """Boxes of one level's grid."""
+
+    level: LevelNumber
+    boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
+
+
+class OpenPackets(Message, frozen=True):
+    """Client to map/shade server: hold these boxes of a volume that was prepared. VoxelsPacked answers it.
+
+    Replaces what was held.
+    """
+
+    assignment: AssignmentId
+    path: Path
+    levels: Annotated[list[LevelBoxes], Meta(max_length=MOST_LEVELS)]
+
+
 class ConnectToSplatServers(Message, frozen=True):
     """Client to map/shade server: have a data link to each of these splat servers and to no other."""
 
@@ -271,7 +309,7 @@ class RenderFrame(Message, frozen=True):
     """Client to map/shade server and splat server: begin this frame; it ends any older one.
 
     All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
-    map/shade servers whose batches make up the image.
+    map/shade servers whose batches make up the image. `geometry` is the volume's, whatever level is drawn.
     """
 
     frame: FrameId
@@ -280,6 +318,7 @@ class RenderFrame(Message, frozen=True):
     step: Step
     geometry: Geometry
     quantisation: Quantisation
+    resolution: Resolution
     workers: ServerIds
 
 
@@ -374,7 +413,8 @@ class TilesClosed(Message, frozen=True):
 class ProbeVoxels(Message, frozen=True):
     """Client to map/shade server: which of your voxels is seen at this point of the scene's image (see line_of_sight)?
 
-    x and y are pixels from the centre of the image's top left pixel, x to the right and y down.
+    x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The voxels are those of
+    the resolution's level; the index in the answer is the volume's, of `geometry`.
     """
 
     probe: ProbeId
@@ -382,6 +422,7 @@ class ProbeVoxels(Message, frozen=True):
     scene: Scene
     geometry: Geometry
     quantisation: Quantisation
+    resolution: Resolution
     x: float
     y: float
 

@@ -223,10 +223,14 @@ class Reconstruction(Part, frozen=True):
 
 
 class Refine(Part, frozen=True):
-    """How the image refines. `bare_buffer` shows partial images without the finished step under them."""
+    """How the image refines. `bare_buffer` shows partial images without the finished step under them.
+
+    `striding` has steps A and B leave out voxels of a prepared volume too, as in the paper, instead of taking means.
+    """
 
     lit_from: Step = Step.E
     bare_buffer: bool = False
+    striding: bool = False
 
 
 class Image(Part, frozen=True):

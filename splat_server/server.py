@@ -201,6 +201,7 @@ class SplatServer:
             merge=self._merge,
             lock=self._changed,
             threads=self._threads,
+            resolution=request.resolution,
         )
         self._request, self._drawing = request, True
         self._planning_seconds = time.perf_counter() - self._frame_began

@@ -14,6 +14,7 @@ from scenes import scenes
 from volsplat.protocol import greetings, messages
 from volsplat.protocol.framing import HEADER, MAGIC
 from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.levels import Prepared, Resolution
 from volsplat.protocol.message_rules import RULES, Phase, Speech, encode_control
 from volsplat.protocol.messages import Message
 from volsplat.protocol.packet_layout import ROW_RUN
@@ -36,6 +37,7 @@ SCENE = Scene(
         opac=ScalarTable(points=((0.25, 0.0), (0.5, 1.0))),
     )
 )
+RESOLUTION = Resolution(level=0, geometry=GEOMETRY, stride=1)
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 SPLAT_STATS = messages.SplatStats(100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 1 << 30)
 
@@ -48,7 +50,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (greetings.Welcome(3, bytes(range(96, 128))), b""),
         (greetings.Rejected("another token"), b""),
         (messages.DescribeVolume("/data/head.nrrd"), b""),
-        (messages.VolumeDescribed(DESCRIPTION), b""),
+        (messages.VolumeDescribed(DESCRIPTION, []), b""),
         (messages.ReadSubCubes(1, "/data/head.nrrd", [Box((0, 0, 0), (4, 5, 3)), Box((0, 0, 3), (4, 5, 6))]), b""),
         (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 960, 0.125), b""),
         (messages.LendVolume(1, "/data/head.nrrd"), b""),
@@ -62,9 +64,12 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.HistogramsCounted(1, 2), struct.pack("<4q", 100, 18, 60, 58)),
         (messages.PackVoxels(1, QUANTISATION), b""),
         (messages.VoxelsPacked(1, 120, 480, 0.0625), b""),
+        (messages.DescribeMachine(), b""),
+        (messages.MachineDescribed(1 << 34), b""),
+        (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, [Box((0, 0, 0), (2, 3, 3))])]), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001)]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
-        (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, [1, 2]), b""),
+        (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, RESOLUTION, [1, 2]), b""),
         (messages.AbortFrame(7), b""),
         (messages.FrameAborted(7), b""),
         (messages.FrameMapped(7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29)), b""),
@@ -76,7 +81,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
         ),
         (messages.TilesClosed(7, 260, 5), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
-        (messages.ProbeVoxels(5, 1, SCENE, GEOMETRY, QUANTISATION, 12.5, 7.25), b""),
+        (messages.ProbeVoxels(5, 1, SCENE, GEOMETRY, QUANTISATION, RESOLUTION, 12.5, 7.25), b""),
         (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
         (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
         (messages.EndSession(), b""),
@@ -145,6 +150,8 @@ _small_boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 4)] * 3)).map(
 )
 _scalar_types = st.sampled_from(sorted(SCALAR_BYTES))
 _parts = st.builds(messages.Part, ids, ordinals, st.integers(0, 1), _scalar_types, _small_boxes)
+_resolutions = st.builds(Resolution, st.integers(0, 31), geometries(), st.integers(1, 4))
+_prepared = st.builds(Prepared, surveys, quantisations, st.lists(geometries(), min_size=1, max_size=3).map(tuple))
 _map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts)
 _splat_stats = st.builds(
     messages.SplatStats,
@@ -185,7 +192,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     greetings.Welcome: st.builds(greetings.Welcome, ids, blobs),
     greetings.Rejected: st.builds(greetings.Rejected, lines),
     messages.DescribeVolume: st.builds(messages.DescribeVolume, paths),
-    messages.VolumeDescribed: st.builds(messages.VolumeDescribed, descriptions),
+    messages.VolumeDescribed: st.builds(messages.VolumeDescribed, descriptions, st.lists(_prepared, max_size=1)),
     messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, max_size=3)),
     messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
     messages.LendVolume: st.builds(messages.LendVolume, ids, paths),
@@ -201,6 +208,14 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.HistogramsCounted: st.builds(messages.HistogramsCounted, ids, st.integers(1, 40)),
     messages.PackVoxels: st.builds(messages.PackVoxels, ids, quantisations),
     messages.VoxelsPacked: st.builds(messages.VoxelsPacked, ids, counts, counts, seconds),
+    messages.DescribeMachine: st.builds(messages.DescribeMachine),
+    messages.MachineDescribed: st.builds(messages.MachineDescribed, counts),
+    messages.OpenPackets: st.builds(
+        messages.OpenPackets,
+        ids,
+        paths,
+        st.lists(st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, max_size=2)), max_size=3),
+    ),
     messages.ConnectToSplatServers: st.builds(
         messages.ConnectToSplatServers,
         st.lists(st.builds(messages.Route, ids, lines, st.integers(1, 65535)), max_size=3),
@@ -214,6 +229,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         st.sampled_from(Step),
         geometries(),
         quantisations,
+        _resolutions,
         st.lists(ids, max_size=3),
     ),
     messages.AbortFrame: st.builds(messages.AbortFrame, ids),
@@ -229,7 +245,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.Batch: st.tuples(st.integers(0, 9), st.integers(0, 9)).flatmap(_batches),
     messages.TilesClosed: st.builds(messages.TilesClosed, ids, st.integers(1, 600), st.integers(1, 40)),
     messages.ProbeVoxels: st.builds(
-        messages.ProbeVoxels, ids, ids, scenes(), geometries(), quantisations, finite, finite
+        messages.ProbeVoxels, ids, ids, scenes(), geometries(), quantisations, _resolutions, finite, finite
     ),
     messages.VoxelProbed: st.builds(
         messages.VoxelProbed,

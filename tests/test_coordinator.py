@@ -68,7 +68,7 @@ def counted(server: int) -> MessageReceived:
 
 def surveyed() -> Coordinator:
     coordinator = Coordinator()
-    for event in [*JOINS, ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION))]:
+    for event in [*JOINS, ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION, []))]:
         coordinator.handle(event)
     for server, low, high in ((FIRST, 0.0, 50.0), (SECOND, -3.0, 20.0)):
         survey = Survey(low=low, high=high, max_gradient=high, voxels=360, no_data=1)
@@ -485,7 +485,7 @@ def lending(workers: int = 3) -> Coordinator:
     third = ServerJoined(THIRD, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
     for event in [*JOINS, third, VolumeAsked("/volumes/head.nrrd", workers=workers)]:
         coordinator.handle(event)
-    asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE))))
+    asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, []))))
     assert [ask for ask in asked if ask[1] is not messages.ConnectToSplatServers] == [(FIRST, messages.LendVolume)]
     return coordinator
 
@@ -531,7 +531,7 @@ def test_a_single_server_reads_for_itself() -> None:
     coordinator = Coordinator()
     for event in [*JOINS[:2], VolumeAsked("/volumes/head.nrrd", workers=1)]:
         coordinator.handle(event)
-    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE)))
+    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [])))
     assert (FIRST, messages.ReadSubCubes) in sent(told)
 
 

@@ -20,6 +20,7 @@ from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.levels import own_resolution
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Bounds, Order, Scene, Step, View
@@ -131,7 +132,8 @@ def bench() -> Iterator[Bench]:
 
 
 def render(frame: int, geometry: Geometry, scene: Scene = SCENE, assignment: int = 1) -> messages.RenderFrame:
-    return messages.RenderFrame(frame, assignment, scene, Step.F, geometry, QUANTISATION, workers=[1])
+    resolution = own_resolution(geometry, Step.F)
+    return messages.RenderFrame(frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, workers=[1])
 
 
 def test_a_link_whose_route_is_unchanged_is_kept(bench: Bench, shells: Path) -> None:
@@ -242,7 +244,8 @@ def until(happened: Callable[[], object]) -> None:
 
 def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
     width, height = scene.image.width, scene.image.height
-    return messages.ProbeVoxels(1, assignment, scene, geometry, QUANTISATION, (width - 1) / 2, (height - 1) / 2)
+    resolution, middle = own_resolution(geometry, Step.F), ((width - 1) / 2, (height - 1) / 2)
+    return messages.ProbeVoxels(1, assignment, scene, geometry, QUANTISATION, resolution, *middle)
 
 
 def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_path: Path) -> None:

@@ -23,10 +23,11 @@ from reference import level_means
 from volsplat.client.single import SingleProcess
 from volsplat.mapshade_server.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.prepare import Options
-from volsplat.mapshade_server.prepare.command import bytes_from_option, window_from_option
+from volsplat.mapshade_server.prepare.command import window_from_option
 from volsplat.mapshade_server.prepare.halving import halved, mean_type
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, halved_geometry, memory_plan
 from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.protocol.byte_sizes import bytes_from_option
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Quantise
 from volsplat.protocol.volume import Geometry, Index
@@ -363,4 +364,9 @@ def test_the_command_is_listed(tmp_path: Path) -> None:
 
 def test_options_are_read() -> None:
     assert window_from_option("-1000, 2e3") == (-1000.0, 2000.0)
-    assert [bytes_from_option(text) for text in ("1G", "1.5g", "800MB", "4096")] == [1 << 30, 3 << 29, 800 << 20, 4096]
+    assert [bytes_from_option("--memory", text) for text in ("1G", "1.5g", "800MB", "4096")] == [
+        1 << 30,
+        3 << 29,
+        800 << 20,
+        4096,
+    ]

@@ -24,6 +24,7 @@ from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import FROZEN_ALPHA, plan_frame
 from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.levels import own_resolution
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.refusals import OUT_OF_MEMORY
 from volsplat.protocol.roles import Role
@@ -86,7 +87,9 @@ class Bench:
             assert self._server._changed.wait_for(lambda: not self._server._merge.may_read(worker), PATIENCE)
 
     def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
-        self.control.send(messages.RenderFrame(frame, 1, scene, step, GEOMETRY, QUANTISATION, workers=list(WORKERS)))
+        resolution = own_resolution(GEOMETRY, step)
+        request = messages.RenderFrame(frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, list(WORKERS))
+        self.control.send(request)
 
     def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
         message = messages.Batch(

@@ -1,19 +1,16 @@
 """`volsplat prepare`: turns a volume into a packet store."""
 
 import os
-import re
 from pathlib import Path
 from typing import Literal
 
 import click
 from rich.console import Console
 
-from volsplat.mapshade_server.prepare.layout import MIB
 from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
+from volsplat.protocol.byte_sizes import bytes_from_option
 from volsplat.protocol.errors import BadInput
-
-UNITS = {"K": 1 << 10, "M": MIB, "G": 1 << 30, "T": 1 << 40}
 
 
 @click.command("volsplat prepare")
@@ -38,7 +35,7 @@ def prepare_command(
     options = Options(
         window=window_from_option(window) if window else None,
         directions=directions,
-        memory=bytes_from_option(memory),
+        memory=bytes_from_option("--memory", memory),
         verify=verify,
     )
     console = Console(stderr=True)
@@ -72,11 +69,3 @@ def window_from_option(text: str) -> tuple[float, float]:
     if not -1e300 < low < high < 1e300:
         raise BadInput(f"--window {text}: LOW must be below HIGH")
     return low, high
-
-
-def bytes_from_option(text: str) -> int:
-    """A number of bytes with an optional K, M, G or T. Raises BadInput."""
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)([KMGT]?)B?", text.strip().upper())
-    if match is None:
-        raise BadInput(f"--memory {text}: give a size such as 800M or 4G")
-    return int(float(match[1]) * UNITS.get(match[2], 1))
