@@ -38,19 +38,25 @@ def servers_words(workers: int) -> str:
 
 
 @contextmanager
-def opened_rows(path: str, workers: Sequence[int], say: Callable[[str], None]) -> Iterator[list[Row]]:
-    """The single process and a session for each number of servers, all with the volume in memory."""
+def opened_rows(
+    path: str, workers: Sequence[int], say: Callable[[str], None], memory: int | None = None
+) -> Iterator[list[Row]]:
+    """The single process and a session for each number of servers, all with the volume in memory.
+
+    `memory` is how many bytes of a prepared volume each of them may hold.
+    """
     with ExitStack() as stack:
-        rows = [Row(0, stack.enter_context(SingleProcess(path, on_progress=say)))]
+        rows = [Row(0, stack.enter_context(SingleProcess(path, memory=memory, on_progress=say)))]
         for count in workers:
-            session = stack.enter_context(local_session(path, count, say))
+            session = stack.enter_context(local_session(path, count, say, memory))
             rows.append(Row(count, session))
         yield rows
 
 
 @contextmanager
-def local_session(path: str, workers: int, say: Callable[[str], None]) -> Iterator[Session]:
+def local_session(path: str, workers: int, say: Callable[[str], None], memory: int | None = None) -> Iterator[Session]:
     """Servers of this machine that have read the volume, with the environment's token if it has one."""
-    with Session(path, workers=workers, token=find_token(os.environ, None), on_progress=say) as session:
+    token = find_token(os.environ, None)
+    with Session(path, workers=workers, token=token, memory=memory, on_progress=say) as session:
         assert session.volume, "wait until its servers have read the volume"
         yield session

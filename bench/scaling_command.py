@@ -19,7 +19,7 @@ from volsplat.bench.subject import shares, subject_of, subject_options, volume_f
 from volsplat.bench.views import around, seen
 from volsplat.client.bottleneck import bottleneck
 from volsplat.client.frame_report import this_machine
-from volsplat.client.opened_volume import Servers, opened, servers_from_options
+from volsplat.client.opened_volume import Servers, memory_option, opened, servers_from_options
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Scene
 
@@ -32,6 +32,7 @@ PACKED_VOXEL_BYTES = 4
 @click.option("--sizes", default="0.125,0.25,0.5,1", help="Shares of the volume's voxels, drawn by bounds.")
 @click.option("--images", default="256,512,1024", help="Sides of the square images, pixels (256,512,1024).")
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views of each setting (7).")
+@memory_option
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
 @click.option("--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen.")
@@ -46,6 +47,7 @@ def scaling(
     sizes: str,
     images: str,
     repeats: int,
+    memory: str | None,
     listen: str | None,
     spawn: str | None,
     token_file: Path | None,
@@ -66,13 +68,13 @@ def scaling(
     shares_drawn, sides = fractions("--sizes", sizes), whole_numbers("--images", images)
     if not spawns and len(counts) != 1:
         raise BadInput(f"--workers {workers}: a cluster has one number of map/shade servers; give it")
-    servers = servers_from_options(counts[0], listen, token_file)
+    servers = servers_from_options(counts[0], listen, token_file, memory=memory)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
     console = Console(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         if spawns:
-            source = opened_rows(path, counts, status.update)
+            source = opened_rows(path, counts, status.update, servers.memory)
         else:
             status.stop()
             source = opened_cluster(path, servers, console)
@@ -111,7 +113,7 @@ def opened_cluster(path: str, servers: Servers, console: Console) -> Iterator[li
         assert cluster.volume, "wait until its servers have read the volume"
         rows = [Row(servers.workers, cluster)]
         if Path(path).exists():
-            with opened_rows(path, [], lambda text: None) as single:
+            with opened_rows(path, [], lambda text: None, servers.memory) as single:
                 yield [*single, *rows]
         else:
             yield rows

@@ -32,9 +32,10 @@ from volsplat.client.volume_holding import Phase
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.errors import BadInput, PeerLost
-from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.levels import Prepared
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 
 SPLAT, FIRST, SECOND = 1, 2, 3
@@ -576,3 +577,90 @@ def test_lending_goes_on_without_the_receivers_that_are_lost(lent_before: bool) 
         assert coordinator.handle(said(FIRST, messages.PartRead(2, part), bytes(2 * part.box.voxels))) == []
     coordinator.handle(said(FIRST, messages.SubCubesRead(2, Survey(0.0, 1.0, 1.0, 240, 0), 720, 0.1)))
     assert coordinator.holding.settled
+
+
+# -- a prepared volume: 64 x 64 x 64 voxels and two coarser levels
+
+CUBE = Geometry(dims=(64, 64, 64))
+GRIDS = tuple(
+    Geometry((64 // f, 64 // f, 64 // f), ((f, 0.0, 0.0), (0.0, f, 0.0), (0.0, 0.0, f)), ((f - 1) / 2,) * 3)
+    for f in (1, 2, 4)
+)
+PREPARED = Prepared(
+    Survey(low=0.0, high=9.0, max_gradient=4.0, voxels=64**3, no_data=0), Quantisation((0.0, 9.0), 60.0), GRIDS
+)
+
+
+def opened_store(memory: int | None = None, has: int = 1 << 40) -> Coordinator:
+    coordinator = Coordinator()
+    for event in [*JOINS, VolumeAsked("/volumes/head.zarr", workers=2, memory=memory)]:
+        coordinator.handle(event)
+    described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), [PREPARED])
+    asked = coordinator.handle(said(FIRST, described, bytes(16 * HISTOGRAM_BINS)))
+    assert sent(asked)[-2:] == [(FIRST, messages.DescribeMachine), (SECOND, messages.DescribeMachine)]
+    assert coordinator.handle(said(FIRST, messages.MachineDescribed(has))) == []
+    told = coordinator.handle(said(SECOND, messages.MachineDescribed(has)))
+    assert [type(one) for one in told] == [PublishVolume]
+    return coordinator
+
+
+def zoomed(zoom: float) -> Scene:
+    return Scene(tables=SCENE.tables, view=View(zoom=zoom))
+
+
+def levels_opened(instructions: list[Instruction]) -> list[int]:
+    """The levels that the first server is to hold."""
+    opens = [i.message for i in instructions if isinstance(i, Send) and isinstance(i.message, messages.OpenPackets)]
+    assert len(opens) in (0, 2) and all(box.voxels for one in opens for held in one.levels for box in held.boxes)
+    return [held.level for held in opens[0].levels] if opens else []
+
+
+def drawn_from(instructions: list[Instruction]) -> set[tuple[int, int]]:
+    """Level and stride that the servers are told."""
+    told = [i.message for i in instructions if isinstance(i, Send)]
+    return {(m.resolution.level, m.resolution.stride) for m in told if isinstance(m, messages.RenderFrame)}
+
+
+def test_of_a_prepared_volume_the_levels_are_opened_that_a_frame_needs() -> None:
+    coordinator = opened_store()
+    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, whole=True))) == [0, 1, 2]
+    assert drawn_from(packed(coordinator)) == {(2, 1)}
+    assert drawn_from(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.B, whole=True))) == {(1, 1)}
+    assert drawn_from(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.F, whole=True))) == {(0, 1)}
+    far = coordinator.handle(FrameAsked(4, zoomed(0.5), Step.A, whole=True))
+    assert levels_opened(far) == [1, 2] and drawn_from(far) == set()
+    assert drawn_from(packed(coordinator, 2)) == {(2, 2)}
+
+
+def test_who_moves_keeps_a_level_that_is_only_just_too_fine() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, whole=False))
+    packed(coordinator)
+    assert drawn_from(coordinator.handle(FrameAsked(2, zoomed(0.5), Step.F, whole=False))) == {(0, 1)}
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, whole=False))) == [1, 2]
+
+
+@pytest.mark.parametrize(("memory", "has"), [(600_000, 1 << 40), (None, 1_200_000)])
+def test_what_does_not_fit_is_drawn_coarser(memory: int | None, has: int) -> None:
+    """Level 0's half has 131072 voxels and with the levels above 990 kB. By itself a server takes half of what is left on its machine."""
+    coordinator = opened_store(memory, has)
+    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=True))) == [1, 2]
+
+
+def test_a_frame_by_rules_that_a_volume_was_not_prepared_with_ends_alone() -> None:
+    coordinator = opened_store()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(1.0, 9.0)))
+    (ended,) = coordinator.handle(FrameAsked(1, narrow, Step.F, whole=True))
+    assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "--window 1,9" in str(ended.error)
+    (answer,) = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
+    assert isinstance(answer, AnswerProbe) and isinstance(answer.error, BadInput)
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, whole=True))) == [0, 1, 2]
+
+
+def test_a_probe_of_a_prepared_volume_looks_at_what_is_held() -> None:
+    coordinator = opened_store()
+    assert levels_opened(coordinator.handle(ProbeAsked(5, zoomed(0.5), 1.0, 1.0))) == [1, 2]
+    (ask, _) = [i.message for i in packed(coordinator) if isinstance(i, Send)]
+    assert isinstance(ask, messages.ProbeVoxels) and ask.resolution.level == 1
+    asked = coordinator.handle(ProbeAsked(6, zoomed(4.0), 1.0, 1.0))
+    assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
