@@ -1,7 +1,7 @@
 """Which level of a prepared volume the finest step draws: fine enough for the zoom, and within the servers' memory."""
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from volsplat.protocol import levels
@@ -46,18 +46,19 @@ class LevelChoice:
         what = "the volume itself" if fits == 0 else f"every voxel is the mean of {i} x {j} x {k}"
         return BaseLevel(fits, f"level {fits} of {len(self.grids) - 1}: {what}; {reason}")
 
-    def holdings(self, server: int, base: int) -> list[LevelBoxes]:
-        """What a server holds for that base level: its part of each level that a step draws."""
+    def holdings(self, server: int, held_levels: Iterable[int]) -> list[LevelBoxes]:
+        """A server's part of each of these levels."""
         held = []
-        for level in levels.levels_drawn(self.grids, base):
+        for level in held_levels:
             factors = levels.factors_of(self.grids[0], self.grids[level])
             shares = [levels.share_at_level(box, factors) for box in self.boxes[server]]
             held.append(LevelBoxes(level=level, boxes=[share for share in shares if min(share.size) > 0]))
         return held
 
     def _fits(self, base: int) -> bool:
+        drawn = levels.levels_drawn(self.grids, base)
         return all(
-            BYTES_PER_VOXEL * sum(box.voxels for one in self.holdings(server, base) for box in one.boxes) <= memory
+            BYTES_PER_VOXEL * sum(box.voxels for one in self.holdings(server, drawn) for box in one.boxes) <= memory
             for server, memory in self.memory.items()
             if server in self.boxes
         )

@@ -205,8 +205,8 @@ class Coordinator:
             return self._end_frame(incomplete(self.server_states.values()))
         geometry = volume.description.geometry
         try:
-            packing = self.holding.wanted(frame.scene, steady=not frame.whole)
-            if packing != self.holding.packing:
+            packing = self.holding.wanted(frame.scene, frame.step, steady=not frame.whole)
+            if not self.holding.holds(packing):
                 return self.holding.prepare(packing)
             resolution = self.holding.resolution(frame.step, frame.scene.refine.striding)
             plan_frame(frame.scene, geometry, frame.step, resolution)
@@ -342,14 +342,14 @@ class Coordinator:
             if volume is None or not self.holding.settled:
                 break
             try:
-                packing = self.holding.wanted(probe.scene, steady=True)
+                packing = self.holding.wanted(probe.scene, Step.F, steady=True)
             except BadInput as error:
                 sent += self._probes.refused(probe.probe, error)
                 continue
             if self.holding.packing is None or packing.quantisation != self.holding.packing.quantisation:
                 return sent + self.holding.prepare(packing)  # any level will do
             geometry = volume.description.geometry
-            resolution = self.holding.resolution(Step.F, striding=False)
+            resolution = self.holding.finest()
             ask = self._probes.request(
                 probe, boxes, self.holding.assignment, geometry, packing.quantisation, resolution
             )

@@ -108,8 +108,8 @@ class SingleProcess:
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
         geometry = self.volume.description.geometry
-        packing = self._packed(scene)
-        resolution = self._holding.resolution(Step.F, striding=False)
+        packing = self._packed(scene, Step.F)
+        resolution = self._holding.finest()
         try:
             line = LineOfSight(scene, geometry, x, y, resolution)
         except ValueError as error:
@@ -180,7 +180,7 @@ class SingleProcess:
             self._ahead.result()  # an older frame's walk must not go on beside this one's
         self._frame += 1
         try:
-            packing = self._packed(scene)
+            packing = self._packed(scene, step)
             resolution = self._holding.resolution(step, scene.refine.striding)
             assembly = FrameAssembly(
                 scene,
@@ -200,10 +200,10 @@ class SingleProcess:
         walk = FrameWalk(sub_cubes, geometry, packing.quantisation, scene, assembly.plan, assembly.image.closed_tiles)
         return resolution, walk, assembly
 
-    def _packed(self, scene: Scene) -> Packing:
-        """Have the packets held that the scene is drawn from."""
-        packing = self._holding.wanted(scene)
-        while self._holding.packing != packing or not self._holding.settled:
+    def _packed(self, scene: Scene, step: Step) -> Packing:
+        """Have the packets held that the step is drawn from."""
+        packing = self._holding.wanted(scene, step)
+        while not (self._holding.holds(packing) and self._holding.settled):
             self._carry_out(self._holding.prepare(packing))
         return packing
 

@@ -5,8 +5,8 @@ Handlers are found by name: `_received_<message>`.
 """
 
 from array import array
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 
 from volsplat.client.base_level import LevelChoice, budgets
@@ -17,7 +17,7 @@ from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput, RemoteProtocolError
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
-from volsplat.protocol.levels import Prepared, Resolution, own_resolution, resolution_of
+from volsplat.protocol.levels import Prepared, Resolution, levels_drawn, own_resolution, resolution_of
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
 
@@ -34,10 +34,11 @@ class Phase(Enum):
 
 @dataclass(frozen=True)
 class Packing:
-    """What packets are held: by which rules they were made, and from which level on."""
+    """What packets are held: by which rules they were made; of a prepared volume, from which level on."""
 
     quantisation: Quantisation
-    base_level: int = 0
+    base_level: int = 0  # that the finest step draws
+    level: int = 0  # the finest that is held; the base level comes last, when the first pictures are there
     why_level: str = field(default="", compare=False)  # for a person; "" where there is only one
 
 
@@ -55,6 +56,7 @@ class VolumeHolding:
         self._memory: int | None = None  # for each, where a person has set it
         self._memories: dict[int, int] = {}  # what their machines have left
         self._levels: LevelChoice | None = None  # of a prepared volume
+        self._held_levels: Sequence[int] = ()
         self._prepared: Prepared | None = None
         self._description: VolumeDescription | None = None
         self._survey: Survey | None = None
@@ -87,8 +89,8 @@ class VolumeHolding:
         instructions: list[Instruction] = handler(server, message, payload)
         return instructions
 
-    def wanted(self, scene: Scene, steady: bool = False) -> Packing:
-        """What a scene is drawn from. While a person moves through scenes, `steady` saves reading now and then.
+    def wanted(self, scene: Scene, step: Step, steady: bool = False) -> Packing:
+        """What a step is drawn from. While a person moves through scenes, `steady` saves reading now and then.
 
         Raises BadInput where the volume was prepared by other rules.
         """
@@ -99,7 +101,15 @@ class VolumeHolding:
         _check_prepared(quantisation, self._prepared.quantisation)
         current = self.packing.base_level if steady and self.packing is not None else None
         base = self._levels.base_level(scene, current)
-        return Packing(quantisation, base.level, base.why)
+        drawn = resolution_of(step, self._levels.grids, base.level, scene.refine.striding)
+        return Packing(quantisation, base.level, drawn.level, base.why)
+
+    def holds(self, wanted: Packing) -> bool:
+        """Whether the packets that are held, or on their way, serve what is wanted."""
+        held = self.packing
+        if held is None:
+            return False
+        return replace(wanted, level=held.level) == held and held.level <= wanted.level
 
     def prepare(self, packing: Packing) -> list[Instruction]:
         """Have these packets held.
@@ -116,6 +126,13 @@ class VolumeHolding:
         if self._levels is None:
             return own_resolution(self.volume.description.geometry, step)
         return resolution_of(step, self._levels.grids, self.packing.base_level, striding)
+
+    def finest(self) -> Resolution:
+        """The most that can be told of what is held."""
+        assert self.volume is not None and self.packing is not None
+        level = self.packing.level
+        grid = self.volume.description.geometry if self._levels is None else self._levels.grids[level]
+        return Resolution(level=level, geometry=grid, stride=1)
 
     def lose(self, server: int) -> list[Instruction]:
         """Go on without this server, which is not the last one."""
@@ -156,15 +173,19 @@ class VolumeHolding:
         return self._surveyed()
 
     def _open_packets(self, choice: LevelChoice, packing: Packing) -> list[Instruction]:
-        self.packing = packing
+        """Levels that are held already stay, as far as a step of the new base level draws them."""
+        drawn = levels_drawn(choice.grids, packing.base_level)
+        before = self._held_levels if self.phase == Phase.READY else range(0)
+        self._held_levels = [level for level in drawn if level >= packing.level or level in before]
+        self.packing = replace(packing, level=self._held_levels[0])
         self.phase = Phase.PACKING
         self.assignment += 1
         self._pending = set(self.boxes)
         opened: list[Instruction] = []
         for worker in self.boxes:
-            held = choice.holdings(worker, packing.base_level)
+            held = choice.holdings(worker, self._held_levels)
             opened.append(Send(worker, messages.OpenPackets(assignment=self.assignment, path=self._path, levels=held)))
-        return [ReportProgress(f"reading {packing.why_level}"), *opened]
+        return [ReportProgress(f"reading level {packing.level} of {len(choice.grids) - 1}"), *opened]
 
     def _read_sub_cubes(self) -> list[Instruction]:
         assert self._description is not None

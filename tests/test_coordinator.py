@@ -621,12 +621,21 @@ def drawn_from(instructions: list[Instruction]) -> set[tuple[int, int]]:
     return {(m.resolution.level, m.resolution.stride) for m in told if isinstance(m, messages.RenderFrame)}
 
 
-def test_of_a_prepared_volume_the_levels_are_opened_that_a_frame_needs() -> None:
+def test_of_a_prepared_volume_a_step_has_the_levels_opened_that_it_needs() -> None:
     coordinator = opened_store()
-    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, whole=True))) == [0, 1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, whole=True))) == [2]
     assert drawn_from(packed(coordinator)) == {(2, 1)}
-    assert drawn_from(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.B, whole=True))) == {(1, 1)}
-    assert drawn_from(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.F, whole=True))) == {(0, 1)}
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.B, whole=True))) == [1, 2]
+    assert drawn_from(packed(coordinator, 2)) == {(1, 1)}
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.F, whole=True))) == [0, 1, 2]
+    assert drawn_from(packed(coordinator, 3)) == {(0, 1)}
+    assert drawn_from(coordinator.handle(FrameAsked(4, zoomed(1.0), Step.A, whole=True))) == {(2, 1)}
+
+
+def test_another_base_level_keeps_what_is_held_of_its_levels() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=True))
+    packed(coordinator)
     far = coordinator.handle(FrameAsked(4, zoomed(0.5), Step.A, whole=True))
     assert levels_opened(far) == [1, 2] and drawn_from(far) == set()
     assert drawn_from(packed(coordinator, 2)) == {(2, 2)}
@@ -634,7 +643,7 @@ def test_of_a_prepared_volume_the_levels_are_opened_that_a_frame_needs() -> None
 
 def test_who_moves_keeps_a_level_that_is_only_just_too_fine() -> None:
     coordinator = opened_store()
-    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, whole=False))
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=False))
     packed(coordinator)
     assert drawn_from(coordinator.handle(FrameAsked(2, zoomed(0.5), Step.F, whole=False))) == {(0, 1)}
     assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, whole=False))) == [1, 2]
@@ -642,7 +651,7 @@ def test_who_moves_keeps_a_level_that_is_only_just_too_fine() -> None:
 
 @pytest.mark.parametrize(("memory", "has"), [(600_000, 1 << 40), (None, 1_200_000)])
 def test_what_does_not_fit_is_drawn_coarser(memory: int | None, has: int) -> None:
-    """Level 0's half has 131072 voxels and with the levels above 990 kB. By itself a server takes half of what is left on its machine."""
+    """Half of the volume takes 990 kB with its levels. By itself a server takes half of what its machine has left."""
     coordinator = opened_store(memory, has)
     assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=True))) == [1, 2]
 
