@@ -197,15 +197,16 @@ class Coordinator:
     def _begin_frame(self) -> list[Instruction]:
         """Send the waiting frame, after packing for its quantisation where that is still to be done."""
         frame = self.frame
-        if frame is None or frame.started or not self.holding.settled:
-            return []
         volume = self.holding.volume
-        assert volume is not None
+        if frame is None or frame.started or volume is None:
+            return []
         if frame.whole and missing_boxes(self.server_states.values()):
             return self._end_frame(incomplete(self.server_states.values()))
         geometry = volume.description.geometry
         try:
             packing = self.holding.wanted(frame.scene, frame.step, steady=not frame.whole)
+            if not self.holding.settled:
+                return self.holding.prepare(packing) if self.holding.gives_way(packing) else []
             if not self.holding.holds(packing):
                 return self.holding.prepare(packing)
             resolution = self.holding.resolution(frame.step, frame.scene.refine.striding)

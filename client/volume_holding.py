@@ -57,6 +57,7 @@ class VolumeHolding:
         self._memories: dict[int, int] = {}  # what their machines have left
         self._levels: LevelChoice | None = None  # of a prepared volume
         self._held_levels: Sequence[int] = ()
+        self._ready_levels: Sequence[int] = ()  # of them, those that are not still being read
         self._prepared: Prepared | None = None
         self._description: VolumeDescription | None = None
         self._survey: Survey | None = None
@@ -110,6 +111,15 @@ class VolumeHolding:
         if held is None:
             return False
         return replace(wanted, level=held.level) == held and held.level <= wanted.level
+
+    def gives_way(self, wanted: Packing) -> bool:
+        """Whether packets that are being read should be left for what is wanted: it does not wait for them."""
+        if self.phase != Phase.PACKING or self._levels is None:
+            return False
+        if not self.holds(wanted):
+            return True
+        reading = [level for level in self._held_levels if level not in self._ready_levels]
+        return wanted.level in self._ready_levels and min(reading, default=wanted.level) < wanted.level
 
     def prepare(self, packing: Packing) -> list[Instruction]:
         """Have these packets held.
@@ -175,17 +185,19 @@ class VolumeHolding:
     def _open_packets(self, choice: LevelChoice, packing: Packing) -> list[Instruction]:
         """Levels that are held already stay, as far as a step of the new base level draws them."""
         drawn = levels_drawn(choice.grids, packing.base_level)
-        before = self._held_levels if self.phase == Phase.READY else range(0)
-        self._held_levels = [level for level in drawn if level >= packing.level or level in before]
+        self._ready_levels = [level for level in drawn if level in self._ready_levels]
+        self._held_levels = [level for level in drawn if level >= packing.level or level in self._ready_levels]
         self.packing = replace(packing, level=self._held_levels[0])
         self.phase = Phase.PACKING
         self.assignment += 1
         self._pending = set(self.boxes)
-        opened: list[Instruction] = []
+        reading = [level for level in self._held_levels if level not in self._ready_levels]
+        last = len(choice.grids) - 1
+        opened: list[Instruction] = [ReportProgress(f"reading level {level} of {last}") for level in reading[:1]]
         for worker in self.boxes:
             held = choice.holdings(worker, self._held_levels)
             opened.append(Send(worker, messages.OpenPackets(assignment=self.assignment, path=self._path, levels=held)))
-        return [ReportProgress(f"reading level {packing.level} of {len(choice.grids) - 1}"), *opened]
+        return opened
 
     def _read_sub_cubes(self) -> list[Instruction]:
         assert self._description is not None
@@ -289,7 +301,7 @@ class VolumeHolding:
             case Phase.READING:
                 self.phase, self.packing = Phase.SURVEYED, None
             case Phase.PACKING:
-                self.phase = Phase.READY
+                self.phase, self._ready_levels = Phase.READY, self._held_levels
 
 
 def _check_prepared(wanted: Quantisation, stored: Quantisation) -> None:

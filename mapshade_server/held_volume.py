@@ -6,7 +6,7 @@ Takes the client's requests about the volume and gives the answers; knows no con
 
 import time
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +21,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.levels import Prepared
+from volsplat.protocol.volume import Box
 
 PACKET_BYTES = 4
 NO_PAYLOAD = memoryview(b"")
@@ -34,7 +35,9 @@ class Answer(NamedTuple):
 class HeldVolume:
     """The sub-cubes of one assignment, and how they come here."""
 
-    def __init__(self) -> None:
+    def __init__(self, superseded: Callable[[int], bool] = lambda assignment: False) -> None:
+        """`superseded` tells whether an assignment is out of date; any thread may have made it so."""
+        self._superseded = superseded
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone where values were packed
         self._path = ""
@@ -138,22 +141,32 @@ class HeldVolume:
         return [Answer(messages.MachineDescribed(memory_bytes=available_memory()))]
 
     def _on_OpenPackets(self, request: messages.OpenPackets) -> list[Answer]:
-        """What is held already stays; what is not wanted any more is let go before anything is read."""
+        """What is held already stays; what is not wanted any more is let go before anything is read.
+
+        Coarse levels come first. Where a newer assignment is on its way, this one is given up without an answer.
+        """
         started = time.perf_counter()
-        before = {} if request.path != self._path else self._levels
-        wanted = {(one.level, box) for one in request.levels for box in one.boxes}
-        kept = {
-            (level, cube.box): cube for level, cubes in before.items() for cube in cubes if (level, cube.box) in wanted
-        }
-        del before
-        self._drop()
+        kept = self._let_go_except({(one.level, box) for one in request.levels for box in one.boxes}, request.path)
         store = open_store(request.path)
-        for one in request.levels:
-            self._levels[one.level] = [
-                kept.get((one.level, box)) or stored_sub_cube(store, one.level, box) for box in one.boxes
-            ]
-        self._path, self.assignment = request.path, request.assignment
+        self._path = request.path
+        for one in sorted(request.levels, key=lambda one: -one.level):
+            self._levels[one.level] = []
+            for box in one.boxes:
+                cube = kept.pop((one.level, box), None) or stored_sub_cube(
+                    store, one.level, box, lambda: self._superseded(request.assignment)
+                )
+                if cube is None:
+                    return []
+                self._levels[one.level].append(cube)
+        self.assignment = request.assignment
         return [self._packed(request.assignment, started)]
+
+    def _let_go_except(self, wanted: set[tuple[int, Box]], path: str) -> dict[tuple[int, Box], SubCube]:
+        """Hold nothing any more; what is wanted of it is in the answer."""
+        before = self._levels if self._path == path else {}
+        self._drop()
+        cubes = ((level, cube) for level, cubes in before.items() for cube in cubes)
+        return {(level, cube.box): cube for level, cube in cubes if (level, cube.box) in wanted}
 
     def _drop(self) -> None:
         self._levels, self.assignment, self._path = {}, 0, ""

@@ -42,7 +42,8 @@ class MapShadeServer:
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
         self._data_link: DataLink | None = None
-        self._held = HeldVolume()
+        self._newest_assignment = 0  # likewise
+        self._held = HeldVolume(lambda assignment: self._newest_assignment > assignment)
 
     def run(self) -> None:
         """Serve until the client ends the session. Raises VolsplatError where the client is lost."""
@@ -66,7 +67,7 @@ class MapShadeServer:
                 pass
         except VolsplatError as error:
             self._failure = error
-        self._newest_frame = sys.maxsize
+        self._newest_frame = self._newest_assignment = sys.maxsize
         self._requests.put(None)
 
     def _receive_next(self) -> bool:
@@ -82,6 +83,8 @@ class MapShadeServer:
                 self._newest_frame = frame
             case messages.AbortFrame(frame=frame):
                 self._newest_frame = max(self._newest_frame, frame + 1)
+            case messages.OpenPackets(assignment=assignment):
+                self._newest_assignment = assignment
             case messages.ProbeVoxels() as probe:
                 self._probes.append(probe)
         self._requests.put(received)

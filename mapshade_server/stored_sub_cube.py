@@ -1,5 +1,7 @@
 """A sub-cube whose packets were made before, read from a packet store."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from volsplat.mapshade_server.packet_store import PacketStore
@@ -9,13 +11,20 @@ from volsplat.protocol.volume import Box
 SPARE_PACKETS = 64  # after the last one: the walk looks at so many at once (kSpare in path_kernels.h)
 
 
-def stored_sub_cube(store: PacketStore, level: int, box: Box) -> SubCube:
-    """A box of a level. No more is held meanwhile than that and one sheet of bricks. Raises BadInput for damage."""
+def stored_sub_cube(
+    store: PacketStore, level: int, box: Box, given_up: Callable[[], bool] = lambda: False
+) -> SubCube | None:
+    """A box of a level; None where it was `given_up` while it was read.
+
+    No more is held meanwhile than that and one sheet of bricks. Raises BadInput for damage.
+    """
     ni, nj, nk = box.size
     packets = np.empty(box.voxels + SPARE_PACKETS, np.uint32)[: box.voxels].reshape(nk, nj, ni)
     (i0, j0, k0), (i1, j1, k1) = box
     start = k0
     while start < k1:
+        if given_up():
+            return None
         end = min((start // store.brick_size + 1) * store.brick_size, k1)
         packets[start - k0 : end - k0] = store.read(level, Box((i0, j0, start), (i1, j1, end)))
         start = end

@@ -641,6 +641,24 @@ def test_another_base_level_keeps_what_is_held_of_its_levels() -> None:
     assert drawn_from(packed(coordinator, 2)) == {(2, 2)}
 
 
+def test_who_moves_does_not_wait_for_a_finer_level() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.B, whole=False))
+    packed(coordinator)
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.C, whole=False))) == [0, 1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.A, whole=False))) == [1, 2]
+    assert coordinator.handle(said(FIRST, messages.VoxelsPacked(2, 1, 4, 0.1))) == [], "of what was given up"
+    assert drawn_from(packed(coordinator, 3)) == {(2, 1)}
+
+
+def test_who_wants_a_finer_level_waits_for_it_once() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.C, whole=False))
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, whole=False))) == []
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, whole=False))) == [1, 2]
+    assert drawn_from(packed(coordinator, 2)) == {(1, 1)}
+
+
 def test_who_moves_keeps_a_level_that_is_only_just_too_fine() -> None:
     coordinator = opened_store()
     coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=False))

@@ -16,11 +16,13 @@ from volsplat.client.presets import preset_scene
 from volsplat.client.renderer import Refinement, Renderer
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
+from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.packet_store import open_store
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.messages import LevelBoxes, OpenPackets, VoxelsPacked
 from volsplat.protocol.scene import Quantise, Refine, Scene, Step, View
 from volsplat.protocol.volume import Box
 
@@ -189,4 +191,37 @@ def test_any_box_of_a_level_has_the_packets_of_the_store(store: Path) -> None:
     opened = open_store(str(store))
     box = Box((3, 5, 6), (30, 29, 25))
     cube = stored_sub_cube(opened, 1, box)
+    assert cube is not None
     assert torch.equal(torch.from_numpy(cube.packets), torch.from_numpy(opened.read(1, box)))
+
+
+def test_reading_is_given_up_between_two_sheets_of_bricks(store: Path) -> None:
+    opened = open_store(str(store))
+    box = opened.levels[0].geometry.box
+    looks: list[int] = []
+
+    def given_up() -> bool:
+        looks.append(1)
+        return len(looks) == 3
+
+    assert stored_sub_cube(opened, 0, box, given_up) is None
+    assert len(looks) == 3 < box.size[2] / opened.brick_size
+
+
+def test_a_newer_assignment_ends_an_older_one_and_keeps_what_was_read(store: Path) -> None:
+    boxes = [level.geometry.box for level in open_store(str(store)).levels]
+    newest = 1
+    held = HeldVolume(lambda assignment: newest > assignment)
+
+    def opens(assignment: int, *levels: int) -> OpenPackets:
+        return OpenPackets(assignment, str(store), [LevelBoxes(level, [boxes[level]]) for level in levels])
+
+    (answer,) = held.answers(opens(1, 1, 2))
+    assert isinstance(answer.message, VoxelsPacked) and answer.message.voxels == boxes[1].voxels + boxes[2].voxels
+    before = held.sub_cubes(2)[0]
+    newest = 3
+    assert held.answers(opens(2, 0, 1, 2)) == []
+    assert len(held.answers(opens(3, 2))) == 1
+    assert held.sub_cubes(2) == [before] and held.assignment == 3
+    with pytest.raises(BadInput, match="level 1 is not held"):
+        held.sub_cubes(1)
