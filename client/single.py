@@ -13,9 +13,10 @@ from types import TracebackType
 from typing import TYPE_CHECKING
 
 from volsplat.client.coordinator_events import FrameOutcome, Instruction, ReportProgress, Send
+from volsplat.client.packing import Packing
 from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, image_tensor, refined
 from volsplat.client.surveyed_volume import SurveyedVolume
-from volsplat.client.volume_holding import Packing, VolumeHolding
+from volsplat.client.volume_holding import VolumeHolding
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.held_volume import HeldVolume

@@ -5,19 +5,20 @@ Handlers are found by name: `_received_<message>`.
 """
 
 from array import array
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
 from enum import Enum, auto
 
 from volsplat.client.base_level import LevelChoice, budgets
 from volsplat.client.coordinator_events import Instruction, PublishVolume, ReportProgress, Send
 from volsplat.client.lending import Lending
+from volsplat.client.packing import Packing
+from volsplat.client.stored_levels import StoredLevels
 from volsplat.client.sub_cubes import divided
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
-from volsplat.protocol.errors import BadInput, RemoteProtocolError
-from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
-from volsplat.protocol.levels import Prepared, Resolution, levels_drawn, own_resolution, resolution_of
+from volsplat.protocol.errors import RemoteProtocolError
+from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.levels import Prepared, Resolution, own_resolution, resolution_of
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
 
@@ -30,16 +31,6 @@ class Phase(Enum):
     SURVEYED = auto()  # scenes can be made, nothing is packed yet
     PACKING = auto()
     READY = auto()
-
-
-@dataclass(frozen=True)
-class Packing:
-    """What packets are held: by which rules they were made; of a prepared volume, from which level on."""
-
-    quantisation: Quantisation
-    base_level: int = 0  # that the finest step draws
-    level: int = 0  # the finest that is held; the base level comes last, when the first pictures are there
-    why_level: str = field(default="", compare=False)  # for a person; "" where there is only one
 
 
 class VolumeHolding:
@@ -55,9 +46,7 @@ class VolumeHolding:
         self._hosts: Mapping[int, str] = {}  # of the servers that share the volume
         self._memory: int | None = None  # for each, where a person has set it
         self._memories: dict[int, int] = {}  # what their machines have left
-        self._levels: LevelChoice | None = None  # of a prepared volume
-        self._held_levels: Sequence[int] = ()
-        self._ready_levels: Sequence[int] = ()  # of them, those that are not still being read
+        self._levels: StoredLevels | None = None  # of a prepared volume
         self._prepared: Prepared | None = None
         self._description: VolumeDescription | None = None
         self._survey: Survey | None = None
@@ -97,29 +86,19 @@ class VolumeHolding:
         """
         assert self.volume is not None
         quantisation = self.volume.quantisation(scene.quantise)
-        if self._levels is None or self._prepared is None:
+        if self._levels is None:
             return Packing(quantisation)
-        _check_prepared(quantisation, self._prepared.quantisation)
-        current = self.packing.base_level if steady and self.packing is not None else None
-        base = self._levels.base_level(scene, current)
-        drawn = resolution_of(step, self._levels.grids, base.level, scene.refine.striding)
-        return Packing(quantisation, base.level, drawn.level, base.why)
+        return self._levels.wanted(scene, step, quantisation, self.packing if steady else None)
 
     def holds(self, wanted: Packing) -> bool:
         """Whether the packets that are held, or on their way, serve what is wanted."""
-        held = self.packing
-        if held is None:
-            return False
-        return replace(wanted, level=held.level) == held and held.level <= wanted.level
+        return self.packing is not None and self.packing.serves(wanted)
 
     def gives_way(self, wanted: Packing) -> bool:
         """Whether packets that are being read should be left for what is wanted: it does not wait for them."""
         if self.phase != Phase.PACKING or self._levels is None:
             return False
-        if not self.holds(wanted):
-            return True
-        reading = [level for level in self._held_levels if level not in self._ready_levels]
-        return wanted.level in self._ready_levels and min(reading, default=wanted.level) < wanted.level
+        return not self.holds(wanted) or self._levels.give_way(wanted)
 
     def prepare(self, packing: Packing) -> list[Instruction]:
         """Have these packets held.
@@ -179,24 +158,15 @@ class VolumeHolding:
         memory = budgets(self._memories, self._hosts)
         if self._memory is not None:
             memory = dict.fromkeys(memory, self._memory)
-        self._levels = LevelChoice(self._prepared.levels, self.boxes, memory)
+        choice = LevelChoice(self._prepared.levels, self.boxes, memory)
+        self._levels = StoredLevels(self._prepared.quantisation, choice)
         return self._surveyed()
 
-    def _open_packets(self, choice: LevelChoice, packing: Packing) -> list[Instruction]:
-        """Levels that are held already stay, as far as a step of the new base level draws them."""
-        drawn = levels_drawn(choice.grids, packing.base_level)
-        self._ready_levels = [level for level in drawn if level in self._ready_levels]
-        self._held_levels = [level for level in drawn if level >= packing.level or level in self._ready_levels]
-        self.packing = replace(packing, level=self._held_levels[0])
+    def _open_packets(self, levels: StoredLevels, packing: Packing) -> list[Instruction]:
         self.phase = Phase.PACKING
         self.assignment += 1
         self._pending = set(self.boxes)
-        reading = [level for level in self._held_levels if level not in self._ready_levels]
-        last = len(choice.grids) - 1
-        opened: list[Instruction] = [ReportProgress(f"reading level {level} of {last}") for level in reading[:1]]
-        for worker in self.boxes:
-            held = choice.holdings(worker, self._held_levels)
-            opened.append(Send(worker, messages.OpenPackets(assignment=self.assignment, path=self._path, levels=held)))
+        self.packing, opened = levels.open(packing, self.assignment, self._path, self.boxes)
         return opened
 
     def _read_sub_cubes(self) -> list[Instruction]:
@@ -301,21 +271,9 @@ class VolumeHolding:
             case Phase.READING:
                 self.phase, self.packing = Phase.SURVEYED, None
             case Phase.PACKING:
-                self.phase, self._ready_levels = Phase.READY, self._held_levels
-
-
-def _check_prepared(wanted: Quantisation, stored: Quantisation) -> None:
-    if wanted.window != stored.window:
-        low, high = wanted.window
-        raise BadInput(
-            f"the volume was prepared with the window {stored.window[0]:g} to {stored.window[1]:g}; "
-            f"for another one prepare it again with --window {low:g},{high:g}"
-        )
-    if wanted.directions != stored.directions:
-        raise BadInput(
-            f"the volume was prepared with {stored.directions} directions; set them in the scene, "
-            f"or prepare it again with --directions {wanted.directions}"
-        )
+                self.phase = Phase.READY
+                if self._levels is not None:
+                    self._levels.opened()
 
 
 def _added(sums: list[int], counts: "array[int]") -> list[int]:
