@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.mapshade_server.readers.array_grid import ArrayAxis, ArrayGrid, array_grid
-from volsplat.mapshade_server.readers.array_part import array_part
+from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
+from volsplat.mapshade_server.readers.arrays.array_part import array_part
 from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import tolerances
-from volsplat.mapshade_server.readers.atom_density import (
+from volsplat.mapshade_server.readers.molecules.atom_density import (
     BAND,
     BOND_TOLERANCE,
     CLASSES,

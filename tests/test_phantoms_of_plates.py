@@ -10,7 +10,7 @@ import tolerances
 from volsplat.client.phantoms import galaxy, make_phantom, p_orbital, protein, rna, seismic, structure_factors
 from volsplat.client.phantoms.molecule import BAND, CLASSES, RADII, Molecule, elements
 from volsplat.client.phantoms.rna_geometry import RISE, TWIST
-from volsplat.mapshade_server.readers import atom_density
+from volsplat.mapshade_server.readers.molecules import atom_density
 from volsplat.protocol.matrices import Vector, cross, dot, length, minus, normalised, plus, scaled
 from volsplat.protocol.volume import Geometry
 

@@ -13,7 +13,7 @@ import pytest
 
 import tolerances
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.atom_density import BAND, CLASSES, MOST_VOXELS_ASIDE
+from volsplat.mapshade_server.readers.molecules.atom_density import BAND, CLASSES, MOST_VOXELS_ASIDE
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Geometry

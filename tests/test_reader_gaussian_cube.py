@@ -9,7 +9,7 @@ import pytest
 
 import tolerances
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.gaussian_cube import ANGSTROM_PER_BOHR, CHUNK_BYTES
+from volsplat.mapshade_server.readers.molecules.gaussian_cube import ANGSTROM_PER_BOHR, CHUNK_BYTES
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box

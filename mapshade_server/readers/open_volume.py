@@ -7,27 +7,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from volsplat.mapshade_server.readers import (
+from volsplat.mapshade_server.readers.arrays import hdf5_dataset, numpy_array, raw_voxels, vtk_image, zarr_store
+from volsplat.mapshade_server.readers.astronomy import fits_cube
+from volsplat.mapshade_server.readers.geology import segy
+from volsplat.mapshade_server.readers.medicine import (
     analyze,
-    atoms,
-    density_map,
     dicom_series,
-    fits_cube,
-    gaussian_cube,
-    hdf5_dataset,
     metaimage,
-    mmcif,
     nifti,
     nrrd,
-    numpy_array,
-    raw_voxels,
-    segy,
-    structure_factors,
     tiff_folder,
     tiff_stack,
-    vtk_image,
-    zarr_store,
 )
+from volsplat.mapshade_server.readers.molecules import atoms, density_map, gaussian_cube, mmcif, structure_factors
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume_name import volume_name

@@ -1,5 +1,7 @@
 """What every volume reader offers, whatever the format behind it."""
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
@@ -31,3 +33,14 @@ class SecondScalarReader(VolumeReader, Protocol):
     def read_second(self, box: Box) -> Voxels:
         """The second scalar in `box`, as `read` gives the first; NaN becomes the lowest of its range."""
         ...
+
+
+@dataclass(frozen=True)
+class OpenedVolume:
+    """A reader whose voxels some function gives."""
+
+    description: VolumeDescription
+    read: Callable[[Box], Voxels]
+
+    def describe(self) -> VolumeDescription:
+        return self.description

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.gemmi_errors import one_line_errors
+from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.protocol.errors import BadInput
 
 Floats = NDArray[np.float64]

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.array_grid import ArrayAxis
-from volsplat.mapshade_server.readers.array_values import Attributes, text_attribute
+from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis
+from volsplat.mapshade_server.readers.arrays.array_values import Attributes, text_attribute
 
 EVEN = 1e-3  # of a step, that others may differ from it; coordinates in float32 add their rounding
 _ALONG = {

@@ -16,10 +16,10 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.array_grid import ArrayAxis, ArrayGrid, array_grid
-from volsplat.mapshade_server.readers.array_part import ArrayPart, array_part
-from volsplat.mapshade_server.readers.array_values import ArrayValues, plain_values
-from volsplat.mapshade_server.readers.not_zipped import check_not_zipped
+from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
+from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, plain_values
+from volsplat.mapshade_server.readers.arrays.not_zipped import check_not_zipped
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription

@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.atom_density import (
+from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.molecules.atom_density import (
     BAND,
     BOND_CLASS,
     CLASSES,
@@ -22,10 +23,9 @@ from volsplat.mapshade_server.readers.atom_density import (
     chosen_spacing,
     grid_around,
 )
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.gemmi_errors import one_line_errors
+from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
+from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_text
 from volsplat.mapshade_server.readers.part_options import part_options
-from volsplat.mapshade_server.readers.unzipped_text import unzipped_text
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription

@@ -6,15 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from volsplat.mapshade_server.readers.simple_itk import refuse_vectors
-from volsplat.mapshade_server.readers.tiff_pages import TiffPage, tifffile
-from volsplat.mapshade_server.readers.tiff_stack import (
+from volsplat.mapshade_server.readers.medicine.tiff_pages import TiffPage, tifffile
+from volsplat.mapshade_server.readers.medicine.tiff_stack import (
     Chosen,
     TiffStackReader,
     check_ends,
     stack_of,
     stated_place,
 )
+from volsplat.mapshade_server.readers.simple_itk import refuse_vectors
 from volsplat.protocol.errors import BadInput
 
 EXTENSIONS = (".tif", ".tiff")

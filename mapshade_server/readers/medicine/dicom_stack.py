@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
-from volsplat.mapshade_server.readers.dicom_file import APART, DicomFile, Frame, Place
+from volsplat.mapshade_server.readers.medicine.dicom_file import APART, DicomFile, Frame, Place
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput

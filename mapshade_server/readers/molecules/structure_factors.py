@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.part_options import part_options
-from volsplat.mapshade_server.readers.reflections import (
+from volsplat.mapshade_server.readers.molecules.reflections import (
     MEASURED,
     Floats,
     Integers,
@@ -30,6 +29,7 @@ from volsplat.mapshade_server.readers.reflections import (
     mmcif_reflections,
     mtz_reflections,
 )
+from volsplat.mapshade_server.readers.part_options import part_options
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader, Voxels
 from volsplat.protocol import matrices

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
-from volsplat.mapshade_server.readers.array_part import ArrayPart
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Vector

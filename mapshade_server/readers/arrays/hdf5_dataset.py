@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers import extra
-from volsplat.mapshade_server.readers.array_grid import LETTERS, ArrayAxis, ArrayGrid, array_grid
-from volsplat.mapshade_server.readers.array_part import ArrayPart, array_part
-from volsplat.mapshade_server.readers.array_values import ArrayValues, Attributes, cf_values, text_attribute
-from volsplat.mapshade_server.readers.cf_coordinates import Coordinates, coordinates_of
-from volsplat.mapshade_server.readers.not_zipped import check_not_zipped
+from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis, ArrayGrid, array_grid
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
+from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, Attributes, cf_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.arrays.not_zipped import check_not_zipped
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription

@@ -12,10 +12,8 @@ from xml.parsers import expat
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.not_zipped import check_not_zipped
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.mapshade_server.readers.vtk_arrays import (
+from volsplat.mapshade_server.readers.arrays.not_zipped import check_not_zipped
+from volsplat.mapshade_server.readers.arrays.vtk_arrays import (
     COMPRESSORS,
     Base64Voxels,
     BlockVoxels,
@@ -24,9 +22,11 @@ from volsplat.mapshade_server.readers.vtk_arrays import (
     VtkArray,
     stored_voxels,
 )
+from volsplat.mapshade_server.readers.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.volume_reader import OpenedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Matrix, applied, plus
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.volume import Geometry, VolumeDescription
 
 SCALAR_TYPES = {
     **{f"{sign}Int{bits}": f"{sign.lower()}int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)},
@@ -45,21 +45,7 @@ def recognises(head: bytes) -> bool:
     return b"<VTKFile" in head and head.lstrip(b"\xef\xbb\xbf \r\n\t").startswith((b"<?xml", b"<VTKFile", b"<!"))
 
 
-class VtkImageReader:
-    """One array of an image."""
-
-    def __init__(self, description: VolumeDescription, voxels: BoxesOfVoxels) -> None:
-        self._description = description
-        self._voxels = voxels
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return self._voxels.read(box)
-
-
-def open_vtk_image(path: Path, part: str) -> VtkImageReader:
+def open_vtk_image(path: Path, part: str) -> OpenedVolume:
     """The reader for a .vti. Raises BadInput where it has no array of one number a point or another must be chosen."""
     xml = _xml(path)
     geometry = _geometry(path, xml)
@@ -77,7 +63,7 @@ def open_vtk_image(path: Path, part: str) -> VtkImageReader:
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )
-    return VtkImageReader(description, voxels)
+    return OpenedVolume(description, voxels.read)
 
 
 @dataclass

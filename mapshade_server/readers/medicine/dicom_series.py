@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from volsplat.mapshade_server.readers import dicom_stack
-from volsplat.mapshade_server.readers.dicom_file import (
+from volsplat.mapshade_server.readers.medicine import dicom_stack
+from volsplat.mapshade_server.readers.medicine.dicom_file import (
     PREAMBLE,
     DicomFile,
     Frame,
@@ -20,7 +20,7 @@ from volsplat.mapshade_server.readers.dicom_file import (
     recognises,
     recognises_old,
 )
-from volsplat.mapshade_server.readers.dicom_stack import Stack
+from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
 from volsplat.mapshade_server.readers.part_options import PartOptions, part_options
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput

@@ -9,13 +9,13 @@ from typing import Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers import nifti
 from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.medicine import nifti
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.volume_reader import OpenedVolume
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.volume import VolumeDescription
 
 HEADER_BYTES = 348
 BYTE_ORDERS: dict[bytes, Literal["<", ">"]] = {b"\x5c\x01\0\0": "<", b"\0\0\x01\x5c": ">"}
@@ -27,21 +27,7 @@ def recognises(head: bytes) -> bool:
     return head[:4] in BYTE_ORDERS and len(head) >= HEADER_BYTES and not nifti.recognises(head)
 
 
-class AnalyzeReader:
-    """One Analyze volume, or one frame of a series."""
-
-    def __init__(self, description: VolumeDescription, voxels: StoredVoxels) -> None:
-        self._description = description
-        self._voxels = voxels
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return self._voxels.read(box)
-
-
-def open_image(path: Path, part: str) -> AnalyzeReader | nifti.NiftiReader:
+def open_image(path: Path, part: str) -> OpenedVolume | nifti.NiftiReader:
     """The reader for the .hdr that belongs to an .img, of Analyze or NIfTI. Raises BadInput where there is none."""
     header = path.with_suffix(".HDR" if path.suffix.isupper() else ".hdr")
     if not header.is_file():
@@ -54,7 +40,7 @@ def open_image(path: Path, part: str) -> AnalyzeReader | nifti.NiftiReader:
     raise BadInput(f"{path}: {header.name} beside it is no header of Analyze or NIfTI; give the volume another way")
 
 
-def open_analyze(path: Path, part: str) -> AnalyzeReader:
+def open_analyze(path: Path, part: str) -> OpenedVolume:
     """The reader for an Analyze header and the frame that is named where there are several.
 
     Raises BadInput where the header cannot be used or promises more than the .img holds.
@@ -98,7 +84,7 @@ def open_analyze(path: Path, part: str) -> AnalyzeReader:
         why_whole=why_whole,
         warnings=(NO_SIDES,),
     )
-    return AnalyzeReader(description, voxels)
+    return OpenedVolume(description, voxels.read)
 
 
 def _text(raw: bytes) -> str:

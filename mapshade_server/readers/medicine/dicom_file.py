@@ -13,8 +13,8 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.dicom_pixels import Pixels, fragments_from
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.medicine.dicom_pixels import Pixels, fragments_from
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Vector

@@ -13,11 +13,11 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.length_units import length_unit
-from volsplat.mapshade_server.readers.ome_tiff import OmeImage, OmeMetadata, StatedSteps, ome_metadata
+from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, OmeMetadata, StatedSteps, ome_metadata
+from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, TiffPage, tifffile
 from volsplat.mapshade_server.readers.part_options import PartOptions, index_in, part_options
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.tiff_pages import MOST_GROWTH, TiffPage, tifffile
 from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Matrix, Vector

@@ -3,8 +3,8 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from volsplat.mapshade_server.readers.array_grid import LETTERS, ArrayAxis
-from volsplat.mapshade_server.readers.array_part import ArrayPart
+from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.protocol.errors import BadInput
 
 OLD_AXES = "tczyx"  # of version 0.2 and before, which name none

@@ -3,9 +3,9 @@
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-from volsplat.mapshade_server.readers.array_part import ArrayPart
-from volsplat.mapshade_server.readers.ome_zarr import Multiscale, multiscale_of
-from volsplat.mapshade_server.readers.zarr_place import METADATA, ZarrPlace
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
+from volsplat.mapshade_server.readers.arrays.ome_zarr import Multiscale, multiscale_of
+from volsplat.mapshade_server.readers.arrays.zarr_place import METADATA, ZarrPlace
 from volsplat.protocol.errors import BadInput
 
 MOST_ABOVE = 3  # groups between an image and the array of one of its levels

@@ -12,12 +12,12 @@ from typing import Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.array_part import ArrayPart, array_part
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
-from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, OpenedVolume
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.volume import VolumeDescription
 
 EXTENSIONS = (".raw", ".raw.gz")
 KEYS = ("dims", "type", "endian", "skip", "spacing", "unit")
@@ -33,21 +33,7 @@ def describes(path: Path, part: str) -> bool:
     return "dims" in array_part(path, part).options or _sidecar(path).is_file() or NAME.search(path.name) is not None
 
 
-class RawVoxelsReader:
-    """One file of raw voxels."""
-
-    def __init__(self, description: VolumeDescription, voxels: StoredVoxels) -> None:
-        self._description = description
-        self._voxels = voxels
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return self._voxels.read(box)
-
-
-def open_raw_voxels(path: Path, part: str) -> RawVoxelsReader:
+def open_raw_voxels(path: Path, part: str) -> OpenedVolume:
     """The reader for raw voxels. Raises BadInput where they are not described or do not fill the file exactly."""
     said = _said(path, part)
     dims, scalar_type = said.whole_numbers("dims", 3), said.text("type", SCALAR_TYPES)
@@ -79,7 +65,7 @@ def open_raw_voxels(path: Path, part: str) -> RawVoxelsReader:
         reads_sub_cubes=raw,
         why_whole="" if raw else "the file is compressed by gzip",
     )
-    return RawVoxelsReader(description, voxels)
+    return OpenedVolume(description, voxels.read)
 
 
 def _said(path: Path, part: str) -> ArrayPart:

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.part_options import part_options
-from volsplat.mapshade_server.readers.segy_traces import (
+from volsplat.mapshade_server.readers.geology.segy_traces import (
     ByteOrder,
     SegyFile,
     TraceGrid,
@@ -22,7 +21,8 @@ from volsplat.mapshade_server.readers.segy_traces import (
     sampled,
     trace_grid,
 )
-from volsplat.mapshade_server.readers.survey_geometry import DEFAULT_VELOCITY, Spot, Vertical, placed
+from volsplat.mapshade_server.readers.geology.survey_geometry import DEFAULT_VELOCITY, Spot, Vertical, placed
+from volsplat.mapshade_server.readers.part_options import part_options
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, GridAxis, VolumeDescription

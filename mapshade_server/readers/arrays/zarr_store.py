@@ -12,15 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers import zarr_place
-from volsplat.mapshade_server.readers.array_grid import ArrayAxis, ArrayGrid, array_grid
-from volsplat.mapshade_server.readers.array_part import array_part
-from volsplat.mapshade_server.readers.array_values import ArrayValues, cf_values, plain_values, text_attribute
-from volsplat.mapshade_server.readers.cf_coordinates import Coordinates, coordinates_of
-from volsplat.mapshade_server.readers.ome_zarr import Json, level_axes
+from volsplat.mapshade_server.readers.arrays import zarr_place
+from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
+from volsplat.mapshade_server.readers.arrays.array_part import array_part
+from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, cf_values, plain_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.arrays.ome_zarr import Json, level_axes
+from volsplat.mapshade_server.readers.arrays.zarr_place import METADATA, one_line_errors
+from volsplat.mapshade_server.readers.arrays.zarr_search import FoundArray, found_array
 from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.mapshade_server.readers.zarr_place import METADATA, one_line_errors
-from volsplat.mapshade_server.readers.zarr_search import FoundArray, found_array
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
 

@@ -14,8 +14,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.astronomy.fits_geometry import placed
 from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.fits_geometry import placed
 from volsplat.mapshade_server.readers.part_options import index_in, part_options
 from volsplat.mapshade_server.readers.simple_itk import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels

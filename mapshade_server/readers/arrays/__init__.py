@@ -1,0 +1,1 @@
+"""Arrays of any field: Zarr, HDF5, NumPy, VTK images and raw voxels."""

@@ -1,0 +1,1 @@
+"""Scans: DICOM, NIfTI, NRRD, MetaImage, Analyze and TIFF."""

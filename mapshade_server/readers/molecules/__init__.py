@@ -1,0 +1,1 @@
+"""Maps, models and reflections: CCP4/MRC, PDB, mmCIF, MTZ and cube files."""
