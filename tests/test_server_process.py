@@ -16,7 +16,7 @@ PATIENCE = 30.0  # seconds, after which what never comes fails its test
 TITLES = {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}
 
 
-@pytest.mark.parametrize("server", Program)
+@pytest.mark.parametrize("server", TITLES)
 def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost(server: Program) -> None:
     token = new_token()
     with Listener(Role.CLIENT, token) as clients:
