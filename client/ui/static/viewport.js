@@ -43,6 +43,7 @@ export class Viewport {
   #asked = { width: 0, height: 0 }; // the size of pictures last asked for
   #resized = 0;
   #box = { width: 0, height: 0 }; // of the element; to ask it at every picture would lay out the page each time
+  #corner = { left: 0, top: 0 }; // of the element, in the window
   #observer = new ResizeObserver(() => this.#onResize());
 
   /**
@@ -266,8 +267,9 @@ export class Viewport {
 
   /** @returns {Point} */
   #inElement(event) {
-    const { left, top } = this.element.getBoundingClientRect();
-    return [event.clientX - left, event.clientY - top];
+    // With a button held the element stays where it is; to ask would lay out the page, for every event of a drag.
+    if (event.type !== "pointermove" || event.buttons === 0) this.#corner = this.element.getBoundingClientRect();
+    return [event.clientX - this.#corner.left, event.clientY - this.#corner.top];
   }
 
   #makeCanvas() {
