@@ -30,7 +30,12 @@ if TYPE_CHECKING:
 
 __all__ = ["browser", "browser_page"]
 
-REFINED = "() => window.volsplatViewport?.log.at(-1)?.last === true"
+# To the end, and in the size of the window: before the page has told it, another size may be finished.
+REFINED = """() => {
+    const viewport = window.volsplatViewport, picture = viewport?.log.at(-1);
+    return picture?.last && picture.width === viewport.canvas.clientWidth * devicePixelRatio &&
+        picture.height === viewport.canvas.clientHeight * devicePixelRatio;
+}"""
 
 
 @pytest.fixture(scope="module")

@@ -373,6 +373,7 @@ def test_a_process_that_is_away_is_told_of_and_found_again(browser_page: Page) -
     assert shown.colour_at(0, 0) == RED
     shown.canvas.focus()
     browser_page.keyboard.press("+")  # heard by nobody
+    browser_page.wait_for_function("() => !window.volsplatViewport.steering.busy")
     second = ViewportProcess()
     with serving(second.application, port=urlsplit(url).port or 0):
         second.wait_for_page()
