@@ -6,6 +6,7 @@ import base64
 import io
 import re
 import shutil
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ import pytest
 import torch
 from browser import browser, browser_page
 from PIL import Image as PillowImage
+from programs import TIME_LIMIT
 from tables_tab import until
 from viewed import Viewed, viewed
 
@@ -78,9 +80,13 @@ def after(page: Page, action: Any) -> torch.Tensor:
     return _next_last(page, action, "revision")
 
 
-def drawn_again(page: Page, action: Any) -> torch.Tensor:
-    """The canvas once the same scene is drawn anew after the action."""
-    return _next_last(page, action, "number")
+def draws_again(page: Page, action: Any, image: torch.Tensor) -> None:
+    """Do something after which the same scene is drawn anew, perhaps more than once, and wait until that is seen."""
+    _next_last(page, action, "number")
+    deadline = time.monotonic() + TIME_LIMIT
+    while not torch.equal(canvas(page), image):
+        assert time.monotonic() < deadline, "the scene is not drawn as before"
+        page.wait_for_timeout(50)
 
 
 def _next_last(page: Page, action: Any, rising: str) -> torch.Tensor:
@@ -297,6 +303,5 @@ def test_a_movie_is_made_with_progress_and_can_be_cancelled(page: Page) -> None:
         page.get_by_text("make the movie").click()
     assert download.value.path().read_bytes()[4:8] == b"ftyp"
     page.get_by_role("button", name="key scenes").click()
-    again = drawn_again(page, page.get_by_text("make the movie").click)
+    draws_again(page, page.get_by_text("make the movie").click, before)
     assert page.get_by_text("4 frames cannot pass through 0 key scenes").is_visible()
-    assert torch.equal(again, before)
