@@ -29,6 +29,7 @@ export class TroubleBar {
 
   /** What there is to say of the picture on the canvas; "" takes it away. @param {string} text */
   ofPicture(text) {
+    if (text === this.#texts.picture) return; // as with nearly every picture
     this.#texts.picture = text;
     this.#draw();
   }
