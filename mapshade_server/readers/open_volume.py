@@ -10,6 +10,7 @@ from urllib.parse import unquote
 from volsplat.mapshade_server.readers.arrays import hdf5_dataset, numpy_array, raw_voxels, vtk_image, zarr_store
 from volsplat.mapshade_server.readers.astronomy import fits_cube
 from volsplat.mapshade_server.readers.geology import segy
+from volsplat.mapshade_server.readers.gzip_files import GZIP_MAGIC
 from volsplat.mapshade_server.readers.medicine import (
     analyze,
     dicom_series,
@@ -131,7 +132,7 @@ def _opened(path: Path, part: str) -> VolumeReader:
 def _head(path: Path) -> bytes:
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
-    if head.startswith(b"\x1f\x8b"):
+    if head.startswith(GZIP_MAGIC):
         try:
             return zlib.decompressobj(zlib.MAX_WBITS | 16).decompress(head, HEAD_BYTES)
         except zlib.error:

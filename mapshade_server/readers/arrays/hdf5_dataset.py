@@ -17,10 +17,10 @@ import numpy as np
 from volsplat.mapshade_server.readers import extra
 from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
-from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, Attributes, cf_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
-from volsplat.mapshade_server.readers.arrays.not_zipped import check_not_zipped
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.gzip_files import check_not_gzip
+from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
 
@@ -56,27 +56,7 @@ def recognises_netcdf_3(head: bytes) -> bool:
     return head.startswith(NETCDF_3_MAGICS)
 
 
-class Hdf5DatasetReader:
-    """One dataset; the file is open only while it is read."""
-
-    def __init__(
-        self, path: Path, dataset: str, description: VolumeDescription, grid: ArrayGrid, values: ArrayValues
-    ) -> None:
-        self._path = path
-        self._dataset = dataset
-        self._description = description
-        self._grid = grid
-        self._values = values
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        with _opened(_h5py(), self._path) as file:
-            return self._values.of(file[self._dataset][self._grid.selection(box)])
-
-
-def open_netcdf_3(path: Path, part: str) -> Hdf5DatasetReader:
+def open_netcdf_3(path: Path, part: str) -> OpenedVolume:
     """Raises BadInput: what is read is NetCDF-4, which is HDF5."""
     raise BadInput(
         f"{path}: is NetCDF-3, volsplat reads NetCDF-4; convert it, as in nccopy -k netCDF-4 {path.name} "
@@ -84,9 +64,9 @@ def open_netcdf_3(path: Path, part: str) -> Hdf5DatasetReader:
     )
 
 
-def open_hdf5(path: Path, part: str) -> Hdf5DatasetReader:
+def open_hdf5(path: Path, part: str) -> OpenedVolume:
     """The reader for a dataset. Raises BadInput where none is a volume, or the person must choose one."""
-    check_not_zipped(path)
+    check_not_gzip(path)
     chosen, h5py = array_part(path, part), _h5py()
     with _opened(h5py, path) as file:
         dataset = _dataset(h5py, chosen, file)
@@ -110,7 +90,13 @@ def open_hdf5(path: Path, part: str) -> Hdf5DatasetReader:
             reads_sub_cubes=not why_whole,
             why_whole=why_whole,
         )
-        return Hdf5DatasetReader(path, dataset.name, description, grid, values)
+        name = dataset.name
+
+    def read(box: Box) -> Voxels:
+        with _opened(_h5py(), path) as file:  # only while it is read
+            return values.of(file[name][grid.selection(box)])
+
+    return OpenedVolume(description, read)
 
 
 def _h5py() -> ModuleType:

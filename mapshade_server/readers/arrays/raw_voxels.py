@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
+from volsplat.mapshade_server.readers.gzip_files import is_gzip
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
 from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, OpenedVolume
@@ -111,9 +112,7 @@ def _undescribed(path: Path, said: ArrayPart) -> BadInput:
 
 
 def _packing(path: Path) -> Packing:
-    with path.open("rb") as file:
-        zipped = file.read(2) == b"\x1f\x8b"
-    return Packing.DEFLATE if zipped and path.name.lower().endswith(".gz") else Packing.RAW
+    return Packing.DEFLATE if is_gzip(path) and path.name.lower().endswith(".gz") else Packing.RAW
 
 
 def _check_size(voxels: StoredVoxels, size: int, skip: int) -> None:

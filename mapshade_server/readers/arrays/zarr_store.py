@@ -15,12 +15,12 @@ import numpy as np
 from volsplat.mapshade_server.readers.arrays import zarr_place
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import array_part
-from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, cf_values, plain_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.ome_zarr import Json, level_axes
 from volsplat.mapshade_server.readers.arrays.zarr_place import METADATA, one_line_errors
 from volsplat.mapshade_server.readers.arrays.zarr_search import FoundArray, found_array
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
 
@@ -36,27 +36,7 @@ def recognises_zip(head: bytes) -> bool:
     return head.startswith(ZIP_MAGIC) and any(name.encode() in head for name in METADATA)
 
 
-class ZarrReader:
-    """One array of a store."""
-
-    def __init__(
-        self, place: str, array: Any, description: VolumeDescription, grid: ArrayGrid, values: ArrayValues
-    ) -> None:
-        self._place = place
-        self._array = array
-        self._description = description
-        self._grid = grid
-        self._values = values
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        with one_line_errors(self._place):
-            return self._values.of(np.asarray(self._array[self._grid.selection(box)]))
-
-
-def open_folder(path: Path, part: str) -> ZarrReader:
+def open_folder(path: Path, part: str) -> OpenedVolume:
     """The reader for an array in a folder. Raises BadInput where none is a volume or one must be chosen."""
     with one_line_errors(str(path)):
         found = found_array(array_part(path, part), zarr_place.folder(str(path)))
@@ -65,7 +45,7 @@ def open_folder(path: Path, part: str) -> ZarrReader:
         return _reader(found)
 
 
-def open_zip(path: Path, part: str) -> ZarrReader:
+def open_zip(path: Path, part: str) -> OpenedVolume:
     """The reader for an array in a zip file. Raises BadInput as open_folder does, and for zip bombs."""
     with one_line_errors(str(path)):
         found = found_array(array_part(path, part), zarr_place.zip_file(str(path)))
@@ -77,7 +57,7 @@ def open_zip(path: Path, part: str) -> ZarrReader:
         return _reader(found)
 
 
-def open_url(url: str, part: str) -> ZarrReader:
+def open_url(url: str, part: str) -> OpenedVolume:
     """The reader for an array at a URL. Raises BadInput as open_folder does, and where nothing answers there."""
     place = url.rstrip("/")
     with one_line_errors(place):
@@ -90,7 +70,7 @@ def _check_has_chunks(found: FoundArray, names: Iterable[str]) -> None:
         raise BadInput(f"{found.part.whole}: not one of its chunks is there; copy or fetch the whole Zarr again")
 
 
-def _reader(found: FoundArray) -> ZarrReader:
+def _reader(found: FoundArray) -> OpenedVolume:
     part, array = found.part, found.array
     attributes: Json = dict(array.attrs)
     if found.image is None:
@@ -119,7 +99,12 @@ def _reader(found: FoundArray) -> ZarrReader:
         reads_sub_cubes=not one_chunk,
         why_whole="all its voxels are in one chunk" if one_chunk else "",
     )
-    return ZarrReader(part.place, array, description, grid, values)
+
+    def read(box: Box) -> Voxels:
+        with one_line_errors(part.place):
+            return values.of(np.asarray(array[grid.selection(box)]))
+
+    return OpenedVolume(description, read)
 
 
 def _is_one_chunk(array: Any, grid: ArrayGrid) -> bool:

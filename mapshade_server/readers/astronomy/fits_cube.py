@@ -16,6 +16,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.astronomy.fits_geometry import placed
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.gzip_files import is_gzip
 from volsplat.mapshade_server.readers.part_options import index_in, part_options
 from volsplat.mapshade_server.readers.simple_itk import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
@@ -60,7 +61,7 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
     Raises BadInput where there is no cube or several, and where the headers cannot be used or promise too much.
     """
     options = part_options(part, AXIS_OPTIONS)
-    zipped = _is_gzip(path)
+    zipped = is_gzip(path)
     with _opened(path) as hdus:
         number = _chosen_hdu(path, hdus, options.word)
         hdu = hdus[number]
@@ -108,11 +109,6 @@ def _opened(path: Path, memmap: bool = False, **how: bool) -> Iterator[Any]:
                 raise
             reason = " ".join(str(error).split()).rstrip(".")[:160] or type(error).__name__
             raise BadInput(f"{path}: a damaged or truncated FITS file ({reason}); fetch or export it again") from None
-
-
-def _is_gzip(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
 
 
 def _is_tiled(hdu: Any) -> bool:
@@ -295,5 +291,5 @@ def _check_tiles(path: Path, number: int, hdu: Any) -> None:
         raise BadInput(
             f"{path}: the header's sizes need {tiles} tiles, but {table['NAXIS2']} are stored; correct the header"
         )
-    if place["datLoc"] + place["datSpan"] > path.stat().st_size and not _is_gzip(path):
+    if place["datLoc"] + place["datSpan"] > path.stat().st_size and not is_gzip(path):
         raise BadInput(f"{path}: is truncated, it ends before its tiles do; fetch or export the file again")

@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.gzip_files import first_bytes
 from volsplat.mapshade_server.readers.medicine import nifti
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
@@ -32,7 +33,7 @@ def open_image(path: Path, part: str) -> OpenedVolume | nifti.NiftiReader:
     header = path.with_suffix(".HDR" if path.suffix.isupper() else ".hdr")
     if not header.is_file():
         raise BadInput(f"{path}: voxels without their header; put {header.name} beside it")
-    head = nifti.first_bytes(header, nifti.HEADER_BYTES[2])
+    head = first_bytes(header, nifti.HEADER_BYTES[2])
     if nifti.recognises(head):
         return nifti.open_nifti(header, part)
     if recognises(head):
@@ -45,7 +46,7 @@ def open_analyze(path: Path, part: str) -> OpenedVolume:
 
     Raises BadInput where the header cannot be used or promises more than the .img holds.
     """
-    raw = nifti.first_bytes(path, HEADER_BYTES)
+    raw = first_bytes(path, HEADER_BYTES)
     order = BYTE_ORDERS[raw[:4]]
 
     def numbers(offset: int, kind: str, count: int) -> list[float]:

@@ -4,9 +4,7 @@ The header is read here because SimpleITK refuses or straightens a sheared sform
 without a word. The sform counts where its code is set, else the qform, else the spacing alone.
 """
 
-import gzip
 import math
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -14,6 +12,7 @@ from typing import Literal
 import numpy as np
 
 from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_reader import Voxels
@@ -158,21 +157,6 @@ def _header_of(path: Path) -> _Header:
     raise BadInput(f"{path}: the NIfTI header is truncated or its size field is wrong; fetch the file again")
 
 
-def first_bytes(path: Path, count: int) -> bytes:
-    """The file's first bytes, unzipped where it is gzip. Raises BadInput where it cannot be unzipped."""
-    opened = gzip.open(path) if _is_gzip(path) else path.open("rb")
-    with opened as file:
-        try:
-            return file.read(count)
-        except (OSError, EOFError, zlib.error):
-            raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
-
-
-def _is_gzip(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
-
-
 def _dims(path: Path, header: _Header) -> tuple[Index, int]:
     """The size of one volume, and how many there are one after the other."""
     count, *sizes = (int(n) for n in header.values("dim"))
@@ -201,7 +185,7 @@ def image_beside(path: Path) -> tuple[Path, Packing]:
 
 
 def _packing(path: Path) -> Packing:
-    return Packing.DEFLATE if path.is_file() and _is_gzip(path) else Packing.RAW
+    return Packing.DEFLATE if path.is_file() and is_gzip(path) else Packing.RAW
 
 
 def _place(header: _Header) -> tuple[Matrix, Vector, bool]:

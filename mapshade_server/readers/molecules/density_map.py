@@ -5,10 +5,8 @@ through; gemmi tells how the cell's axes lie. i, j, k are the columns, rows and 
 of x, y, z each follows: no voxel is moved, the index-to-physical matrix says it.
 """
 
-import gzip
 import math
 import struct
-import zlib
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -17,9 +15,10 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import IDENTITY, Matrix
@@ -74,25 +73,10 @@ class _Header:
         return BadInput(f"{self.path}: the map's {what} ({shown}) cannot be used; correct the header")
 
 
-class DensityMapReader:
-    """One map; half floats are widened to float32."""
-
-    def __init__(self, description: VolumeDescription, voxels: StoredVoxels) -> None:
-        self._description = description
-        self._voxels = voxels
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        stored = self._voxels.read(box)
-        return stored.astype(self._description.scalar_type, copy=False)
-
-
-def open_density_map(path: Path, part: str) -> DensityMapReader:
+def open_density_map(path: Path, part: str) -> OpenedVolume:
     """The reader for a map; `part` is the number of a volume in a stack of them. Raises BadInput."""
-    packing = Packing.DEFLATE if _is_gzip(path) else Packing.RAW
-    header = _header_of(path, packing)
+    packing = Packing.DEFLATE if is_gzip(path) else Packing.RAW
+    header = _header_of(path)
     dims, skipped_sheets = _volume(header, part)
     stored_type = _stored_type(header)
     first_voxel = HEADER_BYTES + header.integer(EXTENDED_BYTES)
@@ -118,20 +102,15 @@ def open_density_map(path: Path, part: str) -> DensityMapReader:
         reads_sub_cubes=raw,
         why_whole="" if raw else "the file is compressed by gzip",
     )
-    return DensityMapReader(description, voxels)
+
+    def read(box: Box) -> Voxels:  # half floats are widened
+        return voxels.read(box).astype(description.scalar_type, copy=False)
+
+    return OpenedVolume(description, read)
 
 
-def _is_gzip(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
-
-
-def _header_of(path: Path, packing: Packing) -> _Header:
-    with path.open("rb") if packing == Packing.RAW else gzip.open(path) as file:
-        try:
-            raw = file.read(HEADER_BYTES)
-        except (OSError, EOFError, zlib.error):
-            raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
+def _header_of(path: Path) -> _Header:
+    raw = first_bytes(path, HEADER_BYTES)
     if len(raw) < HEADER_BYTES:
         raise BadInput(f"{path}: the map's header is truncated; fetch the file again")
     for order in BYTE_ORDERS:

@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.gzip_files import is_gzip
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions
 from volsplat.mapshade_server.readers.stored_voxels import MOST_GROWTH, Packing
 from volsplat.mapshade_server.readers.volume_reader import Voxels
@@ -93,17 +94,12 @@ def open_gaussian_cube(path: Path, part: str) -> GaussianCubeReader:
 @contextmanager
 def _opened(path: Path) -> Iterator[BufferedIOBase]:
     """The unzipped bytes of the file. Raises BadInput where the zipped ones are damaged."""
-    file: BufferedIOBase = gzip.open(path) if _is_gzip(path) else path.open("rb")
+    file: BufferedIOBase = gzip.open(path) if is_gzip(path) else path.open("rb")
     with file:
         try:
             yield file
         except (gzip.BadGzipFile, EOFError, zlib.error):
             raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
-
-
-def _is_gzip(path: Path) -> bool:
-    with path.open("rb") as file:
-        return file.read(2) == b"\x1f\x8b"
 
 
 class _Lines:
@@ -191,7 +187,7 @@ def _check_size(header: _Header) -> None:
     ni, nj, nk = header.dims
     if min(header.dims) == 1:
         refuse_other_dimensions(header.path, tuple(n for n in header.dims if n > 1) or (1,))
-    zipped = _is_gzip(header.path)
+    zipped = is_gzip(header.path)
     there = header.path.stat().st_size * (MOST_GROWTH[Packing.DEFLATE] if zipped else 1) - header.data
     if (promised := ni * nj * nk * len(header.labels)) * LEAST_BYTES_A_VALUE > there + 1:
         raise BadInput(

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.gzip_files import GZIP_MAGIC
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.protocol.errors import BadInput
 
@@ -148,7 +149,7 @@ def _check_mtz(path: Path) -> None:
     truncated = BadInput(f"{path}: is truncated or its header is wrong, it promises more than the file holds")
     with path.open("rb") as file:
         head = file.read(_MTZ_HEAD)
-        if head[:2] == b"\x1f\x8b":
+        if head.startswith(GZIP_MAGIC):
             raise BadInput(f"{path}: is compressed; unzip it first")
         order = _MTZ_STAMPS.get(head[8] >> 4 if len(head) == _MTZ_HEAD else 0)
         if order is None:

@@ -4,6 +4,7 @@ import gzip
 import zlib
 from pathlib import Path
 
+from volsplat.mapshade_server.readers.gzip_files import is_gzip
 from volsplat.protocol.errors import BadInput
 
 MOST_BYTES = 1 << 30
@@ -16,8 +17,7 @@ def unzipped_text(path: Path) -> str:
 
     Raises BadInput where it is damaged, or unpacks to more than a text would.
     """
-    with path.open("rb") as file:
-        packed = file.read(2) == b"\x1f\x8b"
+    packed = is_gzip(path)
     size = path.stat().st_size
     most = min(MOST_BYTES, MOST_GROWTH * size + CHUNK_BYTES) if packed else MOST_BYTES
     chunks: list[bytes] = []
