@@ -87,7 +87,7 @@ def test_a_whole_push_is_undone_at_once_and_the_next_begins_there(tab: Tab) -> N
     tab.waits_for(lambda scene: scene == once)
     tab.page.get_by_label("undo").click()
     tab.waits_for(lambda scene: scene == SCENE)
-    assert tab.page.get_by_label("undo").is_disabled()
+    until(tab.page, lambda: tab.page.get_by_label("undo").is_disabled())
 
 
 def test_what_is_pushed_off_the_axis_comes_back_while_it_is_held(tab: Tab) -> None:

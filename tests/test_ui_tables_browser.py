@@ -50,7 +50,7 @@ def test_a_whole_drag_is_undone_and_redone_at_once(tab: Tab) -> None:
     dragged = tab.waits_for(lambda scene: scene.tables.opac.points[1][1] == near(0.2))
     tab.page.get_by_label("undo").click()
     tab.waits_for(lambda scene: scene == SCENE)
-    assert tab.page.get_by_label("undo").is_disabled()
+    until(tab.page, lambda: tab.page.get_by_label("undo").is_disabled())
     tab.page.get_by_label("redo").click()
     tab.waits_for(lambda scene: scene == dragged)
 
@@ -80,7 +80,7 @@ def test_picking_a_point_changes_nothing(tab: Tab) -> None:
     tab.waits_for(lambda scene: len(scene.tables.opac.points) == 4)
     tab.page.get_by_label("undo").click()
     tab.waits_for(lambda scene: scene == SCENE)
-    assert tab.page.get_by_label("undo").is_disabled()
+    until(tab.page, lambda: tab.page.get_by_label("undo").is_disabled())
 
 
 def test_a_click_on_the_line_adds_a_point_and_right_click_removes_it(tab: Tab) -> None:

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 from weakref import WeakSet
 
 from nicegui import Client, context, ui
 from nicegui.element import Element
-from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.client.ui.throttle import Throttle
@@ -232,44 +231,6 @@ def _whole_number(typed: str) -> int:
         return int(typed)
     except ValueError:
         raise ValueError(f"“{typed}” is not a whole number" if typed.strip() else "give a whole number") from None
-
-
-def slider(
-    editor: SceneEditor,
-    name: str,
-    span: tuple[float, float],
-    step: float,
-    get: Callable[[Scene], Any],
-    put: Callable[[Scene, Any], Scene],
-    tag: Literal["q-slider", "q-range"] = "q-slider",
-) -> Element:
-    """A slider for a number, or a range for {"min", "max"}; what it changes settles when it is let go.
-
-    `get` gives its position; `put` must take any position. Unlike NiceGUI's own it is not told where it is while a
-    hand moves it: on a slow line it would jump back.
-    """
-    element = Element(tag).props("dense")
-    element.props.update({"min": span[0], "max": span[1], "step": step, "aria-label": name})
-    sliding = False
-
-    def moved(event: GenericEventArguments) -> None:
-        nonlocal sliding
-        sliding = True
-        editor.change(lambda scene: put(scene, event.args), settled=False)
-
-    def released(event: GenericEventArguments) -> None:
-        nonlocal sliding
-        sliding = False
-        editor.change(lambda scene: put(scene, event.args) if event.args != get(scene) else scene)
-
-    def show(scene: Scene) -> None:
-        if not sliding:
-            show_prop(element, "model-value", get(scene))
-
-    element.on("update:model-value", moved, [None])
-    element.on("change", released, [None])
-    editor.follow(show)
-    return element
 
 
 def choose(

@@ -8,8 +8,9 @@ from typing import Literal
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, choose, number_field, show_prop, slider
+from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, choose, number_field, show_prop
 from volsplat.client.ui.light_ball import LightBall
+from volsplat.client.ui.slider import Slider
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol import matrices
 from volsplat.protocol.matrices import Vector
@@ -123,7 +124,7 @@ def _specular_power(editor: SceneEditor) -> None:
     low, high = POWER_POSITIONS
     with ui.element("div").classes("vs-row"):
         ui.label("specular power").classes("vs-label")
-        slider(
+        Slider(
             editor,
             "specular power",
             POWER_POSITIONS,

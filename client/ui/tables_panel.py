@@ -12,10 +12,11 @@ from nicegui import context, ui
 
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.field_histograms import field_axis, field_histogram
-from volsplat.client.ui.fields import SceneEditor, slider
+from volsplat.client.ui.fields import SceneEditor
 from volsplat.client.ui.preset_menu import OfferedPresets, PresetMenu
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.client.ui.shift_slider import ShiftSlider
+from volsplat.client.ui.slider import Slider
 from volsplat.client.ui.table_editor import Field, TableEditor
 from volsplat.client.ui.table_edits import (
     Table,
@@ -76,7 +77,7 @@ class TablesPanel:
                     self._preset_menu = PresetMenu(self._presets, self._take_whole)
         with ui.element("div").classes("vs-row"):
             ui.label("All opacities").classes("vs-label")
-            self._slider = slider(
+            self._slider = Slider(
                 SceneEditor(self._model, self._volume.description.geometry, "opacities"),
                 "greatest opacity of the opacity table",
                 (math.log10(LEAST_OPACITY), 0.0),

@@ -16,10 +16,10 @@ from volsplat.client.ui.fields import (
     pressable,
     show_pressed,
     show_prop,
-    slider,
     whole_number_field,
 )
 from volsplat.client.ui.image_size_fields import image_size_fields
+from volsplat.client.ui.slider import Slider
 from volsplat.client.ui.steps_bar import ORDER_WORDS
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.view_rotation import Quaternion, about, named_view, product
@@ -167,7 +167,7 @@ def _axis_bounds(editor: SceneEditor, geometry: Geometry, axis: int, letter: str
             lambda scene: get(scene, 0),
             lambda scene, value: bounded(scene, geometry, axis, low=value),
         ).props(f'prefix="{letter}"')
-        slider(
+        Slider(
             editor,
             f"bounds on {letter}",
             (0, end),
@@ -252,7 +252,7 @@ def _kernel(editor: SceneEditor) -> None:
     )
     with ui.element("div").classes("vs-row"):
         ui.label("radius").classes("vs-label vs-narrow").tooltip("in voxels, where the kernel is cut")
-        slider(
+        Slider(
             editor,
             "radius",
             (1.0, 4.0),
