@@ -12,6 +12,7 @@ import click
 import msgspec
 from rich.console import Console
 
+from volsplat.client.import_ahead import imported_ahead
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.opened_volume import ignored, memory_option, opened, servers_from_options
 from volsplat.client.presets import PRESETS
@@ -25,6 +26,7 @@ from volsplat.protocol.scene import Refine, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
 
 GRACE_SECONDS = 600
+NEEDED_FOR_THE_PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page", "torch")
 LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 
@@ -71,7 +73,7 @@ def view(
         check_is_there(volume)
     servers = servers_from_options(workers, listen, token_file, memory=memory)
     console = Console(stderr=True)
-    with _bound(port) as bound:
+    with imported_ahead(*NEEDED_FOR_THE_PAGE), _bound(port) as bound:
         address = PageAddress(bound)
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored) as session:
