@@ -10,8 +10,7 @@ from volsplat.protocol.messages import LevelBoxes
 from volsplat.protocol.scene import Scene
 from volsplat.protocol.volume import Box, Geometry
 
-# Held of each voxel: its packet, and what the walk keeps of the visible ones, which is 0.65 of that at most.
-BYTES_PER_VOXEL = 4 * 1.65
+BYTES_PER_VOXEL = 4 * (1 + levels.LISTS_PER_STORED_PACKET)  # held: its packet, and lists of what can be seen
 SHARE_OF_MEMORY = 0.5  # of what a machine has left, for all its servers together
 STEADY = 0.8  # while a person zooms out, the next coarser level must be so far within a pixel before it is taken
 

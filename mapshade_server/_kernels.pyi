@@ -22,6 +22,9 @@ def cpu_path() -> str:
 def set_cpu_path(name: str) -> None:
     """Use another one from now on; the bits stay the same. Raises BadInput for one that is not in cpu_paths()."""
 
+def give_freed_memory_back() -> None:
+    """Have the system get memory of 256 KiB and more back as soon as it is freed; for good, where glibc allocates."""
+
 def survey(source: object, low: Index, size: Index, matrix: _Vector) -> tuple[float, float, float, int]:
     """Least and greatest value, greatest |gradient| and voxels without data of a box within a source array.
 
@@ -89,7 +92,8 @@ def opacity_table(opac: _Vector, modu: _Vector, exponent: float) -> Array:
 class ClassifiedRows:
     """Which voxels of a box's rows can be seen, for each axis that rows were walked along; see classified_rows.h."""
 
-    def __init__(self, size: Index) -> None: ...
+    def __init__(self, size: Index, share: float) -> None:
+        """The lists take at most this share of what the packets take."""
     @property
     def bytes(self) -> int:
         """What the lists take."""

@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.packet_store import PacketStore
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.volume import Box
@@ -19,6 +20,7 @@ def stored_sub_cube(
     No more is held meanwhile than that and one sheet of bricks. Raises BadInput for damage.
     """
     ni, nj, nk = box.size
+    _kernels.give_freed_memory_back()  # bricks are unpacked by many threads
     packets = np.empty(box.voxels + SPARE_PACKETS, np.uint32)[: box.voxels].reshape(nk, nj, ni)
     (i0, j0, k0), (i1, j1, k1) = box
     start = k0

@@ -7,7 +7,10 @@ from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader
 from volsplat.protocol.errors import BadInput, LocalProtocolError
 from volsplat.protocol.index_rules import Quantisation, Survey, physical_gradient
+from volsplat.protocol.levels import LISTS_PER_STORED_PACKET
 from volsplat.protocol.volume import HALO, Box, Geometry, Index
+
+LISTS_PER_PACKET = 0.65  # of the packets' bytes, for the lists of what can be seen: a tenth of the voxels on three axes
 
 
 class Histograms(NamedTuple):
@@ -33,7 +36,7 @@ class SubCube:
         self._second: Any = None
         self._low: Index = (0, 0, 0)
         self._packets: _kernels.Array | None = None
-        self._classified_rows = _kernels.ClassifiedRows(box.size)
+        self._classified_rows = _kernels.ClassifiedRows(box.size, LISTS_PER_PACKET)
 
     @classmethod
     def of_volume(cls, geometry: Geometry, values: Any, box: Box | None = None) -> "SubCube":
@@ -48,6 +51,7 @@ class SubCube:
         """A sub-cube whose packets were made before: uint32 (k, j, i), with some room behind them."""
         sub_cube = cls(geometry, box)
         sub_cube._packets = packets
+        sub_cube._classified_rows = _kernels.ClassifiedRows(box.size, LISTS_PER_STORED_PACKET)
         return sub_cube
 
     def read(self, reader: VolumeReader) -> None:
@@ -104,7 +108,7 @@ class SubCube:
             octahedral=quantisation.directions == "octahedral",
         )
         self._source = self._second = None
-        self._classified_rows = _kernels.ClassifiedRows(self.box.size)
+        self._classified_rows = _kernels.ClassifiedRows(self.box.size, LISTS_PER_PACKET)
 
     @property
     def classified_rows(self) -> _kernels.ClassifiedRows:

@@ -22,16 +22,16 @@ from reference import mapping
 from volsplat.bench.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch, sample_reach
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.sub_cube import LISTS_PER_PACKET, SubCube
 from volsplat.protocol.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
 from volsplat.protocol.frame_plan import plan_frame
 from volsplat.protocol.index_rules import Quantisation
+from volsplat.protocol.levels import LISTS_PER_STORED_PACKET
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.volume import Box, Geometry
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 LATTICE = 64
-SHARE = 0.65  # of the voxel packets' bytes that lists may take
 PACKET_BYTES = 4
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
 STEPS_OF_ALL_VOXELS = (Step.C, Step.D, Step.E, Step.F)
@@ -106,7 +106,19 @@ def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geo
             assert after.rows == fresh.rows
             assert after.visited == fresh.visited
             for sub_cube in held:
-                assert sub_cube.classified_rows.bytes <= SHARE * PACKET_BYTES * sub_cube.box.voxels
+                assert sub_cube.classified_rows.bytes <= LISTS_PER_PACKET * PACKET_BYTES * sub_cube.box.voxels
+
+
+def test_packets_from_a_store_have_smaller_lists() -> None:
+    values = torch.rand(SIDE, SIDE, SIDE, generator=torch.Generator().manual_seed(1))
+    [packed] = held_as(CUBE, values, [CUBE.box])
+    stored = SubCube.of_packets(CUBE, CUBE.box, packed.packets)
+    most = LISTS_PER_STORED_PACKET * PACKET_BYTES * CUBE.box.voxels
+    for axis in TOWARDS:  # each list takes a quarter of the packets' bytes or more
+        scene = seen_from(axis, 0.72)
+        assert frame([stored], scene).rows == frame([packed], scene).rows
+        assert 0 < stored.classified_rows.bytes <= most
+    assert len(stored.classified_rows.axes) < len(packed.classified_rows.axes)
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)

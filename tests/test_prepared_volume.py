@@ -10,7 +10,7 @@ import torch
 from head_volume import skin
 
 from volsplat.client import Session
-from volsplat.client.base_level import BYTES_PER_VOXEL, LevelChoice, budgets
+from volsplat.client.base_level import LevelChoice, budgets
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.presets import preset_scene
 from volsplat.client.renderer import Refinement, Renderer
@@ -137,8 +137,7 @@ def test_a_probe_answers_with_an_index_of_the_volume(single: SingleProcess, unpr
 
 
 def test_little_memory_takes_a_coarser_level_and_says_so(store: Path) -> None:
-    needed = BYTES_PER_VOXEL * SIZE[0] * SIZE[1] * SIZE[2]
-    with SingleProcess(store, memory=int(needed / 2)) as single:
+    with SingleProcess(store, memory=600_000) as single:
         drawn = single.finish(at_zoom(single, 1.3), Step.F)
         assert level_of(drawn) == 1
         assert "the finest that fits into 0.6 MB of each server" in why(drawn)

@@ -9,7 +9,6 @@ namespace volsplat {
 
 namespace {
 
-constexpr double kShare = 0.65;  // of the voxel packets' bytes: three axes with a tenth of the voxels visible each
 constexpr std::size_t kVoxelBytes = sizeof(std::uint32_t) + sizeof(std::uint16_t);
 
 template <typename T>
@@ -56,9 +55,9 @@ std::size_t RowLists::bytes_with(std::size_t more_voxels) const {
   return rows_.size() * sizeof(Row) + std::max(most_filled_, filled_ + more_voxels) * kVoxelBytes;
 }
 
-ClassifiedRows::ClassifiedRows(const Index3& size)
+ClassifiedRows::ClassifiedRows(const Index3& size, double share)
     : size_(size),
-      most_bytes_(static_cast<std::size_t>(kShare * sizeof(std::uint32_t) *
+      most_bytes_(static_cast<std::size_t>(share * sizeof(std::uint32_t) *
                                            static_cast<double>(size[0] * size[1] * size[2]))) {}
 
 std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility& visibility) {

@@ -59,7 +59,8 @@ class RowLists {
 
 class ClassifiedRows {
  public:
-  explicit ClassifiedRows(const Index3& size);
+  // The lists may take a share of what the voxel packets of a box take.
+  ClassifiedRows(const Index3& size, double share);
 
   const Index3& size() const { return size_; }
 

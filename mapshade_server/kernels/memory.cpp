@@ -1,10 +1,13 @@
-// Asks the system for large pages.
+// Asks the system for large pages, and has the allocator give memory back.
 #include "memory.h"
 
 #include <new>
 
 #if defined(__linux__)
 #include <sys/mman.h>
+#endif
+#if defined(__GLIBC__)
+#include <malloc.h>
 #endif
 
 namespace volsplat {
@@ -25,6 +28,12 @@ LargeMemory large_memory(std::size_t bytes) {
   if (page == kLargePage) static_cast<void>(madvise(memory.get(), rounded, MADV_HUGEPAGE));  // only a hint
 #endif
   return memory;
+}
+
+void give_freed_memory_back() {
+#if defined(__GLIBC__)
+  mallopt(M_MMAP_THRESHOLD, 1 << 18);
+#endif
 }
 
 }  // namespace volsplat

@@ -17,4 +17,8 @@ using LargeMemory = std::unique_ptr<void, FreeMemory>;
 // Uninitialised, aligned for vectors. The system hands out its pages as they are touched. Throws std::bad_alloc.
 LargeMemory large_memory(std::size_t bytes);
 
+// From now on the system gets memory of a quarter of a megabyte and more back as soon as it is freed. The allocator of
+// glibc would come to keep it, once for every thread that asked for such.
+void give_freed_memory_back();
+
 }  // namespace volsplat

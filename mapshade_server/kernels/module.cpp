@@ -10,6 +10,7 @@
 
 #include "bare_loop.h"
 #include "cpu_path.h"
+#include "memory.h"
 #include "python_frame_walk.h"
 #include "python_preprocessing.h"
 
@@ -33,6 +34,8 @@ NB_MODULE(_kernels, m) {
   m.def("cpu_path", &cpu_path);
   m.def("set_cpu_path", &set_cpu_path, "name"_a);
 
+  m.def("give_freed_memory_back", &give_freed_memory_back);
+
   m.def("survey", &python_survey, "source"_a, "low"_a, "size"_a, "matrix"_a);
   m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "density"_a,
         "strength"_a);
@@ -50,7 +53,7 @@ NB_MODULE(_kernels, m) {
   m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
 
   nb::class_<ClassifiedRows>(m, "ClassifiedRows")
-      .def(nb::init<const Index3&>(), "size"_a)
+      .def(nb::init<const Index3&, double>(), "size"_a, "share"_a)
       .def_prop_ro("bytes", &ClassifiedRows::bytes)
       .def_prop_ro("axes", &ClassifiedRows::axes);
 
