@@ -6,7 +6,7 @@ scaled to integrate to 1 over the plane. Q is the inverse of the upper 2x2 block
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from volsplat.protocol.frame_plan import FramePlan
 from volsplat.protocol.matrices import dot
@@ -56,6 +56,10 @@ class FootprintShape:
     qyy: float
     half_width: float  # of the ellipse's bounding box, in pixels
     half_height: float
+
+    def mirrored(self) -> "FootprintShape":
+        """With x and y exchanged."""
+        return replace(self, qxx=self.qyy, qyy=self.qxx, half_width=self.half_height, half_height=self.half_width)
 
 
 def footprint_shape(plan: FramePlan, reconstruction: Reconstruction) -> FootprintShape:

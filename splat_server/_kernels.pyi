@@ -102,16 +102,19 @@ class StripePool:
         """End the threads."""
 
 class ImageMemory:
-    """float32, associated."""
+    """float32, associated, kept by rows or by columns: see image_memory.h."""
 
-    def __init__(self, width: int, height: int) -> None: ...
+    def __init__(self, width: int, height: int, by_columns: bool) -> None: ...
     def clear(self) -> None: ...
     def snapshot(self) -> memoryview:
         """height x width x 4 float32 RGBA, little endian, as bytes; its memory is used again once nobody holds it."""
 
     @property
     def closed_tiles(self) -> memoryview:
-        """The live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable."""
+        """The live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable.
+
+        Splatting looks at this very map if the image is kept by rows, else at one of its own.
+        """
 
     @property
     def hidden_packets(self) -> int:

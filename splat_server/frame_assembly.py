@@ -26,7 +26,7 @@ from volsplat.splat_server.merge_events import (
     SplatSpans,
     SplatterReady,
 )
-from volsplat.splat_server.pixel_reach import pixel_reach, pixels_reached
+from volsplat.splat_server.pixel_reach import pixel_reach, pixels_reached, runs_up_and_down
 from volsplat.splat_server.volume_edges import edge_layers, volume_edges
 
 
@@ -60,7 +60,7 @@ class FrameAssembly:
         threads: int = 1,
         resolution: Resolution | None = None,
     ) -> None:
-        """Clears `image` and uses it if it has the scene's size. Raises ValueError or BadInput for a bad scene.
+        """Clears `image` and uses it if it suits the scene. Raises ValueError or BadInput for a bad scene.
 
         `geometry` is the volume's; the frame is drawn from `resolution`, as plan_frame has it.
         """
@@ -71,12 +71,14 @@ class FrameAssembly:
         self.packets = 0
         self.seconds_in_merge = 0.0
         self.seconds_in_splat = 0.0
-        self._reach = pixel_reach(self.plan, scene.reconstruction)
-        self.pixels_per_packet = pixels_reached(self._reach, self.plan)
+        by_columns = runs_up_and_down(self.plan)
+        self._reach = pixel_reach(self.plan, scene.reconstruction, by_columns)
+        self.pixels_per_packet = pixels_reached(self._reach, self.plan, by_columns)
         edges = volume_edges(scene, geometry, plan_frame(scene, geometry, step))  # whatever level is drawn
         self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
-        if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
-            image = ImageBuffer(self.plan.width, self.plan.height, threads)
+        wanted = (self.plan.width, self.plan.height, by_columns)
+        if image is None or (image.width, image.height, image.by_columns) != wanted:
+            image = ImageBuffer(self.plan.width, self.plan.height, threads, by_columns)
         image.clear()
         self.image = image
         self.merge = merge or Merge()

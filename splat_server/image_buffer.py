@@ -11,17 +11,19 @@ THREADED_FROM_PIXELS = 1 << 17  # … or pixels under them: below both, handing 
 
 
 class ImageBuffer:
-    """`threads` stripes of rows are splatted at once, one for each row of tiles at most; their number changes no bits.
+    """Kept by rows, or by columns: what is splatted into it is reached by lines that are one or the other.
 
+    `threads` stripes of lines are splatted at once, one for each line of tiles at most; their number changes no bits.
     One thread at a time may call `splat`; others may take a `snapshot` or read `closed_tiles` meanwhile.
     """
 
-    def __init__(self, width: int, height: int, threads: int = 1) -> None:
+    def __init__(self, width: int, height: int, threads: int = 1, by_columns: bool = False) -> None:
         self.width = width
         self.height = height
-        self._memory = ImageMemory(width, height)
-        tile_rows, _ = tile_map_shape(width, height)
-        threads = min(threads, tile_rows)
+        self.by_columns = by_columns
+        self._memory = ImageMemory(width, height, by_columns)
+        tile_lines, _ = tile_map_shape(height, width) if by_columns else tile_map_shape(width, height)
+        threads = min(threads, tile_lines)
         self._pool = StripePool(threads) if threads > 1 else None
 
     @property
@@ -38,7 +40,10 @@ class ImageBuffer:
         self._memory.clear()
 
     def splat(self, spans: SpanList, reach: PixelReach, order: Order, pixels_per_packet: int = 1) -> None:
-        """Combine the spans' samples with the buffer, in their order. `pixels_per_packet` says what to thread."""
+        """Combine the spans' samples with the buffer, in their order. `pixels_per_packet` says what to thread.
+
+        `reach` is by columns if the buffer is (see pixel_reach).
+        """
         few = spans.packets < THREADED_FROM and spans.packets * pixels_per_packet < THREADED_FROM_PIXELS
         pool = None if few else self._pool
         front_to_back = order == Order.FRONT_TO_BACK

@@ -14,17 +14,26 @@ CELL_MARGIN = 6  # rows above and below a cell that are searched as well
 CELL_ROW = 64  # pixels: what searching a row for a cell's pixels costs
 
 
-def pixel_reach(plan: FramePlan, reconstruction: Reconstruction) -> PixelReach:
-    """Raises BadInput where a footprint is larger than any image."""
+def runs_up_and_down(plan: FramePlan) -> bool:
+    """Whether a run of samples goes up or down the image rather than across: it is then best kept by columns."""
+    across, down, _ = plan.pixels_per_index
+    sample = plan.traversal.axes[2]
+    return abs(down[sample]) > abs(across[sample])
+
+
+def pixel_reach(plan: FramePlan, reconstruction: Reconstruction, by_columns: bool = False) -> PixelReach:
+    """For an image buffer that is kept by rows or columns. Raises BadInput for a footprint larger than any image."""
     if plan.reach == Reach.FOOTPRINT:
-        return footprint_table(footprint_shape(plan, reconstruction))
-    return cell_map(plan) if plan.reach == Reach.CELL else None
+        shape = footprint_shape(plan, reconstruction)
+        return footprint_table(shape.mirrored() if by_columns else shape)
+    return cell_map(plan, by_columns) if plan.reach == Reach.CELL else None
 
 
-def pixels_reached(reach: PixelReach, plan: FramePlan) -> int:
+def pixels_reached(reach: PixelReach, plan: FramePlan, by_columns: bool = False) -> int:
     """What splatting one packet costs at most, in pixels combined."""
     if isinstance(reach, FootprintTable):
-        return min(reach.width, plan.width) * min(reach.height, plan.height)
+        line, lines = (plan.height, plan.width) if by_columns else (plan.width, plan.height)
+        return min(reach.width, line) * min(reach.height, lines)
     if reach is None:
         return 1
     cell = [(axis, max(plan.visits[axis].block_sizes())) for axis in plan.traversal.axes[1:]]
@@ -33,7 +42,7 @@ def pixels_reached(reach: PixelReach, plan: FramePlan) -> int:
     return rows * (min(math.ceil(width), plan.width) + CELL_ROW)
 
 
-def cell_map(plan: FramePlan) -> CellMap:
+def cell_map(plan: FramePlan, by_columns: bool = False) -> CellMap:
     """The cells of a frame's sheets."""
     sheet, row, sample = plan.traversal.axes
 
@@ -45,4 +54,5 @@ def cell_map(plan: FramePlan) -> CellMap:
         ascending = plan.traversal.ascending[loop]
         return (visits.low, visits.high, visits.stride, visits.first, visits.count, ascending)
 
-    return CellMap(ordered(plan.x), ordered(plan.y), (axis(0), axis(1), axis(2)))
+    along, across = (plan.y, plan.x) if by_columns else (plan.x, plan.y)
+    return CellMap(ordered(along), ordered(across), (axis(0), axis(1), axis(2)))

@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from torch import Tensor
 
@@ -46,6 +46,11 @@ class Run:
         ]
         run = ROW_RUN.pack(self.sheet, self.row, self.first, len(self.dots), x0, y0)
         return run, struct.pack(f"<{len(packets)}Q", *packets)
+
+
+def mirrored(runs: list[Run]) -> list[Run]:
+    """With x and y exchanged."""
+    return [replace(run, dots=tuple(replace(dot, x=dot.y, y=dot.x) for dot in run.dots)) for run in runs]
 
 
 def batch_bytes(runs: Iterable[Run]) -> tuple[bytes, bytes]:

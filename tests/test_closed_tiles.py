@@ -1,5 +1,6 @@
 """Closed tiles: what is hidden is left out without changing a bit, and only what is frozen counts as closed."""
 
+import math
 import random
 from collections.abc import Iterator
 
@@ -7,7 +8,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from row_runs import Dot, Run, spans_of
+from row_runs import Dot, Run, mirrored, spans_of
 from torch import Tensor
 
 from reference.combining import FROZEN_ALPHA
@@ -93,21 +94,25 @@ def test_leaving_out_what_is_hidden_changes_no_bit(
 ) -> None:
     table = FOOTPRINTS[size]
     sheets = layers(seed, width, height, 0.9 if dense else 0.3)
-    kept, forgetful = ImageBuffer(width, height, threads), ImageBuffer(width, height)
+    by_rows, forgetful = ImageBuffer(width, height, threads), ImageBuffer(width, height)
+    by_columns = ImageBuffer(height, width, threads, by_columns=True)
     for runs in sheets:
-        splat(kept, runs, table)
+        splat(by_rows, runs, table)
+        splat(by_columns, mirrored(runs), table)
         for run in runs:
             forget(forgetful)
             splat(forgetful, [run], table)
-    assert torch.equal(pixels(kept), pixels(forgetful))
-    kept.close()
+    assert torch.equal(pixels(by_rows), pixels(forgetful))
+    assert torch.equal(pixels(by_columns), pixels(forgetful).transpose(0, 1))
+    by_rows.close()
+    by_columns.close()
 
 
-@given(st.integers(0, 1 << 30), sizes, sizes, st.sampled_from(sorted(FOOTPRINTS)), st.integers(1, 3))
+@given(st.integers(0, 1 << 30), sizes, sizes, st.sampled_from(sorted(FOOTPRINTS)), st.integers(1, 3), st.booleans())
 def test_the_map_only_rises_and_a_closed_tile_is_frozen(
-    seed: int, width: int, height: int, size: tuple[float, float], threads: int
+    seed: int, width: int, height: int, size: tuple[float, float], threads: int, by_columns: bool
 ) -> None:
-    image = ImageBuffer(width, height, threads)
+    image = ImageBuffer(width, height, threads, by_columns)
     assert image.closed_tiles.shape == tile_map_shape(width, height)
     before = words(image)
     for runs in layers(seed, width, height, 0.9):
@@ -125,8 +130,9 @@ def test_the_map_only_rises_and_a_closed_tile_is_frozen(
     image.close()
 
 
+@pytest.mark.parametrize("by_columns", [False, True])
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (250, 20), (30, 29)])
-def test_behind_an_opaque_wall_all_is_hidden(width: int, height: int) -> None:
+def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, by_columns: bool) -> None:
     table = FOOTPRINTS[4.0, 4.0]
     wall = [
         Run(sheet, row, 0, tuple(Dot(x * 64, y * 64, OPAQUE, (9, 9, 9)) for x in range(-2, width + 2, 2)))
@@ -134,8 +140,10 @@ def test_behind_an_opaque_wall_all_is_hidden(width: int, height: int) -> None:
         for row, y in enumerate(range(-2, height + 2, 2))
     ]
     behind = [Run(LAYERS, 0, 0, tuple(Dot(x * 64, 700, OPAQUE, (255, 0, 0)) for x in range(0, width, 5)))]
-    image = ImageBuffer(width, height)
+    image = ImageBuffer(width, height, by_columns=by_columns)
     splat(image, wall, table)
+    rows, columns = math.ceil(height / TILE_SIDE), math.ceil(width / TILE_SIDE)
+    assert sum(word.bit_count() for row in words(image) for word in row) == rows * columns
     seen = image.hidden_packets
     before = pixels(image).clone()
     splat(image, behind, table)

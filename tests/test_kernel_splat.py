@@ -8,7 +8,7 @@ import torch
 from arbitrary import plain_scene, situations
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
-from row_runs import FARTHEST, Dot, Run, runs_of_samples, spans_of
+from row_runs import FARTHEST, Dot, Run, mirrored, runs_of_samples, spans_of
 from torch import Tensor
 
 from reference import mapping
@@ -83,9 +83,17 @@ def plainly_splatted(runs: list[Run], table: FootprintTable | None, order: Order
     return torch.tensor(image, dtype=torch.float64).reshape(height, width, 4)
 
 
-def splatted(runs: list[Run], reach: PixelReach, order: Order, width: int, height: int, threads: int = 1) -> Tensor:
+def splatted(
+    runs: list[Run],
+    reach: PixelReach,
+    order: Order,
+    width: int,
+    height: int,
+    threads: int = 1,
+    by_columns: bool = False,
+) -> Tensor:
     """By the kernel, in stripes where there are several threads."""
-    image = ImageBuffer(width, height, threads)
+    image = ImageBuffer(width, height, threads, by_columns)
     pinned = spans_of(runs)
     image.splat(pinned.spans, reach, order, pixels_per_packet=THREADED_FROM_PIXELS)
     image.close()
@@ -138,6 +146,21 @@ def test_footprints_combine_as_the_paper_says(
     expected = plainly_splatted(runs, table, order, width, height)
     assert (image - expected).abs().max() <= SPLAT_FLOAT32
     assert image.any()
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+@pytest.mark.parametrize("table_name", [*TABLES, "nearest pixels"])
+@pytest.mark.parametrize(("width", "height"), [(37, 23), (70, 133), (1, 9), (16, 2)])
+@pytest.mark.parametrize("threads", [1, 3])
+def test_an_image_kept_by_columns_is_that_of_the_mirrored_samples(
+    path: str, table_name: str, order: Order, width: int, height: int, threads: int
+) -> None:
+    table = table_of(*TABLES[table_name]) if table_name in TABLES else None
+    runs = random_runs(width, width, height, count=240)
+    by_columns = splatted(runs, table, order, width, height, threads, by_columns=True)
+    by_rows = splatted(mirrored(runs), table, order, height, width)
+    assert torch.equal(by_columns, by_rows.transpose(0, 1))
+    assert by_columns.any()
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
@@ -234,9 +257,15 @@ def sheet_of(scene: Scene, geometry: Geometry, plan: FramePlan, opacity: int, ch
 
 
 @settings(max_examples=40)
-@given(situations(), st.sampled_from((Step.A, Step.B, Step.C)), st.integers(0, 12), st.sampled_from(PATHS))
+@given(
+    situations(),
+    st.sampled_from((Step.A, Step.B, Step.C)),
+    st.integers(0, 12),
+    st.sampled_from(PATHS),
+    st.booleans(),
+)
 def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
-    situation: tuple[Scene, Geometry], step: Step, chosen: int, path: str
+    situation: tuple[Scene, Geometry], step: Step, chosen: int, path: str, by_columns: bool
 ) -> None:
     scene, geometry = situation
     plan = plan_frame(scene, geometry, step)
@@ -244,7 +273,8 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     half = OPACITY_CODES - 256  # overlapping cells would add up
     sheet, runs = sheet_of(scene, geometry, plan, half, chosen)
     with kernels_on(_kernels, path):
-        image = splatted(runs, cell_map(plan), scene.order, plan.width, plan.height)
+        cells = cell_map(plan, by_columns)
+        image = splatted(runs, cells, scene.order, plan.width, plan.height, by_columns=by_columns)
     grid = sheet_coordinates_by_dda(plan, sheet)
     inside = (visit_at(grid[:, 0], plan, 1) >= 0) & (visit_at(grid[:, 1], plan, 2) >= 0)
     expected = torch.where(inside, torch.tensor(opacity_of_code(half), dtype=torch.float32), 0.0)

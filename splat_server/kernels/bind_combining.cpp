@@ -26,8 +26,8 @@ namespace {
 
 // The image with the blocks that it is published in.
 struct PythonImage {
-    PythonImage(int width, int height)
-        : memory(width, height), blocks(static_cast<std::size_t>(width) * height * 4) {}
+    PythonImage(int width, int height, bool by_columns)
+        : memory(width, height, by_columns), blocks(static_cast<std::size_t>(width) * height * 4) {}
     ImageMemory memory;
     ImageBlocks blocks;
 };
@@ -156,7 +156,7 @@ void bind_combining(nb::module_& m) {
         .def(nb::init<int>(), "threads"_a)
         .def("close", &StripePool::close, nb::call_guard<nb::gil_scoped_release>());
     nb::class_<PythonImage>(m, "ImageMemory")
-        .def(nb::init<int, int>(), "width"_a, "height"_a)
+        .def(nb::init<int, int, bool>(), "width"_a, "height"_a, "by_columns"_a)
         .def("clear", [](PythonImage& self) { self.memory.clear(); }, nb::call_guard<nb::gil_scoped_release>())
         .def("snapshot", &snapshot)
         .def_prop_ro("closed_tiles", &closed_tiles)

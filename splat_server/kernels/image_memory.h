@@ -1,6 +1,7 @@
-// The image buffer's memory: associated float32, each row as four planes of red, green, blue and alpha, so that the
-// splat loop combines neighbouring pixels without shuffling. Planes lie between margins that the loop may write to.
-// Beside it, the map of closed tiles (protocol/closed_tiles.py).
+// The image buffer's memory: associated float32, each line of pixels as four planes of red, green, blue and alpha, so
+// that the splat loop combines neighbouring pixels without shuffling. Planes lie between margins that the loop may write
+// to. Lines are the image's rows or, where runs of samples go up and down, its columns: then the pixels of a run lie in
+// few lines, which the first cache can hold. Beside it, the map of closed tiles (protocol/closed_tiles.py).
 #pragma once
 #include <atomic>
 #include <cstddef>
@@ -15,7 +16,7 @@ namespace volsplat {
 class ImageMemory {
 public:
     // Throws std::invalid_argument for a size outside 1..65535, std::bad_alloc where memory lacks.
-    ImageMemory(int width, int height);
+    ImageMemory(int width, int height, bool by_columns);
 
     // Empties image and map, and forgets what was hidden.
     void clear();
@@ -23,27 +24,37 @@ public:
     void note(const SplatOutcome& outcome);
 
     ImageView view();
-    const float* row(int y) const { return first_pixel_ + y * 4 * plane_; }
-    std::int64_t plane() const { return plane_; }  // floats from one channel of a row to the next
     int width() const { return width_; }
     int height() const { return height_; }
-    // Rows outside of these are empty.
-    int row_begin() const { return row_begin_; }
-    int row_end() const { return row_end_; }
+    bool by_columns() const { return by_columns_; }
+    const float* line(int n) const { return first_pixel_ + n * 4 * plane_; }
+    std::int64_t plane() const { return plane_; }  // floats from one channel of a line to the next
+    // Lines outside of these are empty.
+    int line_begin() const { return line_begin_; }
+    int line_end() const { return line_end_; }
 
-    std::uint64_t* closed_tiles() { return closed_tiles_.data(); }
-    std::int64_t tile_rows() const { return tile_rows_; }
-    std::int64_t tile_words() const { return tile_words_; }  // of a row of tiles
+    // By rows, whatever lines are.
+    std::uint64_t* closed_tiles() { return by_columns_ ? told_.words.data() : closed_.words.data(); }
+    std::int64_t tile_rows() const { return by_columns_ ? told_.rows : closed_.rows; }
+    std::int64_t tile_words() const { return by_columns_ ? told_.row_words : closed_.row_words; }  // of a row of tiles
     std::uint64_t hidden_packets() const { return hidden_packets_; }
 
 private:
+    struct TileMap {
+        TileMap(int width, int height);
+        std::int64_t rows, row_words;
+        std::vector<std::uint64_t> words;  // and one more
+    };
+
     int width_, height_;
+    bool by_columns_;
+    int line_pixels_, lines_;
     std::int64_t plane_;
     LargeMemory memory_;
     float* first_pixel_;
-    std::atomic<int> row_begin_, row_end_;  // read while another thread splats
-    std::int64_t tile_rows_, tile_words_;
-    std::vector<std::uint64_t> closed_tiles_;
+    std::atomic<int> line_begin_, line_end_;  // read while another thread splats
+    TileMap closed_;  // by lines
+    TileMap told_;    // by rows, where lines are columns
     std::uint64_t hidden_packets_ = 0;
 };
 

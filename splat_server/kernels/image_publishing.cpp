@@ -7,6 +7,7 @@
 namespace volsplat {
 namespace {
 
+constexpr int kLinePixels = 16;         // of a cache line, for one channel
 constexpr std::size_t kMostBlocks = 4;  // kept to be handed out again
 
 typedef float Four __attribute__((vector_size(16)));
@@ -38,14 +39,45 @@ void publish_row(const float* row, std::int64_t plane, int width, float* target)
     std::memcpy(target + x * 4, rest, (width - x) * 4 * sizeof(float));
 }
 
+void publish_rows(const ImageMemory& image, int begin, int end, float* target) {
+    const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
+    std::memset(target, 0, begin * row * sizeof(float));
+    for (int y = begin; y < end; ++y) publish_row(image.line(y), image.plane(), image.width(), target + y * row);
+    std::memset(target + end * row, 0, (image.height() - end) * row * sizeof(float));
+}
+
+// Four pixels of each of some columns, at most four, from row y on.
+void publish_block(const ImageMemory& image, int x, int columns, int y, float* target) {
+    const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
+    const int rows = std::min(4, image.height() - y);
+    float block[4][16];
+    for (int n = 0; n < columns; ++n) interleave(image.line(x + n) + y, image.plane(), block[n]);
+    for (int r = 0; r < rows; ++r)
+        for (int n = 0; n < columns; ++n)
+            std::memcpy(target + (y + r) * row + (x + n) * 4, block[n] + r * 4, 4 * sizeof(float));
+}
+
+// By bands of rows, so that what is read and written of a block stays in the first cache for its neighbours.
+void publish_columns(const ImageMemory& image, int begin, int end, float* target) {
+    const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
+    for (int top = 0; top < image.height(); top += kLinePixels) {
+        const int bottom = std::min(top + kLinePixels, image.height());
+        for (int y = top; y < bottom; ++y) {
+            std::memset(target + y * row, 0, begin * 4 * sizeof(float));
+            std::memset(target + y * row + end * 4, 0, (image.width() - end) * 4 * sizeof(float));
+        }
+        for (int x = begin; x < end; x += 4)
+            for (int y = top; y < bottom; y += 4) publish_block(image, x, std::min(4, end - x), y, target);
+    }
+}
+
 }  // namespace
 
 void publish(const ImageMemory& image, float* target) {
-    const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
-    const int begin = std::min(image.row_begin(), image.height()), end = std::max(image.row_end(), begin);
-    std::memset(target, 0, begin * row * sizeof(float));
-    for (int y = begin; y < end; ++y) publish_row(image.row(y), image.plane(), image.width(), target + y * row);
-    std::memset(target + end * row, 0, (image.height() - end) * row * sizeof(float));
+    const int lines = image.by_columns() ? image.width() : image.height();
+    const int begin = std::min(image.line_begin(), lines), end = std::max(image.line_end(), begin);
+    if (image.by_columns()) publish_columns(image, begin, end, target);
+    else publish_rows(image, begin, end, target);
 }
 
 void publish_between(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back, float* target) {

@@ -26,7 +26,7 @@ RowSpan reached_rows(const std::vector<RowSpan>& run_rows, const SplatJob& job) 
 
 void splat_into(ImageMemory& image, SplatJob job, StripePool* pool) {
     job.image = image.view();
-    job.row_begin = 0, job.row_end = image.height();
+    job.row_begin = 0, job.row_end = job.image.height;
     const int threads = pool ? pool->threads() : 1;
     if (threads == 1 && job.footprint.height < kLowFootprint) {
         image.note(splat(job));
@@ -42,7 +42,7 @@ void splat_into(ImageMemory& image, SplatJob job, StripePool* pool) {
     if (rows.begin >= rows.end) return;
     const int first_tile = rows.begin / kTileSide, tiles = (rows.end - 1) / kTileSide - first_tile + 1;
     const int height = job.footprint.height < kLowFootprint
-                           ? image.height()
+                           ? job.image.height
                            : std::max(kStripeRows, kStripeFootprints * job.footprint.height);
     const int low_stripes = (rows.end - rows.begin - 1) / height + 1;
     const int stripes = std::min(std::max(threads > 1 ? threads * kStripesPerThread : 1, low_stripes), tiles);
@@ -50,7 +50,7 @@ void splat_into(ImageMemory& image, SplatJob job, StripePool* pool) {
     const auto splat_stripe = [&](int n) {
         SplatJob stripe = job;
         stripe.row_begin = (first_tile + tiles * n / stripes) * kTileSide;
-        stripe.row_end = std::min((first_tile + tiles * (n + 1) / stripes) * kTileSide, image.height());
+        stripe.row_end = std::min((first_tile + tiles * (n + 1) / stripes) * kTileSide, job.image.height);
         outcomes[n] = splat(stripe);
     };
     if (pool) pool->share_out(stripes, splat_stripe);

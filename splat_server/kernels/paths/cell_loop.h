@@ -18,9 +18,9 @@ public:
         for (size_t s = 0; s < job_.span_count; ++s) {
             const unsigned char* packets = job_.spans[s].packets;
             for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
-                const RowRun run = run_at(job_.spans[s].runs, r);
+                const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
                 cells_.enter_row(run.sheet, run.row);
-                for (uint32_t n = 0; n < run.count; ++n, packets += 8) splat(sample_at(packets, run, job_.opacities));
+                for (uint32_t n = 0; n < run.count; ++n, packets += 8) splat(sample_at(packets, run, job_));
             }
         }
     }

@@ -29,11 +29,20 @@ public:
                 uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
                 const uint64_t bit = uint64_t(1) << column % 64;
                 // Others may read the map meanwhile; only this stripe's thread writes to its rows.
-                if (!(word & bit) && frozen(column, row)) __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
+                if (!(word & bit) && frozen(column, row)) {
+                    __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
+                    if (image_.by_columns) tell(row, column);
+                }
             }
     }
 
 private:
+    // By the screen's rows and columns. Other stripes' threads may be writing to the same word.
+    void tell(int column, int row) const {
+        uint64_t& word = image_.told_tiles[row * image_.told_words + column / 64];
+        __atomic_fetch_or(&word, uint64_t(1) << column % 64, __ATOMIC_RELAXED);
+    }
+
     // Another stripe's thread may be writing it.
     uint64_t word_at(int64_t place) const { return __atomic_load_n(&image_.closed_tiles[place], __ATOMIC_RELAXED); }
 

@@ -28,6 +28,8 @@ public:
           image_(job.image),
           closed_(job.image),
           closed_boxes_(job.image, table_.width, table_.height),
+          x_shift_(x_shift(job.image)),
+          y_shift_(y_shift(job.image)),
           least_top_(Integers{} + job.row_end),
           greatest_top_(Integers{} + job.row_begin - table_.height) {}
 
@@ -36,7 +38,7 @@ public:
         for (size_t s = 0; s < job_.span_count; ++s) {
             const unsigned char* packets = job_.spans[s].packets;
             for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
-                const RowRun run = run_at(job_.spans[s].runs, r);
+                const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
                 if (in_rows(job_, number) && near(run)) {
                     const PacketRange range = within_rows(job_, number)
                                                   ? PacketRange{0, run.count}
@@ -78,7 +80,8 @@ private:
 
     Samples decoded(const Packets& packets, const RowRun& run) {
         const int bits = table_.offset_bits, shift = kSubpixelBits - bits, half = 1 << shift >> 1;
-        const Integers x = (packets.x() + (run.x0 + half)) >> shift, y = (packets.y() + (run.y0 + half)) >> shift;
+        const Integers x = (packets.position(x_shift_) + (run.x0 + half)) >> shift;
+        const Integers y = (packets.position(y_shift_) + (run.y0 + half)) >> shift;
         const Integers fx = x & ((1 << bits) - 1), fy = y & ((1 << bits) - 1);
         Samples samples;
         samples.left = (x >> bits) + table_.start_x - (fx >= table_.step_x);
@@ -216,6 +219,7 @@ private:
     const ImageView image_;
     const ClosedTiles closed_;
     const ClosedBoxes closed_boxes_;
+    const int x_shift_, y_shift_;
     Integers least_top_, greatest_top_;
     int examined_x_ = -1, examined_y_ = -1;  // the tile under the middle of the last box that was looked at
     uint64_t hidden_ = 0;

@@ -11,14 +11,14 @@ struct Extent {
     int64_t least, greatest;
 };
 
-int64_t y_of(const unsigned char* packet) {
+int64_t position_of(const unsigned char* packet, int shift) {
     uint64_t bits;
     __builtin_memcpy(&bits, packet, sizeof bits);
-    return static_cast<int64_t>(bits >> kPositionBits & kPositionMask);
+    return static_cast<int64_t>(bits >> shift & kPositionMask);
 }
 
-Extent extent_of(const unsigned char* packets, uint64_t count) {
-    const int64_t first = y_of(packets), last = y_of(packets + (count - 1) * 8);
+Extent extent_of(const unsigned char* packets, uint64_t count, int shift) {
+    const int64_t first = position_of(packets, shift), last = position_of(packets + (count - 1) * 8, shift);
     return first < last ? Extent{first, last} : Extent{last, first};
 }
 
@@ -30,12 +30,13 @@ int32_t limited(int64_t row, int height) {
 
 void find_run_rows(const SplatJob& job, RowSpan* rows) {
     const bool everywhere = job.reach == Reach::cell;
+    const int shift = y_shift(job.image);
     const int64_t around = job.reach == Reach::footprint ? job.footprint.height / 2 + 2 : 1;
     for (size_t s = 0; s < job.span_count; ++s) {
         const unsigned char* packets = job.spans[s].packets;
         for (uint64_t r = 0; r < job.spans[s].run_count; ++r, ++rows) {
-            const RowRun run = run_at(job.spans[s].runs, r);
-            const Extent extent = extent_of(packets, run.count);
+            const RowRun run = run_at(job.image, job.spans[s].runs, r);
+            const Extent extent = extent_of(packets, run.count, shift);
             *rows = {limited(((run.y0 + extent.least) >> kSubpixelBits) - around, job.image.height),
                      limited(((run.y0 + extent.greatest) >> kSubpixelBits) + around + 1, job.image.height)};
             if (everywhere) *rows = {0, job.image.height};

@@ -6,9 +6,18 @@ namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
 
-inline RowRun run_at(const unsigned char* runs, uint64_t n) {
+// Where a packet has its position on the image's axes.
+inline int x_shift(const ImageView& image) { return image.by_columns ? kPositionBits : 0; }
+inline int y_shift(const ImageView& image) { return image.by_columns ? 0 : kPositionBits; }
+
+// A run with its origin on the image's axes.
+inline RowRun run_at(const ImageView& image, const unsigned char* runs, uint64_t n) {
     RowRun run;
     __builtin_memcpy(&run, runs + n * sizeof run, sizeof run);
+    if (image.by_columns) {
+        const int32_t x0 = run.x0;
+        run.x0 = run.y0, run.y0 = x0;
+    }
     return run;
 }
 
@@ -30,10 +39,11 @@ struct PacketRange {
 
 inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const unsigned char* packets,
                                    int64_t reach) {
+    const int shift = y_shift(job.image);
     const auto y_at = [&](uint64_t n) {
         uint64_t packet;
         __builtin_memcpy(&packet, packets + n * 8, sizeof packet);
-        return int64_t(run.y0) + static_cast<int64_t>(packet >> kPositionBits & kPositionMask);
+        return int64_t(run.y0) + static_cast<int64_t>(packet >> shift & kPositionMask);
     };
     const int64_t least = (int64_t(job.row_begin) - reach) * (1 << kSubpixelBits);
     const int64_t greatest = (int64_t(job.row_end) + reach) * (1 << kSubpixelBits);
@@ -58,15 +68,15 @@ struct ShadedSample {
     float opacity, red, green, blue;
 };
 
-inline ShadedSample sample_at(const unsigned char* address, const RowRun& run, const float* opacities) {
+inline ShadedSample sample_at(const unsigned char* address, const RowRun& run, const SplatJob& job) {
     uint64_t packet;
     __builtin_memcpy(&packet, address, sizeof packet);
     const auto channel = [&](int n) {
         return static_cast<float>(static_cast<int>(packet >> (kColourShift + 8 * n) & 255)) / 255.0f;
     };
-    return {int64_t(run.x0) + static_cast<int64_t>(packet & kPositionMask),
-            int64_t(run.y0) + static_cast<int64_t>(packet >> kPositionBits & kPositionMask),
-            opacities[packet >> kOpacityShift & kOpacityMask], channel(0), channel(1), channel(2)};
+    return {int64_t(run.x0) + static_cast<int64_t>(packet >> x_shift(job.image) & kPositionMask),
+            int64_t(run.y0) + static_cast<int64_t>(packet >> y_shift(job.image) & kPositionMask),
+            job.opacities[packet >> kOpacityShift & kOpacityMask], channel(0), channel(1), channel(2)};
 }
 
 // Eight packets at once, each as two words of 32 bits.
@@ -78,8 +88,7 @@ typedef float Numbers __attribute__((vector_size(kAtOnce * 4)));
 struct Packets {
     Words low, high;
 
-    Integers x() const { return (Integers)(low & kPositionMask); }
-    Integers y() const { return (Integers)(low >> kPositionBits & kPositionMask); }
+    Integers position(int shift) const { return (Integers)(low >> shift & kPositionMask); }
     Numbers red() const { return channel(high >> 8 & 255); }
     Numbers green() const { return channel(high >> 16 & 255); }
     Numbers blue() const { return channel(high >> 24); }
