@@ -14,6 +14,7 @@ import psutil
 import pytest
 from browser import browser, browser_page
 from panels_page import State
+from prepared import prepare_small
 
 from tolerances import ROTATION_ENTRY
 from volsplat.client.phantoms.make_phantom import make_phantom
@@ -313,6 +314,27 @@ def test_refinement_and_kernel_are_chosen(tab: Tab) -> None:
     tab.becomes(lambda scene: scene.reconstruction.radius, 2.6)
     tab.button("default", "refinement").click()
     tab.becomes(lambda scene: scene.reconstruction.radius, "default")
+
+
+def test_striding_is_switched_where_a_volume_has_levels_and_follows_another_tab(
+    browser_page: Page, volume: Path, tmp_path: Path
+) -> None:
+    prepare_small(volume, tmp_path / "shells.zarr")
+    with served(tmp_path / "shells.zarr") as (address, _):
+        tabs = [Tab(browser_page, address), Tab(browser_page.context.new_page(), address)]
+        switches = [tab.page.get_by_role("switch", name="striding", exact=True) for tab in tabs]
+        for tab, switch, other, value in zip(tabs, switches, reversed(switches), (True, False), strict=True):
+            before = tab.scene.refine
+            switch.click()
+            after = tab.becomes(lambda scene: scene.refine.striding, value).refine
+            assert after == msgspec.structs.replace(before, striding=value)
+            tab.shows(switch, "aria-checked", str(value).lower())
+            tab.shows(other, "aria-checked", str(value).lower())
+
+
+def test_a_volume_without_levels_has_no_switch_for_striding(tab: Tab) -> None:
+    assert tab.page.get_by_role("switch", name="bare buffer").count() == 1
+    assert tab.page.get_by_role("switch", name="striding").count() == 0
 
 
 def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:

@@ -6,6 +6,7 @@ import msgspec
 from nicegui import ui
 
 from volsplat.client.colours import colour_from_hex
+from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.density_window_fields import density_window_fields
 from volsplat.client.ui.fields import (
     TOGGLE_PROPS,
@@ -58,7 +59,7 @@ def view_panel(viewing: Viewing) -> None:
         ui.label("How the image forms").classes("vs-title")
         _order(editor)
         _lit_from(editor)
-        _bare_buffer(editor)
+        _refine_switches(editor, viewing.volume)
         _kernel(editor)
     with ui.element("section").classes("vs-panel").props('aria-label="image"'):
         ui.label("Image").classes("vs-title")
@@ -224,14 +225,28 @@ def _lit_from(editor: SceneEditor) -> None:
     )
 
 
-def _bare_buffer(editor: SceneEditor) -> None:
-    switch = ui.switch("bare buffer").props("dense").classes("vs-switch")
-    switch.tooltip("show what is being drawn without the finished step under it")
+def _refine_switches(editor: SceneEditor, volume: SurveyedVolume) -> None:
+    with ui.element("div").classes("vs-switches"):
+        _refine_switch(
+            editor, "bare_buffer", "bare buffer", "show what is being drawn without the finished step under it"
+        )
+        if volume.prepared is not None and len(volume.prepared.levels) > 1:
+            _refine_switch(
+                editor,
+                "striding",
+                "striding",
+                "steps A and B leave out voxels, as in the paper, instead of drawing the means of a coarser level",
+            )
+
+
+def _refine_switch(editor: SceneEditor, name: str, label: str, meaning: str) -> None:
+    switch = ui.switch(label).props("dense").classes("vs-switch")
+    switch.tooltip(meaning)
     choose(
         editor,
         switch,
-        lambda scene: scene.refine.bare_buffer,
-        lambda scene, on: replace(scene, refine=replace(scene.refine, bare_buffer=on)),
+        lambda scene: getattr(scene.refine, name),
+        lambda scene, on: replace(scene, refine=replace(scene.refine, **{name: on})),
     )
 
 
