@@ -337,6 +337,12 @@ def test_a_volume_without_levels_has_no_switch_for_striding(tab: Tab) -> None:
     assert tab.page.get_by_role("switch", name="striding").count() == 0
 
 
+def test_the_code_of_directions_is_chosen(tab: Tab) -> None:
+    for directions in ("paper", "octahedral"):
+        tab.button(directions, "image").click()
+        tab.becomes(lambda scene: scene.quantise.directions, directions)
+
+
 def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:
     automatic = tab.field("lowest density").input_value(), tab.field("highest density").input_value()
     tab.types("highest density", "123.5")

@@ -64,6 +64,7 @@ def view_panel(viewing: Viewing) -> None:
     with ui.element("section").classes("vs-panel").props('aria-label="image"'):
         ui.label("Image").classes("vs-title")
         density_window_fields(editor, viewing.volume)
+        _directions(editor)
         image_size_fields(editor, viewing.image_size)
         _background(editor)
         edges = ui.switch("white edges of the volume").props("dense").classes("vs-switch")
@@ -286,6 +287,20 @@ def _kernel(editor: SceneEditor) -> None:
 
 def _image(scene: Scene, **parts: object) -> Scene:
     return replace(scene, image=replace(scene.image, **parts))
+
+
+def _directions(editor: SceneEditor) -> None:
+    with ui.element("div").classes("vs-row"):
+        label = ui.label("directions").classes("vs-label")
+        label.tooltip("the code of gradient directions: octahedral is finer, the paper’s bands under sharp highlights")
+        toggle = ui.toggle(["octahedral", "paper"]).props(f'{TOGGLE_PROPS} aria-label="directions"')
+        toggle.classes("vs-toggle")
+    choose(
+        editor,
+        toggle,
+        lambda scene: scene.quantise.directions,
+        lambda scene, directions: replace(scene, quantise=replace(scene.quantise, directions=directions)),
+    )
 
 
 def _background(editor: SceneEditor) -> None:
