@@ -13,7 +13,7 @@ from rich.console import Console
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie_formats import check_movie_writable
-from volsplat.client.opened_volume import opened_quietly, servers_from_options
+from volsplat.client.opened_volume import memory_option, opened_quietly, servers_from_options
 from volsplat.client.presets import PRESETS
 from volsplat.client.progress_bar import shown_progress
 from volsplat.client.render_options import SceneOptions, size_from_option
@@ -49,6 +49,7 @@ from volsplat.protocol.volume_name import check_is_there, volume_name
 @click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
 @click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
+@memory_option
 @click.option("--single", is_flag=True, help="One process, no servers: the same images.")
 def movie(
     volume: str,
@@ -63,6 +64,7 @@ def movie(
     rotate: str | None,
     step: str,
     workers: int,
+    memory: str | None,
     single: bool,
 ) -> None:
     """Turn VOLUME once around, or move through key scenes, into a movie.
@@ -83,7 +85,7 @@ def movie(
     options.key_scenes(None, keys)
     options.scene_of(None)
     check_movie_writable(output)
-    servers = servers_from_options(workers, None, None, single)
+    servers = servers_from_options(workers, None, None, single, memory)
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:
         geometry = known.description.geometry

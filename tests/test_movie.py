@@ -16,6 +16,7 @@ import psutil
 import pytest
 import torch
 from arbitrary import plain_scene
+from prepared import prepare_small
 from programs import TIME_LIMIT, Person
 from torch import Tensor
 
@@ -309,6 +310,28 @@ def test_the_command_turns_a_volume_by_servers_as_by_a_single_process(person: Pe
     assert person.servers() == []
 
 
+def test_the_command_draws_what_of_a_prepared_volume_fits_into_its_memory(person: Person, head: Path) -> None:
+    store = person.folder / "head.zarr"
+    prepare_small(head, store)
+    options = ["--frames", "2", "--size", "120x90"]
+    for output, more in {
+        "servers": ["--workers", "2", "--memory", "50K"],
+        "single": ["--single", "--memory", "50K"],
+        "plenty": ["--single", "--memory", "1G"],
+    }.items():
+        done = person.runs("movie", str(store), "-o", output, *options, *more)
+        assert done.returncode == 0, done.stderr
+    images = sorted(path.name for path in (person.folder / "servers").iterdir())
+    with SingleProcess(store, memory=50 << 10) as little:
+        for name in images:
+            drawn, single, plenty = (person.folder / output / name for output in ("servers", "single", "plenty"))
+            assert drawn.read_bytes() == single.read_bytes() != plenty.read_bytes()
+            finished = little.finish(read_scene(drawn))
+            assert finished.outcome is not None and finished.outcome.servers.level == 1
+            shown = over_background(finished.image, (0.0, 0.0, 0.0))
+            assert (read_image(drawn) - shown).abs().max() <= HALF_A_LEVEL["uint8"]
+
+
 def test_the_command_goes_from_key_to_key(person: Person, head: Path, single: SingleProcess) -> None:
     first = msgspec.structs.replace(single.volume.default_scene(), image=Image(width=40, height=30))
     (person.folder / "first.toml").write_text(scene_toml(first))
@@ -342,6 +365,7 @@ BAD_OPTIONS = {
     "folder missing": (["-o", "nowhere/a"], "nowhere"),
     "volume missing": (["-o", "a"], "no such file"),
     "size": (["-o", "a", "--size", "12"], "--size"),
+    "memory": (["-o", "a", "--memory", "much"], "--memory much: give a size such as 800M or 4G"),
 }
 
 
