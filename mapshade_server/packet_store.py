@@ -9,10 +9,11 @@ A Zarr v3 group that `volsplat prepare` writes:
     bricks/0, …          uint8 (bk, bj, bi, 4): least and greatest density byte, least and greatest strength byte of
                          the voxels of each brick that have data; least > greatest where none has
     histograms/density   int64 counts over the survey's low..high
-    histograms/strength  int64 counts over 0..max_gradient
+    histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
 
 Level L + 1 halves level L: each of its voxels is the mean of 2x2x2 source values, as many as there are and are finite.
-All levels have one quantisation. Packets hold their gradients, so a brick needs no halo.
+A second scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All
+levels have one quantisation. Packets hold their gradients, so a brick needs no halo.
 """
 
 import json

@@ -1,6 +1,9 @@
 """Small packet stores, made of values on the spot."""
 
 import hashlib
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +12,7 @@ import torch
 from volsplat.client.volume_writer import write_volume
 from volsplat.mapshade_server.packet_store import Packets, PacketStore, open_store
 from volsplat.mapshade_server.prepare import Options, Prepared, prepare
-from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.index_rules import Quantisation
@@ -17,6 +20,7 @@ from volsplat.protocol.matrices import Matrix
 from volsplat.protocol.volume import Geometry
 
 SMALL = Layout(brick=8, shard=16)
+LITTLE = Options(layout=SMALL, memory=PROGRAM_BYTES + MIB // 8)  # a shard at a time
 SKEWED: Matrix = ((0.9, 0.2, 0.1), (-0.1, 1.2, -0.4), (0.05, 0.3, -1.8))
 ODD_DIMS = (37, 21, 50)
 
@@ -66,9 +70,16 @@ def store_of(folder: Path, values: Voxels) -> PacketStore:
     return open_store(str(folder / "volume.zarr"))
 
 
-def packed_whole(geometry: Geometry, values: Voxels, quantisation: Quantisation) -> Packets:
+def packed_whole(
+    geometry: Geometry,
+    values: Voxels,
+    quantisation: Quantisation,
+    second: Voxels | None = None,
+    second_range: tuple[float, float] | None = None,
+) -> Packets:
     """The packets as one sub-cube makes them."""
-    sub_cube = SubCube.of_volume(geometry, values)
+    sub_cube = SubCube(geometry, geometry.box, second_range)
+    sub_cube.hold(values, second)
     sub_cube.pack(quantisation)
     return np.asarray(memoryview(sub_cube.packets))
 
@@ -77,3 +88,36 @@ def tree(folder: Path) -> dict[str, str]:
     """The checksum of every file in a folder."""
     files = (path for path in folder.rglob("*") if path.is_file())
     return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+SMALL_RUN = """
+import sys, time
+from pathlib import Path
+from volsplat.mapshade_server.prepare import Options, prepare
+from volsplat.mapshade_server.prepare.layout import Layout
+
+class Slow:
+    def note(self, text):
+        print(text, flush=True)
+    def begin(self, stage, total):
+        print(stage, flush=True)
+    def advance(self, done):
+        print("+", flush=True)
+        time.sleep(0.02)
+
+prepare(sys.argv[1], Path(sys.argv[2]), Options(layout=Layout(8, 16), memory=int(sys.argv[3])), Slow())
+"""
+
+
+def killed_after(lines: int, volume: Path, out: Path) -> list[str]:
+    """What a run tells until it is killed, or to its end."""
+    told = []
+    command = [sys.executable, "-c", SMALL_RUN, str(volume), str(out), str(LITTLE.memory)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8") as process:
+        assert process.stdout is not None
+        for line in process.stdout:
+            told.append(line.strip())
+            if len(told) == lines:
+                process.send_signal(signal.SIGKILL)
+    assert process.returncode in (0, -signal.SIGKILL)
+    return told

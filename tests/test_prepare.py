@@ -16,7 +16,20 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from prepared import ODD_DIMS, SKEWED, SMALL, Told, packed_whole, prepare_small, store_of, tree, values_of, written
+from prepared import (
+    LITTLE,
+    ODD_DIMS,
+    SKEWED,
+    SMALL,
+    Told,
+    killed_after,
+    packed_whole,
+    prepare_small,
+    store_of,
+    tree,
+    values_of,
+    written,
+)
 from programs import TIME_LIMIT, VOLSPLAT, Person
 
 from reference import level_means
@@ -31,8 +44,6 @@ from volsplat.protocol.byte_sizes import bytes_from_option
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Quantise
 from volsplat.protocol.volume import Geometry, Index
-
-LITTLE = Options(layout=SMALL, memory=PROGRAM_BYTES + MIB // 8)  # a shard at a time
 
 
 def assert_levels_are_means(store: PacketStore, values: Voxels) -> None:
@@ -110,43 +121,10 @@ def test_memory_changes_no_byte(tmp_path: Path) -> None:
     for name, memory in (("much", 1024 * MIB), ("some", PROGRAM_BYTES + MIB // 4), ("little", LITTLE.memory)):
         prepare_small(volume, tmp_path / f"{name}.zarr", Options(layout=SMALL, memory=memory))
     plans = {
-        memory_plan(SMALL, ODD_DIMS, 8, memory) for memory in (1024 * MIB, PROGRAM_BYTES + MIB // 4, LITTLE.memory)
+        memory_plan(SMALL, ODD_DIMS, [8], memory) for memory in (1024 * MIB, PROGRAM_BYTES + MIB // 4, LITTLE.memory)
     }
     assert len(plans) == 3
     assert tree(tmp_path / "much.zarr") == tree(tmp_path / "some.zarr") == tree(tmp_path / "little.zarr")
-
-
-SMALL_RUN = """
-import sys, time
-from pathlib import Path
-from volsplat.mapshade_server.prepare import Options, prepare
-from volsplat.mapshade_server.prepare.layout import Layout
-
-class Slow:
-    def note(self, text):
-        print(text, flush=True)
-    def begin(self, stage, total):
-        print(stage, flush=True)
-    def advance(self, done):
-        print("+", flush=True)
-        time.sleep(0.02)
-
-prepare(sys.argv[1], Path(sys.argv[2]), Options(layout=Layout(8, 16), memory=int(sys.argv[3])), Slow())
-"""
-
-
-def killed_after(lines: int, volume: Path, out: Path) -> list[str]:
-    """What a run tells until it is killed, or to its end."""
-    told = []
-    command = [sys.executable, "-c", SMALL_RUN, str(volume), str(out), str(LITTLE.memory)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8") as process:
-        assert process.stdout is not None
-        for line in process.stdout:
-            told.append(line.strip())
-            if len(told) == lines:
-                process.send_signal(signal.SIGKILL)
-    assert process.returncode in (0, -signal.SIGKILL)
-    return told
 
 
 @pytest.mark.parametrize("zipped", [False, True])

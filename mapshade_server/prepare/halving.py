@@ -1,4 +1,4 @@
-"""The means of 2x2x2 voxels that make the next coarser level."""
+"""The means of 2x2x2 voxels that make the next coarser level, and what stands for their second scalar."""
 
 from typing import Any
 
@@ -26,6 +26,34 @@ def halved(values: Voxels) -> NDArray[Any]:
         sheets = values[k : k + SHEETS_AT_A_TIME]
         means[k // 2 : (k + len(sheets) + 1) // 2] = _means(sheets)
     return means
+
+
+def halved_second(values: Voxels, second: Voxels) -> Voxels:
+    """Each voxel the second scalar of that one among 2x2x2 whose value is the greatest, the first of equals.
+
+    The numbers of a phase, which is cyclic, have no mean, and nobody tells whether this is one; what a voxel had is
+    right for any. Both are shaped as for `halved`.
+    """
+    chosen = np.empty([(n + 1) // 2 for n in second.shape], second.dtype)
+    for k in range(0, len(second), SHEETS_AT_A_TIME):
+        sheets = slice(k, k + SHEETS_AT_A_TIME)
+        exact = values[sheets].astype(np.float64)
+        ranks = np.where(np.isfinite(exact), exact, -np.inf)
+        chosen[k // 2 : (k + len(exact) + 1) // 2] = _of_greatest(ranks, second[sheets])
+    return chosen
+
+
+def _of_greatest(ranks: NDArray[np.float64], second: Voxels) -> Voxels:
+    """Along i, then j, then k, so that of equals the first in memory is taken."""
+    for axis in (2, 1, 0):
+        along = (slice(None),) * axis
+        end = ranks.shape[axis] // 2 * 2
+        one, other, rest = ((*along, part) for part in (slice(0, end, 2), slice(1, end, 2), slice(end, None)))
+        greater = ranks[other] > ranks[one]
+        ranks, second = (
+            np.concatenate([np.where(greater, both[other], both[one]), both[rest]], axis) for both in (ranks, second)
+        )
+    return second
 
 
 def _means(values: Voxels) -> NDArray[np.float64]:

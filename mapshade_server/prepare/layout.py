@@ -1,7 +1,7 @@
 """How a volume is divided: levels, shards, and the blocks that are worked on at a time."""
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import msgspec
@@ -94,16 +94,16 @@ class MemoryPlan:
     blocks: int
 
 
-def memory_plan(layout: Layout, dims: Index, source_item_bytes: int, memory: int) -> MemoryPlan:
+def memory_plan(layout: Layout, dims: Index, item_bytes: Sequence[int], memory: int) -> MemoryPlan:
     """The longest blocks of which two fit, for one is packed while the other is written; else one at a time.
 
-    Where whole rows fit, one for each processor. Held of each voxel of a block: its source, its packet, and an
-    eighth of a mean. Raises BadInput for too little memory.
+    Where whole rows fit, one for each processor. Held of each voxel of a block: its scalars, of so many bytes each,
+    its packet, and an eighth of each scalar for the next level. Raises BadInput for too little memory.
     """
     si, sj, sk = layout.shard_size(dims)
     voxels = si * sj * sk
-    mean_bytes = 1  # of 4 or 8 for every 8 voxels
-    block_bytes = voxels * (source_item_bytes + PACKET_BYTES + mean_bytes)
+    mean_bytes = len(item_bytes)  # of at most 8 each for every 8 voxels
+    block_bytes = voxels * (sum(item_bytes) + PACKET_BYTES + mean_bytes)
     fixed = PROGRAM_BYTES + SHARDS_IN_WRITING * voxels * PACKET_BYTES
     room = (memory - fixed) // block_bytes  # in shards
     if room < 1:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +9,12 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.packet_store import BRICK_FIELDS, Packets
 from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.brick_extents import brick_extents
-from volsplat.mapshade_server.prepare.halving import halved
+from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
 from volsplat.mapshade_server.prepare.layout import Layout, halved_box
 from volsplat.mapshade_server.prepare.level_source import LevelSource
+from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
-from volsplat.mapshade_server.prepare.survey import BoxReader
-from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.volume import HALO, Box, Geometry, Index
@@ -28,20 +26,20 @@ class PackedBlock:
 
     box: Box
     packets: Packets
-    means: NDArray[Any] | None  # for the next level, where there is one
+    means: BlockScalars | None  # for the next level, where there is one
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, 4)
 
 
 @dataclass(frozen=True)
 class LevelPacker:
-    """Packs one level. `source` gives its values, `coarser` takes those of the next, `extents` what bricks hold."""
+    """Packs one level. `source` gives its scalars, `coarser` takes those of the next, `extents` what bricks hold."""
 
     number: int
     geometry: Geometry
     quantisation: Quantisation
     layout: Layout
-    source: BoxReader
-    coarser: LevelSource | None
+    source: Scalars
+    coarser: StoredScalars | None
     extents: LevelSource
 
     def pack(self, blocks: list[Box], in_advance: int, writer: StoreWriter, journal: Journal) -> Iterator[Box]:
@@ -56,14 +54,14 @@ class LevelPacker:
             yield packed.box
 
     def _packed(self, box: Box) -> PackedBlock:
-        sub_cube = SubCube(self.geometry, box)
+        sub_cube = SubCube(self.geometry, box, self.source.second_range)
         with_halo = box.grown(HALO, self.geometry.dims)
-        values = self.source.read(with_halo)
-        sub_cube.hold(values)
+        read = self.source.read(box, with_halo)
+        sub_cube.hold(*read)
         sub_cube.pack(self.quantisation)
         packets = np.asarray(memoryview(sub_cube.packets))
-        inside: Voxels = values[_slices(box, with_halo.low)]
-        means = None if self.coarser is None else halved(inside)
+        inside = BlockScalars(read.values[_slices(box, with_halo.low)], read.second)
+        means = None if self.coarser is None else _halved(inside)
         return PackedBlock(box, packets, means, brick_extents(packets, self.layout.brick))
 
     def _lay_down(self, packed: PackedBlock) -> None:
@@ -73,6 +71,11 @@ class LevelPacker:
         i, j, k = (low // self.layout.brick for low in packed.box.low)
         bricks = Box((i * BRICK_FIELDS, j, k), ((i + ni) * BRICK_FIELDS, j + nj, k + nk))
         self.extents.write(bricks, packed.extents.reshape(nk, nj, -1))
+
+
+def _halved(block: BlockScalars) -> BlockScalars:
+    values, second = block
+    return BlockScalars(halved(values), None if second is None else halved_second(values, second))
 
 
 def _slices(box: Box, origin: Index) -> tuple[slice, slice, slice]:

@@ -2,25 +2,12 @@
 
 import os
 from pathlib import Path
-from threading import Lock
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import VolumeReader, Voxels
+from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.volume import Box, Index
-
-
-class ReadByTurns:
-    """A volume's voxels for several threads: readers need not bear two at once."""
-
-    def __init__(self, reader: VolumeReader) -> None:
-        self._reader = reader
-        self._lock = Lock()
-
-    def read(self, box: Box) -> Voxels:
-        with self._lock:
-            return self._reader.read(box)
 
 
 class LevelSource:

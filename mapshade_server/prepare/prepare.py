@@ -22,18 +22,20 @@ from volsplat.mapshade_server.prepare.halving import mean_type
 from volsplat.mapshade_server.prepare.journal import FOLDER, Journal, Wish, alone, check_source, other_options
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, memory_plan
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker
-from volsplat.mapshade_server.prepare.level_source import LevelSource, ReadByTurns
+from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.progress import Progress
+from volsplat.mapshade_server.prepare.scalars import Scalars, StoredScalars, volume_scalars
 from volsplat.mapshade_server.prepare.source_identity import source_of
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter, begin_store, brick_dims, sweep
-from volsplat.mapshade_server.prepare.survey import BoxReader, survey_volume
+from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, Geometry
+from volsplat.protocol.volume import Box, Geometry, Index
 from volsplat.protocol.volume_name import volume_name
 
-UNPACKED = "source.raw"
+UNPACKED = "source"
+FIRST_VOXEL = Box((0, 0, 0), (1, 1, 1))
 
 
 @dataclass(frozen=True)
@@ -78,19 +80,19 @@ class Preparation:
         self._options = options
         self._progress = progress
         self._is_far = volume_name(volume).is_url
-        self._reader = open_volume(volume)
-        self._description = self._reader.describe()
-        if self._description.second_scalar is not None:
-            raise BadInput(
-                f"{volume}: has {self._description.strength_name} in place of gradient strength, which a packet store "
-                "does not hold yet; draw it from its own file"
-            )
+        reader = open_volume(volume)
+        self._description = reader.describe()
+        self._scalars = volume_scalars(reader)
+        second = self._scalars.second
+        self._second_type = None if second is None else second.read(FIRST_VOXEL).dtype
         dims, scalar_type = self._description.geometry.dims, self._description.scalar_type
         self._wish = Wish(source_of(volume), options.window, options.directions, options.layout)
         self._levels = options.layout.levels(self._description.geometry)
-        self._item_bytes = np.dtype(scalar_type).itemsize
-        greatest = max(self._item_bytes, np.dtype(mean_type(scalar_type)).itemsize)
-        self._plan = memory_plan(options.layout, dims, greatest, options.memory)
+        item_bytes = np.dtype(scalar_type).itemsize
+        more_bytes = [] if self._second_type is None else [self._second_type.itemsize]
+        greatest = max(item_bytes, np.dtype(mean_type(scalar_type)).itemsize)
+        self._item_bytes = sum([item_bytes, *more_bytes])  # of a voxel
+        self._plan = memory_plan(options.layout, dims, [greatest, *more_bytes], options.memory)
 
     @property
     def source_bytes(self) -> int:
@@ -123,24 +125,32 @@ class Preparation:
             self._verify(writer, journal)
         writer.finish()
 
-    def _source(self, journal: Journal) -> BoxReader:
-        """The values of level 0: from the volume itself or, where blocks of it cost too much, from a raw copy."""
+    def _source(self, journal: Journal) -> Scalars:
+        """The scalars of level 0: from the volume itself or, where blocks of it cost too much, from a raw copy."""
         if self._description.reads_sub_cubes and not self._is_far:
-            return ReadByTurns(self._reader)
+            return self._scalars
         dims = self._description.geometry.dims
-        copy = LevelSource(journal.folder / UNPACKED, dims, self._description.scalar_type)
+        copy = self._stored(journal, UNPACKED, dims, self._description.scalar_type)
         if not journal.state.unpacked:
             self._progress.begin("copying", self.source_bytes)
             sheet_bytes = dims[0] * dims[1] * self._item_bytes
             sheets = max(1, (self._options.memory - PROGRAM_BYTES) // (2 * sheet_bytes))
             for k in range(0, dims[2], sheets):
                 slab = Box((0, 0, k), (dims[0], dims[1], min(k + sheets, dims[2])))
-                copy.write(slab, self._reader.read(slab))
+                copy.write(slab, self._scalars.read(slab, slab))
                 self._progress.advance(slab.voxels * self._item_bytes)
             journal.finish_unpacking()
         return copy
 
-    def _survey(self, source: BoxReader) -> None:
+    def _stored(self, journal: Journal, name: str, dims: Index, scalar_type: str) -> StoredScalars:
+        """Scalars of a grid in raw files of this name, the values of this type."""
+        second = None
+        if self._second_type is not None:
+            second = LevelSource(journal.folder / f"{name}-second.raw", dims, self._second_type.name)
+        values = LevelSource(journal.folder / f"{name}.raw", dims, scalar_type)
+        return StoredScalars(values, second, self._description.second_scalar)
+
+    def _survey(self, source: Scalars) -> None:
         """Surveys the volume and begins the store."""
         geometry = self._description.geometry
         surveyed = survey_volume(
@@ -151,22 +161,20 @@ class Preparation:
             source=self._wish.source,
             description=msgspec.structs.replace(self._description, reads_sub_cubes=True, why_whole=""),
             survey=surveyed.survey,
-            quantisation=surveyed.quantisation(
-                self._description.scalar_type, self._options.window, self._options.directions
-            ),
+            quantisation=surveyed.quantisation(self._description, self._options.window, self._options.directions),
             levels=tuple(StoredLevel(str(n), 2**n, level) for n, level in enumerate(self._levels)),
         )
         counts = (surveyed.density_counts, surveyed.strength_counts)
         begin_store(self._out, attributes, self._options.layout, counts)
 
-    def _pack(self, source: BoxReader, attributes: StoreAttributes, writer: StoreWriter, journal: Journal) -> None:
+    def _pack(self, source: Scalars, attributes: StoreAttributes, writer: StoreWriter, journal: Journal) -> None:
         """Packs what the journal does not have of all levels, then stores what their bricks hold."""
         missing = self._begin_packing(writer, journal)
         layout, scalar_type = self._options.layout, mean_type(self._description.scalar_type)
         for n, geometry in enumerate(self._levels):
             coarser = None
             if n + 1 < len(self._levels):
-                coarser = LevelSource(journal.folder / f"{n + 1}.raw", self._levels[n + 1].dims, scalar_type)
+                coarser = self._stored(journal, str(n + 1), self._levels[n + 1].dims, scalar_type)
             held = brick_dims(geometry.dims, layout.brick)
             extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
             packer = LevelPacker(n, geometry, attributes.quantisation, layout, source, coarser, extents)

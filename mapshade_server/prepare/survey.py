@@ -1,26 +1,20 @@
 """The first pass: what a session's servers find out of their sub-cubes, block by block of any volume."""
 
 import math
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.progress import Progress
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.prepare.scalars import Scalars
 from volsplat.mapshade_server.sub_cube import Histograms, SubCube
 from volsplat.protocol import index_rules
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
-from volsplat.protocol.volume import HALO, Box, Geometry
+from volsplat.protocol.volume import HALO, Box, Geometry, VolumeDescription
 
 Counts = NDArray[np.int64]
-
-
-class BoxReader(Protocol):
-    """What values are read from: a volume's reader, or a raw file."""
-
-    def read(self, box: Box) -> Voxels: ...
 
 
 class Surveyed(NamedTuple):
@@ -28,21 +22,28 @@ class Surveyed(NamedTuple):
     density_counts: Counts
     strength_counts: Counts
 
-    def quantisation(self, scalar_type: str, window: tuple[float, float] | None, directions: str) -> Quantisation:
+    def quantisation(
+        self,
+        description: VolumeDescription,
+        window: tuple[float, float] | None,
+        directions: Literal["octahedral", "paper"],
+    ) -> Quantisation:
         """By index_rules, as a session's; `window` takes the place of the one that the data chooses."""
-        chosen = window or index_rules.density_window(self.survey, self.density_counts.tolist(), scalar_type)
-        scale = index_rules.strength_scale(self.survey, self.strength_counts.tolist())
-        return Quantisation(chosen, scale, "paper" if directions == "paper" else "octahedral")
+        counts, second = self.density_counts.tolist(), description.second_scalar
+        chosen = window or index_rules.density_window(self.survey, counts, description.scalar_type)
+        if second is not None:
+            return Quantisation(chosen, index_rules.second_scalar_scale(second), directions, strength_low=second[0])
+        return Quantisation(chosen, index_rules.strength_scale(self.survey, self.strength_counts.tolist()), directions)
 
 
 def survey_volume(
-    source: BoxReader, geometry: Geometry, blocks: list[Box], threads: int, item_bytes: int, progress: Progress
+    source: Scalars, geometry: Geometry, blocks: list[Box], threads: int, item_bytes: int, progress: Progress
 ) -> Surveyed:
     """Reads the volume twice, `threads` blocks at a time. Raises BadInput."""
 
     def held(block: Box) -> SubCube:
-        sub_cube = SubCube(geometry, block)
-        sub_cube.hold(source.read(block.grown(HALO, geometry.dims)))
+        sub_cube = SubCube(geometry, block, source.second_range)
+        sub_cube.hold(*source.read(block, block.grown(HALO, geometry.dims)))
         return sub_cube
 
     progress.begin("surveying", geometry.box.voxels * item_bytes)

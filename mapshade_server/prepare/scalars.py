@@ -1,0 +1,69 @@
+"""What a level is packed from: its values and, where the volume has one, its second scalar."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from threading import Lock
+from typing import NamedTuple, Protocol
+
+from volsplat.mapshade_server.prepare.level_source import LevelSource
+from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader, Voxels
+from volsplat.protocol.volume import Box
+
+
+class BoxReader(Protocol):
+    """What one scalar is read from: a volume's reader, or a raw file."""
+
+    def read(self, box: Box) -> Voxels: ...
+
+
+class ReadByTurns:
+    """A volume's voxels for several threads: readers need not bear two at once."""
+
+    def __init__(self, read: Callable[[Box], Voxels], lock: Lock) -> None:
+        self._read = read
+        self._lock = lock
+
+    def read(self, box: Box) -> Voxels:
+        with self._lock:
+            return self._read(box)
+
+
+class BlockScalars(NamedTuple):
+    """What was read, or is to be written, of a block."""
+
+    values: Voxels
+    second: Voxels | None
+
+
+@dataclass(frozen=True)
+class Scalars:
+    """`second_range` is what the second scalar lies in."""
+
+    values: BoxReader
+    second: BoxReader | None
+    second_range: tuple[float, float] | None
+
+    def read(self, box: Box, around: Box) -> BlockScalars:
+        """The values of `around`, the second scalar of `box`: gradients of the values alone need a halo."""
+        return BlockScalars(self.values.read(around), None if self.second is None else self.second.read(box))
+
+
+@dataclass(frozen=True)
+class StoredScalars(Scalars):
+    """Scalars in raw files beside the store."""
+
+    values: LevelSource
+    second: LevelSource | None
+
+    def write(self, box: Box, block: BlockScalars) -> None:
+        """Lays down a box for good."""
+        self.values.write(box, block.values)
+        if self.second is not None and block.second is not None:
+            self.second.write(box, block.second)
+
+
+def volume_scalars(reader: VolumeReader) -> Scalars:
+    """Those of a volume's own reader."""
+    lock = Lock()
+    second = ReadByTurns(reader.read_second, lock) if isinstance(reader, SecondScalarReader) else None
+    return Scalars(ReadByTurns(reader.read, lock), second, reader.describe().second_scalar)
