@@ -42,10 +42,9 @@ private:
     void paint(int64_t y, int x, int x_end, const Point<Widest>& point) {
         const ImageView& image = job_.image;
         float* pixels = image.pixels + y * image.pitch + x;
-        Added<Widest> added;
         for (; x < x_end; x += kWidest, pixels += kWidest) {
             const float* weights = kOnesAndZeros + (x_end - x < kWidest ? kWidest - (x_end - x) : 0);
-            combine<kFrontToBack, false, Widest>(pixels, image.plane, weights + kOnes - kWidest, point, added);
+            combine<kFrontToBack, false, Widest>(pixels, image.plane, weights + kOnes - kWidest, point);
         }
     }
 

@@ -22,21 +22,32 @@ public:
         return true;
     }
 
-    // Marks the tiles under the box that are closed by now.
-    void examine(const PixelBox& box) const {
-        for (int row = box.y_begin / kTileSide; row <= (box.y_end - 1) / kTileSide; ++row)
-            for (int column = box.x_begin / kTileSide; column <= (box.x_end - 1) / kTileSide; ++column) {
-                uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
-                const uint64_t bit = uint64_t(1) << column % 64;
-                // Others may read the map meanwhile; only this stripe's thread writes to its rows.
-                if (!(word & bit) && frozen(column, row)) {
-                    __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
-                    if (image_.by_columns) tell(row, column);
-                }
-            }
+    // Marks the tiles of some rows that are closed by now. The first row is a tile's first.
+    void look(int row_begin, int row_end) const {
+        for (int top = row_begin; top < row_end; top += kTileSide) {
+            const int middle = top + (image_.height - top < kTileSide ? 0 : kTileSide / 2);
+            const float* const alphas = image_.pixels + middle * image_.pitch + 3 * image_.plane;
+            for (int left = 0; left < image_.width; left += kWidest)
+                if (any(load<Widest>(alphas + left) >= kFrozenAlpha)) look_at_some(top / kTileSide, left / kTileSide);
+        }
     }
 
 private:
+    // As many tiles as begin in one vector.
+    __attribute__((noinline)) void look_at_some(int row, int column) const {
+        const int tiles = (image_.width + kTileSide - 1) / kTileSide;
+        const int end = column + kWidest / kTileSide < tiles ? column + kWidest / kTileSide : tiles;
+        for (; column < end; ++column) {
+            uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
+            const uint64_t bit = uint64_t(1) << column % 64;
+            // Others may read the map meanwhile; only this stripe's thread writes to its rows.
+            if (!(word & bit) && frozen(column, row)) {
+                __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
+                if (image_.by_columns) tell(row, column);
+            }
+        }
+    }
+
     // By the screen's rows and columns. Other stripes' threads may be writing to the same word.
     void tell(int column, int row) const {
         uint64_t& word = image_.told_tiles[row * image_.told_words + column / 64];

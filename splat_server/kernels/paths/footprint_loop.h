@@ -30,6 +30,7 @@ public:
           closed_boxes_(job.image, table_.width, table_.height),
           x_shift_(x_shift(job.image)),
           y_shift_(y_shift(job.image)),
+          worth_looking_(int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
           least_top_(Integers{} + job.row_end),
           greatest_top_(Integers{} + job.row_begin - table_.height) {}
 
@@ -44,16 +45,22 @@ public:
                                                   ? PacketRange{0, run.count}
                                                   : packets_in_rows(job_, run, packets, table_.height / 2 + 2);
                     splat_packets(run, packets + range.begin * 8, range.end - range.begin);
+                    unseen_pixels_ += int64_t(range.end - range.begin) * table_.width * table_.height;
+                    if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();
                 }
                 ++number;
                 packets += uint64_t(run.count) * 8;
             }
         }
+        if (kFrontToBack && unseen_pixels_ >= worth_looking_ / 4) look_for_closed_tiles();  // of more in the next job
         return outcome();
     }
 
 private:
     typedef typename Fitting<4 * kFours>::Lanes Lanes;
+    // For so many times the pixels of the job's rows it is worth to look for tiles that have become closed: that takes
+    // a hundredth of the time.
+    static constexpr int kWorthLooking = 4;
     static constexpr int kLanes = sizeof(Lanes) / sizeof(float);
 
     bool near(const RowRun& run) const {
@@ -109,8 +116,7 @@ private:
         }
         const int left = samples.left[n], top = samples.top[n];
         const float* const weights = table_.weights + samples.entry[n];
-        const bool changed = combine_box(pixel(left, top), weights, {0, table_.height}, point_of(samples, n));
-        if (kFrontToBack && !changed) examine_once(left, top);
+        combine_box(pixel(left, top), weights, {0, table_.height}, point_of(samples, n));
     }
 
     // At the rim of the image, or of the job's rows.
@@ -128,9 +134,8 @@ private:
         const RowSpan rows = {box.y_begin - top, box.y_end - top};
         const float* const weights = table_.weights + samples.entry[n] + int64_t(rows.begin) * table_.pitch;
         const Point<Lanes> point = point_of(samples, n);
-        const bool changed = kFours > 0 ? combine_box(pixel(left, box.y_begin), weights, rows, point)
-                                        : combine_rows(left, top, box, weights, point);
-        if (kFrontToBack && !changed) closed_.examine(box);
+        if (kFours > 0) combine_box(pixel(left, box.y_begin), weights, rows, point);
+        else combine_rows(left, top, box, weights, point);
     }
 
     static Point<Lanes> point_of(const Samples& samples, int n) {
@@ -142,66 +147,54 @@ private:
         return closed_boxes_.hide(samples.tile_place[n], samples.tile_shift[n]);
     }
 
-    // Looks for closed tiles, unless the sample before has looked at the same.
-    __attribute__((always_inline)) void examine_once(int left, int top) {
-        const int tile_x = (left + table_.width / 2) / kTileSide, tile_y = (top + table_.height / 2) / kTileSide;
-        if (tile_x == examined_x_ && tile_y == examined_y_) return;
-        examined_x_ = tile_x, examined_y_ = tile_y;
-        examine(left, top);
-    }
-
-    // Under a small box only the tile in the middle: every tile lies there for some sample.
-    __attribute__((noinline)) void examine(int left, int top) const {
-        const int x = left + table_.width / 2, y = top + table_.height / 2;
-        if (4 * kFours <= 2 * kTileSide) closed_.examine({x, x + 1, y, y + 1});
-        else closed_.examine({left, left + table_.width, top, top + table_.height});
+    // Of what the splatted samples may have closed.
+    __attribute__((noinline)) void look_for_closed_tiles() {
+        unseen_pixels_ = 0;
+        const SplatOutcome reached = outcome();
+        closed_.look(reached.row_begin & -kTileSide, reached.row_end);
     }
 
     float* pixel(int x, int y) const { return image_.pixels + y * image_.pitch + x; }
 
-    // Rows as long for every sample, so that hardly a branch is mispredicted. Says whether alpha changed.
-    __attribute__((always_inline)) bool combine_box(float* pixels, const float* weights, RowSpan rows,
+    // Rows as long for every sample, so that hardly a branch is mispredicted.
+    __attribute__((always_inline)) void combine_box(float* pixels, const float* weights, RowSpan rows,
                                                     const Point<Lanes>& point) const {
         const int64_t plane = image_.plane, pitch = image_.pitch;  // kept in registers, whatever is written meanwhile
-        Added<Lanes> added;
         const auto combine_row = [&](int row) __attribute__((always_inline)) {
             if constexpr (4 * kFours > kNarrowBox)
-                combine_reached(pixels, plane, weights, table_.spans[row], point, added);
+                combine_reached(pixels, plane, weights, table_.spans[row], point);
             else
-                combine_pixels<kFrontToBack, kClamped, 4 * kFours>(pixels, plane, weights, point, added);
+                combine_pixels<kFrontToBack, kClamped, 4 * kFours>(pixels, plane, weights, point);
             pixels += pitch, weights += 4 * kFours;
         };
         for (; rows.end - rows.begin >= 4; rows.begin += 4)
 #pragma GCC unroll 4
             for (int row = 0; row < 4; ++row) combine_row(rows.begin + row);
         for (; rows.begin < rows.end; ++rows.begin) combine_row(rows.begin);
-        return added.any_at_all();
     }
 
     // Without the corners of the box that the footprint never reaches.
     __attribute__((always_inline)) static void combine_reached(float* pixels, int64_t plane, const float* weights,
-                                                               RowSpan span, const Point<Lanes>& point, Added<Lanes>& added) {
+                                                               RowSpan span, const Point<Lanes>& point) {
         int vectors = (span.end - span.begin + kLanes - 1) / kLanes;
         const int last_begin = 4 * kFours - vectors * kLanes;
         for (int x = span.begin < last_begin ? span.begin : last_begin; vectors > 0; --vectors, x += kLanes)
-            combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point, added);
+            combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point);
     }
 
     // Of each row what the footprint reaches, within the image.
-    bool combine_rows(int left, int top, const PixelBox& box, const float* weights, const Point<Lanes>& point) const {
+    void combine_rows(int left, int top, const PixelBox& box, const float* weights, const Point<Lanes>& point) const {
         const int64_t plane = image_.plane;
-        Added<Lanes> added;
         for (int y = box.y_begin; y < box.y_end; ++y, weights += table_.pitch) {
             const RowSpan span = table_.spans[y - top];
             int x = (box.x_begin - left > span.begin ? box.x_begin - left : span.begin) & -4;
             const int end = box.x_end - left < span.end ? box.x_end - left : span.end;
             float* const pixels = pixel(left, y);
             for (; end - x > kLanes - 4; x += kLanes)
-                combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point, added);
+                combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point);
             for (; x < end; x += 4)
-                combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point, added);
+                combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point);
         }
-        return added.any_at_all();
     }
 
     SplatOutcome outcome() const {
@@ -220,8 +213,9 @@ private:
     const ClosedTiles closed_;
     const ClosedBoxes closed_boxes_;
     const int x_shift_, y_shift_;
+    const int64_t worth_looking_;
     Integers least_top_, greatest_top_;
-    int examined_x_ = -1, examined_y_ = -1;  // the tile under the middle of the last box that was looked at
+    int64_t unseen_pixels_ = 0;  // splatted to since tiles were looked at
     uint64_t hidden_ = 0;
 };
 

@@ -103,23 +103,18 @@ template <> struct Fitting<8> { typedef Eight Lanes; };
 template <> struct Fitting<12> { typedef Eight Lanes; };
 #endif
 
-// All lanes alike; the first ones of more; more, with zeros behind.
+// All lanes alike; the first ones of more.
 inline void fill(float value, Four& lanes) { lanes = Four{value, value, value, value}; }
 inline Four first_of(Four lanes, Four) { return lanes; }
-inline Four among(Four lanes, Four) { return lanes; }
 #ifdef __AVX2__
 inline void fill(float value, Eight& lanes) { lanes = _mm256_set1_ps(value); }
 inline Eight first_of(Eight lanes, Eight) { return lanes; }
 inline Four first_of(Eight lanes, Four) { return _mm256_castps256_ps128(lanes); }
-inline Eight among(Eight lanes, Eight) { return lanes; }
-inline Eight among(Four lanes, Eight) { return _mm256_zextps128_ps256(lanes); }
 #endif
 #ifdef __AVX512F__
 inline void fill(float value, Sixteen& lanes) { lanes = _mm512_set1_ps(value); }
 inline Sixteen first_of(Sixteen lanes, Sixteen) { return lanes; }
 inline Four first_of(Sixteen lanes, Four) { return __builtin_shufflevector(lanes, lanes, 0, 1, 2, 3); }
-inline Sixteen among(Sixteen lanes, Sixteen) { return lanes; }
-inline Sixteen among(Four lanes, Sixteen) { return _mm512_zextps128_ps512(lanes); }
 #endif
 
 template <class Lanes>
@@ -163,33 +158,16 @@ struct Point {
     AllLanes opacity, red, green, blue;
 };
 
-// The bits of what was added to alpha, front to back: zero while every pixel that the weights reach is frozen.
-template <class AllLanes>
-class Added {
-public:
-    template <class Lanes>
-    void note(Lanes visible) {
-        bits_ |= (Bits)among(visible, AllLanes{});
-    }
-
-    bool any_at_all() const { return any(bits_); }
-
-private:
-    typedef decltype(AllLanes{} < AllLanes{}) Bits;
-    Bits bits_{};
-};
-
 // Combines a point of opacity min(1, w A) with as many pixels as Lanes has, in the four planes of a row.
 template <bool kFrontToBack, bool kClamped, class Lanes, class AllLanes>
 __attribute__((always_inline)) inline void combine(float* pixels, int64_t plane, const float* weights,
-                                                   const Point<AllLanes>& point, Added<AllLanes>& added) {
+                                                   const Point<AllLanes>& point) {
     const auto part = [](AllLanes lanes) { return first_of(lanes, Lanes{}); };
     Lanes opacity = load<Lanes>(weights) * part(point.opacity);
     if constexpr (kClamped) opacity = at_most_1(opacity);
     float* const alphas = pixels + 3 * plane;
     if constexpr (kFrontToBack) {
         const Lanes alpha = load<Lanes>(alphas), visible = behind(opacity, alpha);
-        added.note(visible);
         const auto add = [&](float* channel, AllLanes intensity) {
             store(channel, multiply_add(visible, part(intensity), load<Lanes>(channel)));
         };
@@ -208,22 +186,22 @@ __attribute__((always_inline)) inline void combine(float* pixels, int64_t plane,
 // The same for so many pixels of a row, a multiple of 4, in the widest vectors that they fill.
 template <bool kFrontToBack, bool kClamped, int kPixels, class AllLanes>
 __attribute__((always_inline)) inline void combine_pixels(float* pixels, int64_t plane, const float* weights,
-                                                          const Point<AllLanes>& point, Added<AllLanes>& added) {
+                                                          const Point<AllLanes>& point) {
 #ifdef __AVX512F__
     if constexpr (kPixels >= 16) {
-        combine<kFrontToBack, kClamped, Sixteen>(pixels, plane, weights, point, added);
-        combine_pixels<kFrontToBack, kClamped, kPixels - 16>(pixels + 16, plane, weights + 16, point, added);
+        combine<kFrontToBack, kClamped, Sixteen>(pixels, plane, weights, point);
+        combine_pixels<kFrontToBack, kClamped, kPixels - 16>(pixels + 16, plane, weights + 16, point);
     } else
 #endif
 #ifdef __AVX2__
     if constexpr (kPixels >= 8) {
-        combine<kFrontToBack, kClamped, Eight>(pixels, plane, weights, point, added);
-        combine_pixels<kFrontToBack, kClamped, kPixels - 8>(pixels + 8, plane, weights + 8, point, added);
+        combine<kFrontToBack, kClamped, Eight>(pixels, plane, weights, point);
+        combine_pixels<kFrontToBack, kClamped, kPixels - 8>(pixels + 8, plane, weights + 8, point);
     } else
 #endif
     if constexpr (kPixels >= 4) {
-        combine<kFrontToBack, kClamped, Four>(pixels, plane, weights, point, added);
-        combine_pixels<kFrontToBack, kClamped, kPixels - 4>(pixels + 4, plane, weights + 4, point, added);
+        combine<kFrontToBack, kClamped, Four>(pixels, plane, weights, point);
+        combine_pixels<kFrontToBack, kClamped, kPixels - 4>(pixels + 4, plane, weights + 4, point);
     }
 }
 
