@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 from volsplat.client.coordinator_events import FrameOutcome
+from volsplat.client.published_image import PublishedImage
 from volsplat.client.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.messages import ProbedVoxel
@@ -30,11 +31,16 @@ class StepOutcome:
 
 @dataclass(frozen=True)
 class Refinement:
-    """One image on the way: (H, W, 4) float32, associated alpha, 0..1, without the background."""
+    """One image on the way."""
 
     step: Step
-    image: Tensor
+    published: PublishedImage
     outcome: StepOutcome | None  # None while the step is still being drawn
+
+    @property
+    def image(self) -> Tensor:
+        """(H, W, 4) float32, associated alpha, 0..1, without the background."""
+        return self.published.tensor
 
     @property
     def complete(self) -> bool:
@@ -71,14 +77,14 @@ def refined(
     drawn: Callable[[Step], Iterator[Refinement]], scene: Scene, first: Step, last: Step
 ) -> Iterator[Refinement]:
     """The steps `first` to `last`, as `drawn` gives each: partial images of the bare buffer, then the finished one."""
-    under: Tensor | None = None
+    under: PublishedImage | None = None
     for step in [step for step in Step if first <= step <= last]:
         for refinement in drawn(step):
             if refinement.complete:
-                under = None if scene.refine.bare_buffer else refinement.image
+                under = None if scene.refine.bare_buffer else refinement.published
                 yield refinement
             else:
-                yield Refinement(step, laid_over(refinement.image, under), None)
+                yield Refinement(step, laid_over(refinement.published, under), None)
 
 
 def finished_whole(refinements: Iterable[Refinement]) -> Iterator[Refinement]:
@@ -91,13 +97,8 @@ def finished_whole(refinements: Iterable[Refinement]) -> Iterator[Refinement]:
         yield refinement
 
 
-def image_tensor(pixels: bytearray | memoryview, width: int, height: int) -> Tensor:
-    """What a splat server published, as (H, W, 4) float32 over the same memory."""
-    import torch
-
-    return torch.frombuffer(pixels, dtype=torch.float32).reshape(height, width, 4)
-
-
-def laid_over(partial: Tensor, finished: Tensor | None) -> Tensor:
-    """A step's partial image over the finished image of the step before, both associated (design, section 6)."""
-    return partial if finished is None else partial + (1.0 - partial[..., 3:]) * finished
+def laid_over(partial: PublishedImage, finished: PublishedImage | None) -> PublishedImage:
+    """A step's partial image over the finished image of the step before (design, section 6)."""
+    if finished is None:
+        return partial
+    return PublishedImage.of(partial.tensor + (1.0 - partial.tensor[..., 3:]) * finished.tensor)

@@ -44,11 +44,11 @@ from volsplat.client.coordinator_events import (
     VolumeAsked,
 )
 from volsplat.client.probe_answers import ProbeAnswers
+from volsplat.client.published_image import PublishedImage
 from volsplat.client.renderer import (
     PARTIAL_INTERVAL,
     Refinement,
     StepOutcome,
-    image_tensor,
     refined,
 )
 from volsplat.client.server_states import ServerState, VolumeIncomplete
@@ -228,14 +228,14 @@ class Session:
                     self._events.put(PartialImageAsked(frame))
                     patience = None  # one request at a time: its image or the finished one will come
                 else:
-                    yield Refinement(step, _tensor(answer), None)
+                    yield Refinement(step, _published(answer), None)
                     patience = partial_interval
         finally:
             # Also where whoever asked has lost interest: then nobody need draw on.
             with self._frames_lock:
                 del self._frames[frame]
             self._events.put(AbortAsked(frame))
-        image = _tensor(answer)
+        image = _published(answer)
         now = time.perf_counter()
         outcome = StepOutcome(step, now - started, now - answer.drawn_at, answer.outcome)
         yield Refinement(step, image, outcome)
@@ -407,5 +407,5 @@ class ServerIds:
         return self._counter(hello)
 
 
-def _tensor(image: PublishImage) -> Tensor:
-    return image_tensor(image.pixels, image.width, image.height)
+def _published(image: PublishImage) -> PublishedImage:
+    return PublishedImage(image.pixels, image.width, image.height)

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 from volsplat.client.coordinator_events import FrameOutcome, Instruction, ReportProgress, Send
 from volsplat.client.packing import Packing
-from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, image_tensor, refined
+from volsplat.client.published_image import PublishedImage
+from volsplat.client.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.volume_holding import VolumeHolding
 from volsplat.mapshade_server.frame_tally import FrameTally
@@ -131,7 +132,7 @@ class SingleProcess:
             assembly.arrived(WORKER, batch.runs, batch.packets, batch.reached, batch.last)
             assembly.advance()
             if time.perf_counter() - shown > partial_interval and not assembly.complete:
-                yield Refinement(step, _tensor(assembly), None)
+                yield Refinement(step, _published(assembly), None)
                 if assembly.frame != self._frame:
                     raise Superseded
                 shown = time.perf_counter()
@@ -139,7 +140,7 @@ class SingleProcess:
         while not assembly.complete:
             assembly.advance()
         drawn = time.perf_counter()
-        image = _tensor(assembly)
+        image = _published(assembly)
         splat = messages.SplatStats(
             packets=assembly.packets,
             hidden_packets=assembly.hidden_packets,
@@ -235,5 +236,5 @@ class SingleProcess:
         self.close()
 
 
-def _tensor(assembly: FrameAssembly) -> Tensor:
-    return image_tensor(assembly.published(), assembly.plan.width, assembly.plan.height)
+def _published(assembly: FrameAssembly) -> PublishedImage:
+    return PublishedImage(assembly.published(), assembly.plan.width, assembly.plan.height)

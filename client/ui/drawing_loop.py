@@ -134,7 +134,7 @@ class DrawingLoop:
             first = finer(shown.step)
         if first is None:
             assert shown is not None
-            self._publish(state, Refinement(shown.step, shown.image, shown.outcome), measured=False)
+            self._publish(state, Refinement(shown.step, shown.published, shown.outcome), measured=False)
             return
         for refinement in self._session.refine(state.scene, max(Step), PARTIAL_INTERVAL, first=first):
             if self._model.now.revision != state.revision:
@@ -142,18 +142,18 @@ class DrawingLoop:
             # What a drag has left on the screen stays there until the step after it is finished.
             if refinement.step == first != Step.A and not refinement.complete and _is_laid_over(state.scene):
                 assert shown is not None
-                refinement = Refinement(first, laid_over(refinement.image, shown.image), None)
+                refinement = Refinement(first, laid_over(refinement.published, shown.published), None)
             self._publish(state, refinement)
 
     def _publish(self, state: SceneState, refinement: Refinement, measured: bool = True) -> None:
         began = time.perf_counter()
         last = nothing_finer(state, refinement.step, refinement.complete)
-        data = encoded(refinement.image, state.scene.image.background, lossless=last)
+        data = encoded(refinement.published, state.scene.image.background, lossless=last)
         if refinement.outcome is not None and measured:
             encoding_seconds = time.perf_counter() - began
             self.pacing.measured(refinement.step, refinement.outcome.wall_seconds + encoding_seconds)
         self._number += 1
-        picture = Picture(self._number, state, refinement.step, refinement.image, refinement.outcome, data)
+        picture = Picture(self._number, state, refinement.step, refinement.published, refinement.outcome, data)
         if refinement.complete:
             self._shown = picture
         self._show(picture)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from volsplat.client.published_image import PublishedImage
 from volsplat.client.renderer import StepOutcome
 from volsplat.client.ui.scene_model import SceneState
 from volsplat.protocol.scene import Step
@@ -20,9 +21,14 @@ class Picture:
     number: int  # rises with every picture; an older one never follows a newer one
     state: SceneState  # what it shows
     step: Step
-    image: Tensor  # (H, W, 4) float32, associated, without the background
+    published: PublishedImage
     outcome: StepOutcome | None  # None while the step is still being drawn
     data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
+
+    @property
+    def image(self) -> Tensor:
+        """(H, W, 4) float32, associated, without the background."""
+        return self.published.tensor
 
     @property
     def complete(self) -> bool:
