@@ -126,9 +126,6 @@ class EdgeLayer:
     def __init__(self, width: int, height: int) -> None: ...
     def draw(self, x0: float, y0: float, x1: float, y1: float, line_width: float) -> None: ...
 
-def screen_levels(pixels: bytearray | memoryview, background: tuple[float, float, float]) -> bytes:
-    """Bytes of red, green, blue and nothing for each pixel of a `snapshot`, over the background."""
-
 def published(image: ImageMemory, front: EdgeLayer, back: EdgeLayer) -> memoryview:
     """front over (image over back), as `ImageMemory.snapshot`."""
 

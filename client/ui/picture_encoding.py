@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from PIL import Image as PillowImage
 
 from volsplat.client.published_image import PublishedImage
 from volsplat.protocol.scene import Colour
-from volsplat.splat_server._kernels import screen_levels
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -26,8 +25,7 @@ def encoded(image: PublishedImage, background: Colour, *, lossless: bool) -> byt
         picture = PillowImage.frombuffer("RGB", size, levels, "raw", "RGB", 0, 1)
         picture.save(out, "PNG", compress_level=PNG_EFFORT)
     else:
-        quick = screen_levels(image.memory, background)  # as stored_levels, but rounded in float32
-        picture = PillowImage.frombuffer("RGB", size, quick, "raw", "RGBX", 0, 1)
+        picture = PillowImage.frombuffer("RGB", size, screen_levels(image, background), "raw", "RGBX", 0, 1)
         picture.save(out, "JPEG", quality=JPEG_QUALITY, subsampling=0)
     return out.getvalue()
 
@@ -37,3 +35,19 @@ def stored_levels(image: Tensor, background: Colour) -> Tensor:
     from volsplat.client.image_file import coded  # takes a while to import, and the first images are JPEG
 
     return coded(image, background, "uint8")
+
+
+def screen_levels(image: PublishedImage, background: Colour) -> bytes:
+    """Red, green, blue and nothing for each pixel, 8 bits, as stored_levels but rounded in float32.
+
+    Over black by Pillow alone, for which each channel of each pixel is one of a grey image: a first picture should not
+    wait for torch.
+    """
+    if any(background):
+        import torch
+
+        shown = image.tensor + (1.0 - image.tensor[..., 3:]) * torch.tensor((*background, 0.0))
+        image = PublishedImage.of(shown)
+    memory = cast(bytearray, image.memory)  # any buffer will do
+    channels = PillowImage.frombuffer("F", (4 * image.width, image.height), memory, "raw", "F", 0, 1)
+    return channels.point(lambda value: value * 255.0 + 0.5).convert("L").tobytes()

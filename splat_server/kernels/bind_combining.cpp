@@ -16,7 +16,6 @@
 #include "footprint_table.h"
 #include "image_memory.h"
 #include "image_publishing.h"
-#include "screen_levels.h"
 #include "striped_splat.h"
 
 namespace nb = nanobind;
@@ -116,20 +115,6 @@ nb::object published(PythonImage& image, const EdgeLayer& front, const EdgeLayer
     return filled_block(image, [&](float* target) { publish_between(image.memory, front, back, target); });
 }
 
-nb::object levels_on_screen(const nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>& pixels,
-                            const std::array<float, 3>& background) {
-    const std::size_t count = pixels.size() / (4 * sizeof(float));
-    if (pixels.size() != count * 4 * sizeof(float)) throw std::invalid_argument("an image has pixels of 16 bytes");
-    const nb::bytes made = nb::steal<nb::bytes>(PyBytes_FromStringAndSize(nullptr, static_cast<Py_ssize_t>(count * 4)));
-    if (!made.is_valid()) throw nb::python_error();
-    auto* const levels = reinterpret_cast<std::uint8_t*>(PyBytes_AS_STRING(made.ptr()));
-    {
-        nb::gil_scoped_release unlocked;
-        screen_levels(reinterpret_cast<const float*>(pixels.data()), count, background, levels);
-    }
-    return made;
-}
-
 nb::object closed_tiles(nb::handle_t<PythonImage> self) {
     ImageMemory& memory = nb::cast<PythonImage&>(self).memory;
     const std::size_t shape[] = {static_cast<std::size_t>(memory.tile_rows()),
@@ -179,7 +164,6 @@ void bind_combining(nb::module_& m) {
     nb::class_<EdgeLayer>(m, "EdgeLayer")
         .def(nb::init<int, int>(), "width"_a, "height"_a)
         .def("draw", &EdgeLayer::draw, "x0"_a, "y0"_a, "x1"_a, "y1"_a, "line_width"_a);
-    m.def("screen_levels", &levels_on_screen, "pixels"_a, "background"_a);
     m.def("published", &published, "image"_a, "front"_a, "back"_a);
     m.def("splat_footprints", &splat_footprints, "image"_a, "spans"_a, "table"_a, "front_to_back"_a,
           "pool"_a.none() = nb::none());
