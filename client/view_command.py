@@ -73,7 +73,7 @@ def view(
         check_is_there(volume)
     servers = servers_from_options(workers, listen, token_file, memory=memory)
     console = Console(stderr=True)
-    with imported_ahead(*NEEDED_FOR_THE_PAGE), _bound(port) as bound:
+    with _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE):
         address = PageAddress(bound)
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored) as session:
