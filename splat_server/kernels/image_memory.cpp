@@ -7,8 +7,6 @@
 namespace volsplat {
 namespace {
 
-constexpr std::int64_t kLinePixels = 64 / sizeof(float);  // of a cache line
-
 // An odd number of cache lines, so that the lines of one footprint are spread over the first cache, and that a load is
 // not taken for the data of a recent store whose address has the same lowest 12 bits.
 std::int64_t plane_of(int pixels) {
@@ -39,7 +37,7 @@ ImageMemory::ImageMemory(int width, int height, bool by_columns)
       line_begin_(0),
       line_end_(lines_),
       closed_(line_pixels_, lines_),
-      told_(width, height) {
+      told_(by_columns ? width : 0, by_columns ? height : 0) {
     clear();
 }
 

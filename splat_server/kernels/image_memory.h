@@ -13,6 +13,8 @@
 
 namespace volsplat {
 
+constexpr std::int64_t kLinePixels = 64 / sizeof(float);  // of a cache line, for one channel
+
 class ImageMemory {
 public:
     // Throws std::invalid_argument for a size outside 1..65535, std::bad_alloc where memory lacks.
@@ -34,9 +36,9 @@ public:
     int line_end() const { return line_end_; }
 
     // By rows, whatever lines are.
-    std::uint64_t* closed_tiles() { return by_columns_ ? told_.words.data() : closed_.words.data(); }
-    std::int64_t tile_rows() const { return by_columns_ ? told_.rows : closed_.rows; }
-    std::int64_t tile_words() const { return by_columns_ ? told_.row_words : closed_.row_words; }  // of a row of tiles
+    std::uint64_t* closed_tiles() { return tiles_by_rows().words.data(); }
+    std::int64_t tile_rows() { return tiles_by_rows().rows; }
+    std::int64_t tile_words() { return tiles_by_rows().row_words; }  // of a row of tiles
     std::uint64_t hidden_packets() const { return hidden_packets_; }
 
 private:
@@ -45,6 +47,8 @@ private:
         std::int64_t rows, row_words;
         std::vector<std::uint64_t> words;  // and one more
     };
+
+    TileMap& tiles_by_rows() { return by_columns_ ? told_ : closed_; }
 
     int width_, height_;
     bool by_columns_;

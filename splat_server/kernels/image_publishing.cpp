@@ -7,7 +7,6 @@
 namespace volsplat {
 namespace {
 
-constexpr int kLinePixels = 16;         // of a cache line, for one channel
 constexpr std::size_t kMostBlocks = 4;  // kept to be handed out again
 
 typedef float Four __attribute__((vector_size(16)));
@@ -60,8 +59,9 @@ void publish_block(const ImageMemory& image, int x, int columns, int y, float* t
 // By bands of rows, so that what is read and written of a block stays in the first cache for its neighbours.
 void publish_columns(const ImageMemory& image, int begin, int end, float* target) {
     const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
-    for (int top = 0; top < image.height(); top += kLinePixels) {
-        const int bottom = std::min(top + kLinePixels, image.height());
+    constexpr int kBand = kLinePixels;
+    for (int top = 0; top < image.height(); top += kBand) {
+        const int bottom = std::min(top + kBand, image.height());
         for (int y = top; y < bottom; ++y) {
             std::memset(target + y * row, 0, begin * 4 * sizeof(float));
             std::memset(target + y * row + end * 4, 0, (image.width() - end) * 4 * sizeof(float));

@@ -52,7 +52,7 @@ public:
                 packets += uint64_t(run.count) * 8;
             }
         }
-        if (kFrontToBack && unseen_pixels_ >= worth_looking_ / 4) look_for_closed_tiles();  // of more in the next job
+        if (kFrontToBack && unseen_pixels_ >= worth_looking_ / 4) look_for_closed_tiles();  // for the next job
         return outcome();
     }
 
