@@ -163,6 +163,38 @@ def test_an_image_kept_by_columns_is_that_of_the_mirrored_samples(
     assert by_columns.any()
 
 
+@st.composite
+def level_runs(draw: st.DrawFn, width: int, height: int) -> list[Run]:
+    """Runs whose samples mostly lie side by side in the same rows of pixels, some with gaps, steps back or aside."""
+    runs = []
+    for row in range(draw(st.integers(1, 6))):
+        x, y = draw(st.integers(-8 * 64, width * 64)), draw(st.integers(-8 * 64, height * 64))
+        step = draw(st.integers(-250, 250))
+        dots = []
+        for _ in range(draw(st.integers(1, 40))):
+            x += step + draw(st.sampled_from((0, 0, 0, 0, 0, 0, 500, -500)))
+            aside = draw(st.sampled_from((0, 0, 0, 0, 0, 0, 70)))
+            opacity = draw(st.sampled_from((OPAQUE, OPAQUE // 2, 3000, 1)))
+            dots.append(Dot(x, y + aside, opacity, (draw(st.integers(0, 255)), 200, 100)))
+        least = min(dot.x for dot in dots)
+        runs.append(Run(0, row, 0, tuple(dot for dot in dots if dot.x - least <= FARTHEST)))
+    return runs
+
+
+@given(st.data(), st.sampled_from(PATHS), st.sampled_from(TRAVERSAL_ORDERS), st.sampled_from(sorted(TABLES)))
+def test_samples_of_one_run_give_the_bits_of_runs_of_one_sample(
+    data: st.DataObject, path: str, order: Order, table_name: str
+) -> None:
+    width, height = 61, 23
+    runs = data.draw(level_runs(width, height))
+    alone = [Run(0, n, 0, (dot,)) for n, dot in enumerate(dot for run in runs for dot in run.dots)]
+    table = table_of(*TABLES[table_name])
+    with kernels_on(_kernels, path):
+        together = splatted(runs, table, order, width, height)
+        assert torch.equal(together, splatted(alone, table, order, width, height))
+        assert torch.equal(together, splatted(runs, table, order, width, height, threads=3))
+
+
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 def test_nearest_pixels_combine_as_the_paper_says(path: str, order: Order) -> None:
     runs = random_runs(3, 19, 11, count=400, margin=3)

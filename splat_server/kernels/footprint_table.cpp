@@ -56,7 +56,7 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
     clamped_ = ellipse.amplitude * projection.at_square(0) > 1;  // P falls from its middle on
     const int offsets = 1 << offset_bits;
     weight_count_ = static_cast<std::size_t>(offsets) * offsets * height_ * pitch_;
-    weights_ = large_memory(weight_count_);
+    memory_ = large_memory(weight_count_ + 2 * kWeightMargin);
     const std::vector<float> scaled = projection.over_half_chord(ellipse.amplitude);
     const auto intervals = static_cast<std::int32_t>(scaled.size()) - 2;
     const FootprintBox box{static_cast<float>(ellipse.qxx),
@@ -72,13 +72,13 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
                            offsets,
                            start_x_.at.data(),
                            start_y_.at.data()};
-    fill_footprints(box, weights_.get());
+    fill_footprints(box, weights());
     find_spans();
 }
 
 void FootprintTable::find_spans() {
     spans_.assign(height_, {width_, 0});
-    const float* row = weights_.get();
+    const float* row = weights();
     const std::size_t boxes = std::size_t(1) << 2 * offset_bits_;
     for (std::size_t box = 0; box < boxes; ++box)
         for (RowSpan& span : spans_) {
@@ -94,13 +94,13 @@ std::tuple<int, int, std::vector<float>> FootprintTable::weights_at(int fx, int 
     const int n = 1 << offset_bits_;
     if (fx < 0 || fx >= n || fy < 0 || fy >= n) throw std::invalid_argument("no such offset in the footprint table");
     std::vector<float> box;
-    const float* row = weights_.get() + static_cast<std::size_t>(fy * n + fx) * height_ * pitch_;
+    const float* row = weights() + static_cast<std::size_t>(fy * n + fx) * height_ * pitch_;
     for (int y = 0; y < height_; ++y, row += pitch_) box.insert(box.end(), row, row + width_);
     return {start_x_.at[fx], start_y_.at[fy], std::move(box)};
 }
 
 FootprintView FootprintTable::view() const {
-    return {weights_.get(), spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0], start_y_.step,
+    return {weights(), spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0], start_y_.step,
             offset_bits_,    width_,        height_,        pitch_,        clamped_};
 }
 

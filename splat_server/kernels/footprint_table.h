@@ -40,13 +40,14 @@ private:
         int step;
     };
 
+    float* weights() const { return memory_.get() + kWeightMargin; }
     void find_spans();
 
     int offset_bits_, width_, height_, pitch_;
     bool clamped_;
     Starts start_x_, start_y_;
     std::size_t weight_count_;
-    LargeMemory weights_;
+    LargeMemory memory_;
     std::vector<RowSpan> spans_;
 };
 

@@ -22,6 +22,8 @@ constexpr int kTileSide = 4;  // of closed tiles (protocol/closed_tiles.py)
 constexpr int kNarrowBox = 16, kWideBox = 32;
 // An image's rows are so much longer on either side: what a box writes there is never shown.
 constexpr int kMarginPixels = kWideBox;
+// So many floats on either side of a footprint table may be read.
+constexpr int kWeightMargin = 16;
 
 struct RowRun {  // 24 bytes on the wire
     uint32_t sheet, row, first, count;
@@ -39,7 +41,7 @@ struct RowSpan {  // pixels of a row, or rows
 };
 
 struct FootprintView {
-    const float* weights;  // [fy][fx][height][pitch], zeros from the width on
+    const float* weights;  // [fy][fx][height][pitch], zeros from the width on; see kWeightMargin
     const RowSpan* spans;  // [height]: what may be above zero at some offset
     // The box of offset f begins at pixel `start`, from offset `step` on one later.
     int start_x, step_x, start_y, step_y;

@@ -30,7 +30,7 @@ private:
         int64_t v_low, v_high, top, bottom;
         cells_.cell_at(sample.x, sample.y, v_low, v_high);
         cells_.image_rows(v_low, v_high, top, bottom);
-        const Point<Widest> point(sample.opacity, sample.red, sample.green, sample.blue);
+        const Point<Widest> point = in_all_lanes<Widest>(sample.opacity, sample.red, sample.green, sample.blue);
         for (; top < bottom; top += kSpanRows) {
             const RowSpans spans = cells_.spans(top, v_low, v_high);
             const int rows = bottom - top < kSpanRows ? static_cast<int>(bottom - top) : kSpanRows;

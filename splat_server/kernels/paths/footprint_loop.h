@@ -1,6 +1,7 @@
 // Splats footprints: decode some packets, then for each find its box of pixels and their weights, and combine.
 #pragma once
 #include "closed_tiles.h"
+#include "four_boxes.h"
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
 
@@ -15,6 +16,8 @@ struct Samples {
     Integers inside;         // all bits where the box and its tiles lie within the image
     Integers whole;          // and the box within the job's rows
     Integers tile_place, tile_shift;  // its first tile (see ClosedBoxes)
+    Integers window;         // the least `left` of each four
+    Integers together;       // all bits where they share their rows and a window (see FourBoxes)
     Numbers opacity, red, green, blue;
 };
 
@@ -28,6 +31,7 @@ public:
           image_(job.image),
           closed_(job.image),
           closed_boxes_(job.image, table_.width, table_.height),
+          closed_windows_(job.image, Together::kWindow, table_.height),
           x_shift_(x_shift(job.image)),
           y_shift_(y_shift(job.image)),
           worth_looking_(int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
@@ -58,6 +62,7 @@ public:
 
 private:
     typedef typename Fitting<4 * kFours>::Lanes Lanes;
+    typedef FourBoxes<kFrontToBack, kClamped, 4 * kFours> Together;
     // For so many times the pixels of the job's rows it is worth to look for tiles that have become closed: that takes
     // a hundredth of the time.
     static constexpr int kWorthLooking = 4;
@@ -79,7 +84,18 @@ private:
     }
 
     __attribute__((always_inline)) void splat_samples(const Samples& samples, int count) {
-        for (int n = 0; n < count; ++n) {
+        int n = 0;
+        if constexpr (Together::kFit) {
+            for (; n + Together::kSamples <= count; n += Together::kSamples) {
+                if (stand_together(samples, n)) splat_together(samples, n);
+                else splat_each(samples, n, n + Together::kSamples);
+            }
+        }
+        splat_each(samples, n, count);
+    }
+
+    __attribute__((always_inline)) void splat_each(const Samples& samples, int begin, int end) {
+        for (int n = begin; n < end; ++n) {
             if (kFours > 0 && samples.whole[n]) splat_whole(samples, n);
             else splat_clipped(samples, n);
         }
@@ -102,11 +118,42 @@ private:
             samples.inside & (samples.top >= job_.row_begin) & (samples.top <= job_.row_end - table_.height);
         samples.tile_place = (samples.top >> 2) * closed_boxes_.row_bytes + (samples.left >> 5);
         samples.tile_shift = samples.left >> 2 & 7;
+        if constexpr (Together::kFit) find_together(samples);
         samples.opacity = packets.opacity();
         samples.red = packets.red(), samples.green = packets.green(), samples.blue = packets.blue();
         least_top_ = samples.top < least_top_ ? samples.top : least_top_;
         greatest_top_ = samples.top > greatest_top_ ? samples.top : greatest_top_;
         return samples;
+    }
+
+    void find_together(Samples& samples) const {
+        const Integers first = {0, 0, 0, 0, 4, 4, 4, 4}, last = {3, 3, 3, 3, 7, 7, 7, 7};
+        const Integers at_first = __builtin_shuffle(samples.left, first), at_last = __builtin_shuffle(samples.left, last);
+        samples.window = at_first < at_last ? at_first : at_last;
+        samples.together = samples.whole & (samples.top == __builtin_shuffle(samples.top, first)) &
+                           (samples.left >= samples.window) & (samples.left <= samples.window + 4 * kFours) &
+                           (samples.window <= image_.width - kTileSide * closed_windows_.columns);
+    }
+
+    static bool stand_together(const Samples& samples, int n) {
+        FourBits together;
+        __builtin_memcpy(&together, reinterpret_cast<const int32_t*>(&samples.together) + n, sizeof together);
+        return !any(~together);
+    }
+
+    __attribute__((always_inline)) void splat_together(const Samples& samples, int n) {
+        const int left = samples.window[n], top = samples.top[n];
+        const int place = (top >> 2) * closed_windows_.row_bytes + (left >> 5);
+        if (kFrontToBack && closed_windows_.hide(place, left >> 2 & 7)) {
+            hidden_ += Together::kSamples;
+            return;
+        }
+        Together boxes;
+        for (int k = 0; k < Together::kSamples; ++k) {
+            const ShiftedBox box = {table_.weights + samples.entry[n + k], samples.left[n + k] - left};
+            boxes.set(k, box, point_of<typename Together::Lanes>(samples, n + k));
+        }
+        boxes.combine_rows(pixel(left, top), image_.plane, image_.pitch, table_.height);
     }
 
     __attribute__((always_inline)) void splat_whole(const Samples& samples, int n) {
@@ -116,7 +163,7 @@ private:
         }
         const int left = samples.left[n], top = samples.top[n];
         const float* const weights = table_.weights + samples.entry[n];
-        combine_box(pixel(left, top), weights, {0, table_.height}, point_of(samples, n));
+        combine_box(pixel(left, top), weights, {0, table_.height}, point_of<Lanes>(samples, n));
     }
 
     // At the rim of the image, or of the job's rows.
@@ -133,13 +180,14 @@ private:
         }
         const RowSpan rows = {box.y_begin - top, box.y_end - top};
         const float* const weights = table_.weights + samples.entry[n] + int64_t(rows.begin) * table_.pitch;
-        const Point<Lanes> point = point_of(samples, n);
+        const Point<Lanes> point = point_of<Lanes>(samples, n);
         if (kFours > 0) combine_box(pixel(left, box.y_begin), weights, rows, point);
         else combine_rows(left, top, box, weights, point);
     }
 
-    static Point<Lanes> point_of(const Samples& samples, int n) {
-        return Point<Lanes>(samples.opacity[n], samples.red[n], samples.green[n], samples.blue[n]);
+    template <class AllLanes>
+    static Point<AllLanes> point_of(const Samples& samples, int n) {
+        return in_all_lanes<AllLanes>(samples.opacity[n], samples.red[n], samples.green[n], samples.blue[n]);
     }
 
     // Tiles of the neighbouring stripes may be closing meanwhile: that costs time, never bits.
@@ -211,7 +259,7 @@ private:
     const FootprintView table_;
     const ImageView image_;
     const ClosedTiles closed_;
-    const ClosedBoxes closed_boxes_;
+    const ClosedBoxes closed_boxes_, closed_windows_;
     const int x_shift_, y_shift_;
     const int64_t worth_looking_;
     Integers least_top_, greatest_top_;

@@ -147,40 +147,73 @@ inline void store(float* address, Lanes lanes) {
 }
 
 // A sample's opacity A and intensity I, in all lanes.
-template <class AllLanes>
+template <class Lanes>
 struct Point {
-    explicit Point(float a, float r, float g, float b)
-        : opacity(all_lanes<AllLanes>(a)),
-          red(all_lanes<AllLanes>(r)),
-          green(all_lanes<AllLanes>(g)),
-          blue(all_lanes<AllLanes>(b)) {}
-
-    AllLanes opacity, red, green, blue;
+    Lanes opacity, red, green, blue;
 };
 
-// Combines a point of opacity min(1, w A) with as many pixels as Lanes has, in the four planes of a row.
-template <bool kFrontToBack, bool kClamped, class Lanes, class AllLanes>
-__attribute__((always_inline)) inline void combine(float* pixels, int64_t plane, const float* weights,
-                                                   const Point<AllLanes>& point) {
-    const auto part = [](AllLanes lanes) { return first_of(lanes, Lanes{}); };
-    Lanes opacity = load<Lanes>(weights) * part(point.opacity);
-    if constexpr (kClamped) opacity = at_most_1(opacity);
-    float* const alphas = pixels + 3 * plane;
+template <class Lanes>
+inline Point<Lanes> in_all_lanes(float opacity, float red, float green, float blue) {
+    return {all_lanes<Lanes>(opacity), all_lanes<Lanes>(red), all_lanes<Lanes>(green), all_lanes<Lanes>(blue)};
+}
+
+template <class Lanes, class AllLanes>
+__attribute__((always_inline)) inline Point<Lanes> first_of(const Point<AllLanes>& point) {
+    return {first_of(point.opacity, Lanes{}), first_of(point.red, Lanes{}), first_of(point.green, Lanes{}),
+            first_of(point.blue, Lanes{})};
+}
+
+// Some neighbouring pixels of a row.
+template <class Lanes>
+struct Pixels {
+    Lanes red, green, blue, alpha;
+};
+
+template <class Lanes>
+__attribute__((always_inline)) inline Pixels<Lanes> load_pixels(const float* address, int64_t plane) {
+    return {load_once<Lanes>(address), load_once<Lanes>(address + plane), load_once<Lanes>(address + 2 * plane),
+            load_once<Lanes>(address + 3 * plane)};
+}
+
+template <class Lanes>
+__attribute__((always_inline)) inline void store_pixels(const Pixels<Lanes>& pixels, float* address, int64_t plane) {
+    store(address, pixels.red), store(address + plane, pixels.green), store(address + 2 * plane, pixels.blue);
+    store(address + 3 * plane, pixels.alpha);
+}
+
+// Combines a point with pixels that get so much of its opacity.
+template <bool kFrontToBack, class Lanes>
+__attribute__((always_inline)) inline void combine(Pixels<Lanes>& pixels, Lanes opacity, const Point<Lanes>& point) {
     if constexpr (kFrontToBack) {
-        const Lanes alpha = load<Lanes>(alphas), visible = behind(opacity, alpha);
-        const auto add = [&](float* channel, AllLanes intensity) {
-            store(channel, multiply_add(visible, part(intensity), load<Lanes>(channel)));
-        };
-        add(pixels, point.red), add(pixels + plane, point.green), add(pixels + 2 * plane, point.blue);
-        store(alphas, alpha + visible);
+        const Lanes visible = behind(opacity, pixels.alpha);
+        pixels.red = multiply_add(visible, point.red, pixels.red);
+        pixels.green = multiply_add(visible, point.green, pixels.green);
+        pixels.blue = multiply_add(visible, point.blue, pixels.blue);
+        pixels.alpha += visible;
     } else {
-        const auto mix = [&](float* channel, Lanes intensity) {
-            const Lanes before = load_once<Lanes>(channel);
-            store(channel, multiply_add(opacity, intensity - before, before));
+        const auto mix = [&](Lanes& channel, Lanes intensity) {
+            channel = multiply_add(opacity, intensity - channel, channel);
         };
-        mix(pixels, part(point.red)), mix(pixels + plane, part(point.green));
-        mix(pixels + 2 * plane, part(point.blue)), mix(alphas, all_lanes<Lanes>(1.0f));
+        mix(pixels.red, point.red), mix(pixels.green, point.green), mix(pixels.blue, point.blue);
+        mix(pixels.alpha, all_lanes<Lanes>(1.0f));
     }
+}
+
+// min(1, w A)
+template <bool kClamped, class Lanes>
+__attribute__((always_inline)) inline Lanes opacity_at(const float* weights, const Point<Lanes>& point) {
+    const Lanes opacity = load<Lanes>(weights) * point.opacity;
+    return kClamped ? at_most_1(opacity) : opacity;
+}
+
+// Combines a point with as many pixels as Lanes has, in the four planes of a row.
+template <bool kFrontToBack, bool kClamped, class Lanes, class AllLanes>
+__attribute__((always_inline)) inline void combine(float* address, int64_t plane, const float* weights,
+                                                   const Point<AllLanes>& point) {
+    const Point<Lanes> part = first_of<Lanes>(point);
+    Pixels<Lanes> pixels = load_pixels<Lanes>(address, plane);
+    combine<kFrontToBack>(pixels, opacity_at<kClamped>(weights, part), part);
+    store_pixels(pixels, address, plane);
 }
 
 // The same for so many pixels of a row, a multiple of 4, in the widest vectors that they fill.

@@ -1,0 +1,69 @@
+// Combines four samples whose boxes overlap in the same rows: every pixel is loaded and stored once for all of them.
+#pragma once
+#include "pixel_vectors.h"
+
+namespace volsplat {
+namespace VOLSPLAT_PATH {
+namespace {
+
+// The lanes first..first+count-1 of a vector, and what they hold with zeros around it.
+#ifdef __AVX512VL__
+typedef __mmask16 LaneChoice;
+
+inline LaneChoice lanes_from(int first, int count) { return static_cast<LaneChoice>(((1 << count) - 1) << first); }
+inline Eight chosen(LaneChoice lanes, Eight values) {
+    return _mm256_maskz_mov_ps(static_cast<__mmask8>(lanes), values);
+}
+inline Sixteen chosen(LaneChoice lanes, Sixteen values) { return _mm512_maskz_mov_ps(lanes, values); }
+#else
+typedef int32_t LaneChoice __attribute__((vector_size(sizeof(Widest))));
+
+inline LaneChoice lanes_from(int first, int count) {
+    LaneChoice place;
+    for (int n = 0; n < kWidest; ++n) place[n] = n - first;
+    return (place >= 0) & (place < count);
+}
+inline Widest chosen(LaneChoice lanes, Widest values) { return (Widest)(lanes & (LaneChoice)values); }
+#endif
+
+// A box of weights, kPixels a row, that lies `shift` pixels right of the window's first.
+struct ShiftedBox {
+    const float* weights;
+    int shift;  // 0..kPixels
+};
+
+// A window of twice a box's pixels holds the boxes of neighbouring samples. With wider boxes it would hold too few.
+template <bool kFrontToBack, bool kClamped, int kPixels>
+class FourBoxes {
+public:
+    static constexpr int kSamples = 4, kWindow = 2 * kPixels;
+    static constexpr bool kFit = kPixels > 0 && kPixels <= 8 && kWindow <= kWidest;
+    typedef typename Fitting<kWindow>::Lanes Lanes;
+
+    void set(int n, const ShiftedBox& box, const Point<Lanes>& point) {
+        weights_[n] = box.weights - box.shift;
+        lanes_[n] = lanes_from(box.shift, kPixels);
+        points_[n] = point;
+    }
+
+    // Into so many rows of pixels, from the window's first one on.
+    __attribute__((always_inline)) void combine_rows(float* address, int64_t plane, int64_t pitch, int rows) const {
+        for (int64_t weight = 0; rows > 0; --rows, address += pitch, weight += kPixels) {
+            Pixels<Lanes> pixels = load_pixels<Lanes>(address, plane);
+            for (int n = 0; n < kSamples; ++n) {
+                const Lanes opacity = opacity_at<kClamped>(weights_[n] + weight, points_[n]);
+                combine<kFrontToBack>(pixels, chosen(lanes_[n], opacity), points_[n]);
+            }
+            store_pixels(pixels, address, plane);
+        }
+    }
+
+private:
+    const float* weights_[kSamples];
+    LaneChoice lanes_[kSamples];
+    Point<Lanes> points_[kSamples];
+};
+
+}  // namespace
+}  // namespace VOLSPLAT_PATH
+}  // namespace volsplat
