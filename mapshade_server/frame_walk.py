@@ -13,7 +13,7 @@ from volsplat.protocol.refinement import active_shading
 from volsplat.protocol.scene import Field, Order, Scene
 from volsplat.protocol.volume import Geometry, Index
 
-DEFAULT_PACKETS = 32768  # 256 KiB: what loopback TCP carries best in one go
+DEFAULT_PACKETS = 1 << 17  # 1 MiB: few hand-overs, and the next stage still finds it in the cache
 FIRST_PACKETS = 4096  # a frame's batches start small and double, so that the splatter soon has something to do
 DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
 

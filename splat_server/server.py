@@ -23,8 +23,8 @@ from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.tile_news import TileNews
 
 # What is splatted between two looks at the client's requests, by whichever is reached first: some milliseconds.
-PACKETS_AT_ONCE = 1 << 15
-PIXELS_AT_ONCE = 1 << 22
+PACKETS_AT_ONCE = 1 << 17
+PIXELS_AT_ONCE = 1 << 23
 
 TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles, and more where they are large
 TILE_NEWS_RATE = 100e6  # bytes a second, over all links
