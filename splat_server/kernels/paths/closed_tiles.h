@@ -89,8 +89,10 @@ public:
           rows(most_tiles(height)),
           all_(columns <= kMostColumns ? (uint64_t(1) << columns) - 1 : 0) {}
 
-    // `place` is the byte of the box's first tile, `shift` its bit there.
-    bool hide(int place, int shift) const {
+    // Of a box that lies within the image, and its tiles too.
+    bool hide(uint32_t left, uint32_t top) const {
+        int64_t place = int64_t(top / kTileSide) * row_bytes + left / (8 * kTileSide);
+        const int shift = left / kTileSide % 8;
         uint64_t closed = word_at(place);
         for (int row = 1; row < rows; ++row) closed &= word_at(place += row_bytes);
         return (closed >> shift & all_) == all_;
@@ -101,7 +103,7 @@ private:
 
     // No atomic load, as it lies across words, while another stripe's thread may be writing them. Bits only rise, and
     // each byte holds them as they were at some time: a read that is torn misses some that have just risen, no more.
-    uint64_t word_at(int place) const {
+    uint64_t word_at(int64_t place) const {
         uint64_t word;
         __builtin_memcpy(&word, tiles_ + place, sizeof word);
         return word;

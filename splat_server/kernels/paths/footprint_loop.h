@@ -15,7 +15,6 @@ struct Samples {
     Integers entry;          // its first weight in the table
     Integers inside;         // all bits where the box and its tiles lie within the image
     Integers whole;          // and the box within the job's rows
-    Integers tile_place, tile_shift;  // its first tile (see ClosedBoxes)
     Integers window;         // the least `left` of each four
     Integers together;       // all bits where they share their rows and a window (see FourBoxes)
     Numbers opacity, red, green, blue;
@@ -116,8 +115,6 @@ private:
                          (samples.top <= last_top);
         samples.whole =
             samples.inside & (samples.top >= job_.row_begin) & (samples.top <= job_.row_end - table_.height);
-        samples.tile_place = (samples.top >> 2) * closed_boxes_.row_bytes + (samples.left >> 5);
-        samples.tile_shift = samples.left >> 2 & 7;
         if constexpr (Together::kFit) find_together(samples);
         samples.opacity = packets.opacity();
         samples.red = packets.red(), samples.green = packets.green(), samples.blue = packets.blue();
@@ -143,8 +140,7 @@ private:
 
     __attribute__((always_inline)) void splat_together(const Samples& samples, int n) {
         const int left = samples.window[n], top = samples.top[n];
-        const int place = (top >> 2) * closed_windows_.row_bytes + (left >> 5);
-        if (kFrontToBack && closed_windows_.hide(place, left >> 2 & 7)) {
+        if (kFrontToBack && closed_windows_.hide(left, top)) {
             hidden_ += Together::kSamples;
             return;
         }
@@ -192,7 +188,7 @@ private:
 
     // Tiles of the neighbouring stripes may be closing meanwhile: that costs time, never bits.
     bool hidden_inside(const Samples& samples, int n) const {
-        return closed_boxes_.hide(samples.tile_place[n], samples.tile_shift[n]);
+        return closed_boxes_.hide(samples.left[n], samples.top[n]);
     }
 
     // Of what the splatted samples may have closed.
