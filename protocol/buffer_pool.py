@@ -5,9 +5,19 @@ import threading
 
 from volsplat.protocol.messages import Message
 
-SMALLEST = 1 << 12  # bytes; lengths are rounded up to powers of two from here on
-MOST_SPARE = 4  # buffers of one length that nobody holds; further ones are let go
+SMALLEST = 1 << 12  # bytes; from here on lengths are rounded up to quarters of a power of two
+SPARE_BYTES = 32 << 20  # of one length that nobody holds, but LEAST_SPARE to MOST_SPARE buffers; others are let go
+LEAST_SPARE, MOST_SPARE = 4, 16
 REFERENCES = 2  # to a buffer that only the pool holds: its list and getrefcount's argument
+
+
+def rounded_up(nbytes: int) -> int:
+    quarter = max(SMALLEST, 1 << (nbytes - 1).bit_length() >> 3)
+    return -(-nbytes // quarter) * quarter
+
+
+def most_spare(length: int) -> int:
+    return min(max(LEAST_SPARE, SPARE_BYTES // length), MOST_SPARE)
 
 
 class BufferPool:
@@ -21,11 +31,11 @@ class BufferPool:
         self._buffers: dict[int, list[bytearray]] = {}  # by length, all of them, in use or not
 
     def __call__(self, message: Message, nbytes: int) -> bytearray:
-        length = max(SMALLEST, 1 << (nbytes - 1).bit_length())
+        length = rounded_up(nbytes)
         with self._lock:
             buffers = self._buffers.setdefault(length, [])
             spare = [n for n in range(len(buffers)) if sys.getrefcount(buffers[n]) <= REFERENCES]
-            for n in reversed(spare[MOST_SPARE:]):
+            for n in reversed(spare[most_spare(length) :]):
                 del buffers[n]
             if spare:
                 return buffers[spare[0]]

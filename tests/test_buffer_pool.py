@@ -5,7 +5,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from volsplat.protocol import messages
-from volsplat.protocol.buffer_pool import MOST_SPARE, BufferPool
+from volsplat.protocol.buffer_pool import (
+    LEAST_SPARE,
+    MOST_SPARE,
+    SMALLEST,
+    SPARE_BYTES,
+    BufferPool,
+    most_spare,
+    rounded_up,
+)
 from volsplat.splat_server import _kernels
 
 MESSAGE = messages.AbortFrame(1)
@@ -32,6 +40,18 @@ def test_what_is_let_go_is_used_again() -> None:
     assert all(id(pool(MESSAGE, nbytes)) == first for nbytes in (5000, 4097, 8192))
 
 
+@given(st.integers(1, 1 << 40))
+def test_a_buffer_is_hardly_longer_than_what_it_holds(nbytes: int) -> None:
+    assert nbytes <= rounded_up(nbytes) <= nbytes + max(SMALLEST, nbytes // 4)
+
+
+@given(st.integers(SMALLEST, 1 << 31))
+def test_spare_buffers_are_few_and_hold_few_bytes(length: int) -> None:
+    most = most_spare(length)
+    assert LEAST_SPARE <= most <= MOST_SPARE
+    assert most == LEAST_SPARE or most * length <= SPARE_BYTES
+
+
 def test_tensors_and_pinned_batches_hold_their_memory() -> None:
     pool = BufferPool()
     image = torch.frombuffer(memoryview(pool(MESSAGE, 4096))[:4096], dtype=torch.float32)
@@ -51,4 +71,4 @@ def test_few_buffers_are_kept_spare() -> None:
     many = [pool(MESSAGE, 4096) for _ in range(20)]
     del many
     pool(MESSAGE, 4096)
-    assert len(pool._buffers[4096]) <= MOST_SPARE
+    assert len(pool._buffers[4096]) <= most_spare(4096)
