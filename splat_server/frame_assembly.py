@@ -74,7 +74,7 @@ class FrameAssembly:
         by_columns = runs_up_and_down(self.plan)
         self._reach = pixel_reach(self.plan, scene.reconstruction, by_columns)
         self.pixels_per_packet = pixels_reached(self._reach, self.plan, by_columns)
-        edges = volume_edges(scene, geometry, plan_frame(scene, geometry, step))  # whatever level is drawn
+        edges = volume_edges(scene, geometry)
         self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
         wanted = (self.plan.width, self.plan.height, by_columns)
         if image is None or (image.width, image.height, image.by_columns) != wanted:

@@ -1,13 +1,13 @@
 """The white edges of the volume's box and of the clip box (paper: plates; design, section 5).
 
-They depend on scene, geometry and plan only, never on samples or their partition.
+They depend on scene and geometry only, never on samples or their partition.
 """
 
 from dataclasses import dataclass
 
 from volsplat.protocol import matrices
-from volsplat.protocol.frame_plan import FIXED_ONE, FramePlan
-from volsplat.protocol.scene import Scene
+from volsplat.protocol.frame_plan import FIXED_ONE, FramePlan, plan_frame
+from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, Geometry, Index
 from volsplat.splat_server._kernels import EdgeLayer
 
@@ -25,10 +25,14 @@ class Edge:
     in_front: bool  # of all samples; else behind all of them
 
 
-def volume_edges(scene: Scene, geometry: Geometry, plan: FramePlan) -> list[Edge]:
-    """The 12 edges of the volume's box, and those of the clip box where bounds are set; none if switched off."""
+def volume_edges(scene: Scene, geometry: Geometry) -> list[Edge]:
+    """The 12 edges of the volume's box, and those of the clip box where bounds are set; none if switched off.
+
+    They are the volume's own, whatever step and level are drawn. Raises as plan_frame.
+    """
     if not scene.image.edges:
         return []
+    plan = plan_frame(scene, geometry, Step.F)
     edges = box_edges(geometry.box, plan, VOLUME_LINE_WIDTH)
     if plan.bounds != geometry.box:
         edges += box_edges(plan.bounds, plan, CLIP_LINE_WIDTH)

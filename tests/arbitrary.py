@@ -80,7 +80,8 @@ turns = st.tuples(_component, _component, _component, _component).filter(lambda 
 square_turns = st.sampled_from(
     [(0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0), (0.5, 0.5, 0.5, 0.5), (0.5, -0.5, 0.5, 0.5), (1.0, 1.0, 0.0, 0.0)]
 )
-quaternions = st.one_of(turns, square_turns)
+upright_turns = st.floats(-3.2, 3.2).map(lambda angle: (0.0, math.sin(angle / 2), 0.0, math.cos(angle / 2)))
+quaternions = st.one_of(turns, square_turns, upright_turns)
 zooms = st.floats(0.25, 16)
 
 

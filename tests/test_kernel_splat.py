@@ -288,16 +288,17 @@ def sheet_of(scene: Scene, geometry: Geometry, plan: FramePlan, opacity: int, ch
     return sheet, runs_of_samples(samples.ordinals[here], samples.lattice[here], opacity, WHITE)
 
 
-@settings(max_examples=40)
+@settings(max_examples=80)
 @given(
     situations(),
     st.sampled_from((Step.A, Step.B, Step.C)),
     st.integers(0, 12),
     st.sampled_from(PATHS),
     st.booleans(),
+    st.sampled_from((1, 3)),
 )
 def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
-    situation: tuple[Scene, Geometry], step: Step, chosen: int, path: str, by_columns: bool
+    situation: tuple[Scene, Geometry], step: Step, chosen: int, path: str, by_columns: bool, threads: int
 ) -> None:
     scene, geometry = situation
     plan = plan_frame(scene, geometry, step)
@@ -306,7 +307,7 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     sheet, runs = sheet_of(scene, geometry, plan, half, chosen)
     with kernels_on(_kernels, path):
         cells = cell_map(plan, by_columns)
-        image = splatted(runs, cells, scene.order, plan.width, plan.height, by_columns=by_columns)
+        image = splatted(runs, cells, scene.order, plan.width, plan.height, threads, by_columns)
     grid = sheet_coordinates_by_dda(plan, sheet)
     inside = (visit_at(grid[:, 0], plan, 1) >= 0) & (visit_at(grid[:, 1], plan, 2) >= 0)
     expected = torch.where(inside, torch.tensor(opacity_of_code(half), dtype=torch.float32), 0.0)
@@ -314,8 +315,11 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
-def test_an_opaque_sheet_is_exactly_1_inside(path: str, order: Order) -> None:
-    scene = plain_scene(view=View(rotation=(0.1, 0.2, 0.3, 1.0), zoom=3.3), size=(40, 40), order=order)
+@pytest.mark.parametrize("rotation", [(0.1, 0.2, 0.3, 1.0), (0.0, 0.2, 0.0, 1.0), (0.2, 0.0, 0.0, 1.0)])
+def test_an_opaque_sheet_is_exactly_1_inside(
+    path: str, order: Order, rotation: tuple[float, float, float, float]
+) -> None:
+    scene = plain_scene(view=View(rotation=rotation, zoom=3.3), size=(40, 40), order=order)
     geometry = Geometry((40, 40, 40))
     plan = plan_frame(scene, geometry, Step.C)
     _, runs = sheet_of(scene, geometry, plan, OPAQUE, 20)

@@ -42,12 +42,12 @@ TURNED = (0.2, 0.3, 0.1, 0.9)
 
 def test_there_are_twelve_edges_and_twelve_more_with_bounds() -> None:
     scene, geometry = scene_of(TURNED), Geometry(DIMS)
-    assert len(volume_edges(scene, geometry, plan_frame(scene, geometry, Step.F))) == 12
+    assert len(volume_edges(scene, geometry)) == 12
     cut = scene_of(TURNED, Bounds(low=(1, 2, 3), high=(5, -1, 7)))
-    edges = volume_edges(cut, geometry, plan_frame(cut, geometry, Step.F))
+    edges = volume_edges(cut, geometry)
     assert [edge.line_width for edge in edges] == [VOLUME_LINE_WIDTH] * 12 + [CLIP_LINE_WIDTH] * 12
     off = msgspec.structs.replace(scene, image=Image(width=SIZE, height=SIZE, edges=False))
-    assert volume_edges(off, geometry, plan_frame(off, geometry, Step.F)) == []
+    assert volume_edges(off, geometry) == []
 
 
 @given(index_to_physical(), quaternions)
@@ -57,7 +57,7 @@ def test_an_edge_is_behind_when_both_its_faces_face_away(
     """By the depth of each face's plane: nine edges are in front and three behind, those that meet in one corner."""
     scene, geometry = scene_of(rotation), Geometry((3, 4, 5), matrix)
     plan = plan_frame(scene, geometry, Step.F)
-    edges = volume_edges(scene, geometry, plan)
+    edges = volume_edges(scene, geometry)
     facing = [abs(row[2]) for row in matrices.inverse(plan.pixels_per_index)]
     behind = [edge for edge in edges if not edge.in_front]
     if min(facing) / max(facing) < EDGE_ANGLE:  # a face seen edge on
@@ -83,7 +83,7 @@ def test_lines_behind_are_attenuated_and_lines_in_front_are_not(opacity: int) ->
     while not assembly.complete:
         assembly.advance()
     image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32).reshape(SIZE, SIZE, 4)
-    front, back = edge_layers(volume_edges(scene, geometry, assembly.plan), SIZE, SIZE)
+    front, back = edge_layers(volume_edges(scene, geometry), SIZE, SIZE)
     before, behind = coverage(front)[..., None], coverage(back)[..., None]
     a = opacity_of_code(opacity)
     black = torch.tensor([0.0, 0.0, 0.0, a])

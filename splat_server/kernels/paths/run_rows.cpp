@@ -6,6 +6,8 @@ namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
 
+constexpr double kHalfPixel = 2147483648.0;  // 2^-32 pixel
+
 // Least and greatest y of a run's packets, in 1/64 pixel from its origin: those of its ends.
 struct Extent {
     int64_t least, greatest;
@@ -22,6 +24,18 @@ Extent extent_of(const unsigned char* packets, uint64_t count, int shift) {
     return first < last ? Extent{first, last} : Extent{last, first};
 }
 
+// How many rows a sample reaches up and down from its position.
+int64_t reach_of(const SplatJob& job) {
+    if (job.reach == Reach::pixel) return 1;
+    if (job.reach == Reach::footprint) return job.footprint.height / 2 + 2;
+    // A cell ends no further from its sample than the next ones are
+    double rows = 2;
+    for (int axis = 1; axis < 3; ++axis)
+        rows += __builtin_fabs(static_cast<double>(job.cell.half_step[1][axis])) / kHalfPixel *
+                static_cast<double>(job.cell.axes[axis].stride);
+    return rows < job.image.height ? static_cast<int64_t>(rows) : job.image.height;
+}
+
 int32_t limited(int64_t row, int height) {
     return static_cast<int32_t>(row < 0 ? 0 : row < height ? row : height);
 }
@@ -29,9 +43,8 @@ int32_t limited(int64_t row, int height) {
 }  // namespace
 
 void find_run_rows(const SplatJob& job, RowSpan* rows) {
-    const bool everywhere = job.reach == Reach::cell;
     const int shift = y_shift(job.image);
-    const int64_t around = job.reach == Reach::footprint ? job.footprint.height / 2 + 2 : 1;
+    const int64_t around = reach_of(job);
     for (size_t s = 0; s < job.span_count; ++s) {
         const unsigned char* packets = job.spans[s].packets;
         for (uint64_t r = 0; r < job.spans[s].run_count; ++r, ++rows) {
@@ -39,7 +52,6 @@ void find_run_rows(const SplatJob& job, RowSpan* rows) {
             const Extent extent = extent_of(packets, run.count, shift);
             *rows = {limited(((run.y0 + extent.least) >> kSubpixelBits) - around, job.image.height),
                      limited(((run.y0 + extent.greatest) >> kSubpixelBits) + around + 1, job.image.height)};
-            if (everywhere) *rows = {0, job.image.height};
             packets += uint64_t(run.count) * 8;
         }
     }

@@ -51,7 +51,8 @@ public:
 
     // Narrows the spans of the rows from `y` on to the pixels with low <= coordinate < high.
     void narrow(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
-        if (per_x_ == 0 || !narrow_if_certain(y, low, high, spans)) narrow_exactly(y, low, high, spans);
+        if (per_x_ == 0) narrow_level(y, low, high, spans);
+        else if (!narrow_if_certain(y, low, high, spans)) narrow_exactly(y, low, high, spans);
     }
 
 private:
@@ -79,15 +80,21 @@ private:
         return true;
     }
 
+    // Where the coordinate is the same all along a row: the row lies between the bounds or it does not.
+    void narrow_level(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
+        const Wide least = low * area_, bound = high * area_, step = Wide(per_y_) << 32;
+        Wide value = at(0, y);
+        for (int n = 0; n < kSpanRows; ++n, value += step)
+            if (value < least || value >= bound) spans.end[n] = spans.begin[n];
+    }
+
     void narrow_exactly(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
         for (int n = 0; n < kSpanRows; ++n) {
-            int32_t begin = spans.begin[n], end = spans.end[n];
+            const int32_t begin = spans.begin[n], end = spans.end[n];
             if (begin >= end) continue;
             const int32_t from = first_beyond(per_x_ < 0 ? high : low, y + n, begin, end);
-            end = per_x_ == 0 && at(begin, y + n) >= high * area_
-                      ? begin
-                      : first_beyond(per_x_ < 0 ? low : high, y + n, from, end);
-            spans.begin[n] = from, spans.end[n] = end;
+            spans.begin[n] = from;
+            spans.end[n] = first_beyond(per_x_ < 0 ? low : high, y + n, from, end);
         }
     }
 
