@@ -2,6 +2,7 @@
 
 import random
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 import torch
@@ -288,6 +289,18 @@ def sheet_of(scene: Scene, geometry: Geometry, plan: FramePlan, opacity: int, ch
     return sheet, runs_of_samples(samples.ordinals[here], samples.lattice[here], opacity, WHITE)
 
 
+def coloured(runs: list[Run]) -> list[Run]:
+    """Every sample with a colour of its own."""
+    chance = random.Random(len(runs))
+    return [
+        replace(
+            run,
+            dots=tuple(replace(dot, colour=(chance.randrange(256), n % 256, 100)) for n, dot in enumerate(run.dots)),
+        )
+        for run in runs
+    ]
+
+
 @settings(max_examples=80)
 @given(
     situations(),
@@ -305,9 +318,12 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     assume(plan.reach == Reach.CELL)
     half = OPACITY_CODES - 256  # overlapping cells would add up
     sheet, runs = sheet_of(scene, geometry, plan, half, chosen)
+    runs = coloured(runs)
+    alone = [Run(run.sheet, run.row, run.first + n, (dot,)) for run in runs for n, dot in enumerate(run.dots)]
     with kernels_on(_kernels, path):
         cells = cell_map(plan, by_columns)
         image = splatted(runs, cells, scene.order, plan.width, plan.height, threads, by_columns)
+        assert torch.equal(image, splatted(alone, cells, scene.order, plan.width, plan.height, 1, by_columns))
     grid = sheet_coordinates_by_dda(plan, sheet)
     inside = (visit_at(grid[:, 0], plan, 1) >= 0) & (visit_at(grid[:, 1], plan, 2) >= 0)
     expected = torch.where(inside, torch.tensor(opacity_of_code(half), dtype=torch.float32), 0.0)

@@ -1,4 +1,5 @@
-// Splats cells: for each sample the rows of the image that its cell touches, and in each of these the pixels inside.
+// Splats cells: of each row of the image that a cell touches the pixels inside. Narrow cells of samples that follow each
+// other in a row are painted together, each of their pixels with the sample in whose cell it lies.
 #pragma once
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
@@ -11,49 +12,128 @@ namespace {
 template <bool kFrontToBack>
 class CellLoop {
 public:
-    explicit CellLoop(const SplatJob& job) : job_(job), cells_(job) {}
+    explicit CellLoop(const SplatJob& job)
+        : job_(job),
+          cells_(job),
+          way_(job.cell.axes[2].ascending ? 1 : -1),
+          most_together_(cells_.pixels_across() < kWideCell ? kMostTogether : 1) {}
 
     void run() {
         if (cells_.empty()) return;
+        size_t number = 0;
         for (size_t s = 0; s < job_.span_count; ++s) {
             const unsigned char* packets = job_.spans[s].packets;
             for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
                 const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
-                cells_.enter_row(run.sheet, run.row);
-                for (uint32_t n = 0; n < run.count; ++n, packets += 8) splat(sample_at(packets, run, job_));
+                if (in_rows(job_, number++)) splat_run(run, packets);
+                packets += uint64_t(run.count) * 8;
             }
         }
     }
 
 private:
-    void splat(const ShadedSample& sample) {
+    static constexpr int kMostTogether = 64, kWideCell = 6;
+    static constexpr int kPixels = kSpanRows;  // at once
+    typedef typename Fitting<kPixels>::Lanes Lanes;
+    static constexpr int kLanes = sizeof(Lanes) / sizeof(float);
+
+    void splat_run(const RowRun& run, const unsigned char* packets) {
+        cells_.enter_row(run.sheet, run.row);
+        for (uint32_t n = 0; n < run.count; ++n, packets += 8) {
+            const ShadedSample sample = sample_at(packets, run, job_);
+            const int64_t ordinal = cells_.ordinal_at(sample.x, sample.y);
+            if (count_ == most_together_ || ordinal != first_ + way_ * count_) {
+                paint_together();
+                first_ = ordinal;
+            }
+            samples_[count_++] = Four{sample.opacity, sample.red, sample.green, sample.blue};
+        }
+        paint_together();
+    }
+
+    void paint_together() {
+        if (count_ == 0) return;
+        const int64_t last = first_ + way_ * (count_ - 1);
+        const int64_t least = way_ > 0 ? first_ : last, greatest = way_ > 0 ? last : first_;
         int64_t v_low, v_high, top, bottom;
-        cells_.cell_at(sample.x, sample.y, v_low, v_high);
+        cells_.bounds(least, greatest, v_low, v_high);
         cells_.image_rows(v_low, v_high, top, bottom);
-        const Point<Widest> point = in_all_lanes<Widest>(sample.opacity, sample.red, sample.green, sample.blue);
         for (; top < bottom; top += kSpanRows) {
             const RowSpans spans = cells_.spans(top, v_low, v_high);
             const int rows = bottom - top < kSpanRows ? static_cast<int>(bottom - top) : kSpanRows;
-            for (int n = 0; n < rows; ++n) paint(top + n, spans.begin[n], spans.end[n], point);
+            for (int n = 0; n < rows; ++n) {
+                if (count_ == 1) paint_one(top + n, spans.begin[n], spans.end[n]);
+                else paint(top + n, spans.begin[n], spans.end[n], least, greatest);
+            }
         }
+        count_ = 0;
     }
 
     // Weight 1 on the pixels x..x_end of a row; what is written beyond them stays as it was.
-    void paint(int64_t y, int x, int x_end, const Point<Widest>& point) {
-        const ImageView& image = job_.image;
-        float* pixels = image.pixels + y * image.pitch + x;
-        for (; x < x_end; x += kWidest, pixels += kWidest) {
-            const float* weights = kOnesAndZeros + (x_end - x < kWidest ? kWidest - (x_end - x) : 0);
-            combine<kFrontToBack, false, Widest>(pixels, image.plane, weights + kOnes - kWidest, point);
+    void paint_one(int64_t y, int x, int x_end) {
+        const Four& sample = samples_[0];
+        const Point<Widest> point = in_all_lanes<Widest>(sample[0], sample[1], sample[2], sample[3]);
+        float* pixels = pixel(x, y);
+        for (; x < x_end; x += kWidest, pixels += kWidest)
+            combine<kFrontToBack, false, Widest>(pixels, job_.image.plane, ones<kWidest>(x_end - x), point);
+    }
+
+    void paint(int64_t y, int x, int x_end, int64_t least, int64_t greatest) {
+        const int64_t plane = job_.image.plane;
+        float* pixels = pixel(x, y);
+        for (; x < x_end; x += kPixels, pixels += kPixels) {
+            const RowInts nth = way_ * (cells_.ordinals(x, y, least, greatest) - static_cast<int32_t>(first_));
+            int32_t places[kPixels];
+            __builtin_memcpy(places, &nth, sizeof places);
+            const float* const weights = ones<kPixels>(x_end - x);
+            for (int n = 0; n < kPixels; n += kLanes) {
+                const Point<Lanes> points = points_at(places + n);
+                Pixels<Lanes> some = load_pixels<Lanes>(pixels + n, plane);
+                combine<kFrontToBack>(some, opacity_at<false>(weights + n, points), points);
+                store_pixels(some, pixels + n, plane);
+            }
         }
+    }
+
+    float* pixel(int64_t x, int64_t y) const { return job_.image.pixels + y * job_.image.pitch + x; }
+
+    // Of so many weights the first `count` are 1, the others 0.
+    template <int kMost>
+    static const float* ones(int count) {
+        return kOnesAndZeros + kOnes - (count < kMost ? count : kMost);
+    }
+
+    // The samples of as many pixels as there are lanes.
+    Point<Lanes> points_at(const int32_t* places) const {
+        Four channels[4][kLanes / 4];  // opacity, red, green, blue
+        for (int part = 0; part < kLanes / 4; ++part, places += 4) {
+            const Four &a = samples_[places[0]], &b = samples_[places[1]], &c = samples_[places[2]],
+                       &d = samples_[places[3]];
+            const Four ab_low = __builtin_shuffle(a, b, FourBits{0, 4, 1, 5});
+            const Four ab_high = __builtin_shuffle(a, b, FourBits{2, 6, 3, 7});
+            const Four cd_low = __builtin_shuffle(c, d, FourBits{0, 4, 1, 5});
+            const Four cd_high = __builtin_shuffle(c, d, FourBits{2, 6, 3, 7});
+            channels[0][part] = __builtin_shuffle(ab_low, cd_low, FourBits{0, 1, 4, 5});
+            channels[1][part] = __builtin_shuffle(ab_low, cd_low, FourBits{2, 3, 6, 7});
+            channels[2][part] = __builtin_shuffle(ab_high, cd_high, FourBits{0, 1, 4, 5});
+            channels[3][part] = __builtin_shuffle(ab_high, cd_high, FourBits{2, 3, 6, 7});
+        }
+        Point<Lanes> points;
+        __builtin_memcpy(&points, channels, sizeof points);
+        return points;
     }
 
     static constexpr int kOnes = 16;
     static constexpr float kOnesAndZeros[2 * kOnes] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-    static_assert(kWidest <= kOnes);
+    static_assert(kWidest <= kOnes && kPixels <= kOnes);
 
     const SplatJob& job_;
     SheetCells cells_;
+    const int way_;  // from one sample's ordinal to the next one's
+    const int most_together_;
+    int64_t first_ = 0;
+    int count_ = 0;
+    Four samples_[kMostTogether];  // opacity, red, green, blue
 };
 
 }  // namespace

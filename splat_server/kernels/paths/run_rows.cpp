@@ -7,6 +7,7 @@ namespace VOLSPLAT_PATH {
 namespace {
 
 constexpr double kHalfPixel = 2147483648.0;  // 2^-32 pixel
+constexpr int64_t kFarthest = int64_t(1) << 32;  // pixels: any position reaches all of the image
 
 // Least and greatest y of a run's packets, in 1/64 pixel from its origin: those of its ends.
 struct Extent {
@@ -28,12 +29,12 @@ Extent extent_of(const unsigned char* packets, uint64_t count, int shift) {
 int64_t reach_of(const SplatJob& job) {
     if (job.reach == Reach::pixel) return 1;
     if (job.reach == Reach::footprint) return job.footprint.height / 2 + 2;
-    // A cell ends no further from its sample than the next ones are
+    // A cell ends no further from its sample than the next ones are on each axis, and lies in the middle of its sheet
     double rows = 2;
-    for (int axis = 1; axis < 3; ++axis)
+    for (int axis = 0; axis < 3; ++axis)
         rows += __builtin_fabs(static_cast<double>(job.cell.half_step[1][axis])) / kHalfPixel *
                 static_cast<double>(job.cell.axes[axis].stride);
-    return rows < job.image.height ? static_cast<int64_t>(rows) : job.image.height;
+    return rows < kFarthest ? static_cast<int64_t>(rows) : kFarthest;
 }
 
 int32_t limited(int64_t row, int height) {

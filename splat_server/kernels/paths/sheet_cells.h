@@ -3,6 +3,7 @@
 // is decided in integers, from the indices.
 #pragma once
 #include "../splat_job.h"
+#include "pixel_vectors.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {
@@ -24,6 +25,17 @@ typedef int32_t RowInts __attribute__((vector_size(kSpanRows * 4)));
 typedef int64_t RowBits __attribute__((vector_size(kSpanRows * 8)));
 typedef double RowReals __attribute__((vector_size(kSpanRows * 8)));
 
+inline bool any(const RowBits& bits) {
+#ifdef __AVX512F__
+    return _mm512_test_epi64_mask((__m512i)bits, (__m512i)bits) != 0;
+#else
+    FourBits parts[4];
+    static_assert(sizeof parts == sizeof bits);
+    __builtin_memcpy(parts, &bits, sizeof parts);
+    return any(parts[0] | parts[1] | parts[2] | parts[3]);
+#endif
+}
+
 // The pixels begin <= x < end of some image rows, one below the other.
 struct RowSpans {
     RowInts begin, end;
@@ -40,6 +52,12 @@ public:
         pixels_ = per_x == 0 ? 0 : 1 / slope_x_;
     }
 
+    // For block_numbers: block n begins at the doubled coordinate 2 * (first + n * size) - 1.
+    void set_blocks(int64_t first, int64_t size) {
+        first_block_ = 2 * first - 1, block_ = 2 * size;
+        blocks_ = 1 / static_cast<double>(block_);
+    }
+
     void enter_sheet(int64_t origin_x, int64_t origin_y, int width, int height) {
         at_zero_ = -Wide(origin_x) * per_x_ - Wide(origin_y) * per_y_;
         constant_ = static_cast<double>(at_zero_) / static_cast<double>(area_);
@@ -47,6 +65,24 @@ public:
         constexpr double kRounding = 1.0 / (int64_t(1) << 47);  // of all that is added up, well above 2^-53
         const double greatest = size_of(constant_) + size_of(slope_x_) * width + size_of(slope_y_) * height;
         doubt_ = kRounding * (2 * greatest + 1) * size_of(pixels_);
+        block_doubt_ = kRounding * (2 * greatest + size_of(static_cast<double>(first_block_)) + 1) * blocks_;
+    }
+
+    // Of eight pixels from (x, y) on the blocks that they lie in; of those beyond `least` or `greatest` these.
+    RowInts block_numbers(int64_t x, int64_t y, int64_t least, int64_t greatest) const {
+        const RowReals across = {0, 1, 2, 3, 4, 5, 6, 7};
+        const double at_row = constant_ + slope_y_ * static_cast<double>(y) - static_cast<double>(first_block_);
+        RowReals place = (at_row + slope_x_ * (static_cast<double>(x) + across)) * blocks_;
+        const double low = static_cast<double>(least) + 0.5, high = static_cast<double>(greatest) + 0.5;
+        place = place < low ? RowReals{} + low : place;
+        place = place > high ? RowReals{} + high : place;
+        RowInts numbers = __builtin_convertvector(place, RowInts);
+        const RowReals within = place - __builtin_convertvector(numbers, RowReals);
+        const RowBits doubtful = (within <= block_doubt_) | (within >= 1 - block_doubt_);
+        if (any(doubtful))
+            for (int n = 0; n < kSpanRows; ++n)
+                if (doubtful[n]) numbers[n] = block_at(x + n, y, numbers[n] + (within[n] > 0.5));
+        return numbers;
     }
 
     // Narrows the spans of the rows from `y` on to the pixels with low <= coordinate < high.
@@ -72,9 +108,7 @@ private:
             return first;
         };
         const RowInts begin = first_beyond(per_x_ < 0 ? high : low), end = first_beyond(per_x_ < 0 ? low : high);
-        int64_t any = 0;
-        for (int n = 0; n < kSpanRows; ++n) any |= doubtful[n];
-        if (any) return false;
+        if (any(doubtful)) return false;
         spans.begin = begin > spans.begin ? begin : spans.begin;
         spans.end = end < spans.end ? end : spans.end;
         return true;
@@ -100,6 +134,12 @@ private:
 
     Wide at(int64_t x, int64_t y) const { return at_zero_ + (Wide(x) << 32) * per_x_ + (Wide(y) << 32) * per_y_; }
 
+    // The one of two neighbouring blocks, by the number of the second, that a pixel lies in.
+    int32_t block_at(int64_t x, int64_t y, int32_t second) const {
+        const int64_t bound = first_block_ + second * block_;
+        return at(x, y) < bound * area_ ? second - 1 : second;
+    }
+
     // The first pixel of begin..end where a rising coordinate is no longer below `bound`, a falling one is, or `end`.
     int32_t first_beyond(int64_t bound, int64_t y, int32_t begin, int32_t end) const {
         while (begin < end) {
@@ -116,6 +156,8 @@ private:
     double pixels_ = 0;  // for which the coordinate changes by 1
     double doubt_ = 0;   // pixels: nearer than this to a pixel's centre a crossing must be decided in integers
     int width_ = 0;
+    int64_t first_block_ = 0, block_ = 1;
+    double blocks_ = 1, block_doubt_ = 0;  // for which the coordinate changes by 1; as `doubt_`, in blocks
 };
 
 class SheetCells {
@@ -132,6 +174,7 @@ public:
             rows_.set_slopes(-sample_y_, sample_x_, -area_);
             samples_.set_slopes(row_y_, -row_x_, -area_);
         }
+        samples_.set_blocks(view_.axes[2].first - view_.axes[2].stride / 2, view_.axes[2].stride);
         const double dx = static_cast<double>(sample_x_), dy = static_cast<double>(sample_y_);
         const double square = dx * dx + dy * dy;
         along_x_ = dx / square / 2, along_y_ = dy / square / 2;
@@ -140,6 +183,11 @@ public:
 
     // A sheet seen exactly edge on covers no pixel.
     bool empty() const { return area_ == 0; }
+
+    // How far along an image row it is from one sample of a row to the next.
+    double pixels_across() const {
+        return size_of(static_cast<double>(sample_x_)) * 2 * static_cast<double>(view_.axes[2].stride) / kFixedOne;
+    }
 
     void enter_row(uint32_t sheet, uint32_t row) {
         int64_t low, high;
@@ -157,8 +205,8 @@ public:
         half_rows_ = static_cast<double>(high - low) * size_of(static_cast<double>(row_y_));
     }
 
-    // The doubled bounds of the cell of the sample of this row that is nearest to a position in 1/64 pixel.
-    void cell_at(int64_t x64, int64_t y64, int64_t& v_low, int64_t& v_high) const {
+    // The ordinal of the sample of this row that is nearest to a position in 1/64 pixel.
+    int64_t ordinal_at(int64_t x64, int64_t y64) const {
         const double from_x = static_cast<double>(x64) * (kFixedOne / 64) - middle_x_;
         const double from_y = static_cast<double>(y64) * (kFixedOne / 64) - middle_y_;
         const double middle = from_x * along_x_ + from_y * along_y_;
@@ -166,15 +214,24 @@ public:
         // Within half a voxel of its middle a block belongs to one ordinal only, so rounding cannot matter.
         const double place = (middle + 0.5 - static_cast<double>(axis.first - axis.stride / 2)) /
                              static_cast<double>(axis.stride);
-        int64_t o = 0;
-        if (place >= static_cast<double>(axis.count)) o = axis.count - 1;
-        else if (place > 0) o = static_cast<int64_t>(place);
-        int64_t low, high;
-        block(axis, o, low, high);
+        if (place >= static_cast<double>(axis.count)) return axis.count - 1;
+        return place > 0 ? static_cast<int64_t>(place) : 0;
+    }
+
+    // The doubled bounds of the cells of some samples that follow each other.
+    void bounds(int64_t least, int64_t greatest, int64_t& v_low, int64_t& v_high) const {
+        int64_t low, high, unused;
+        block(view_.axes[2], least, low, unused);
+        block(view_.axes[2], greatest, unused, high);
         v_low = 2 * low - 1, v_high = 2 * high - 1;
     }
 
-    // The image rows that a cell of this row may touch: top <= y < bottom, within the job's.
+    // Of eight pixels from (x, y) on the ordinals of the cells that they lie in, within these bounds.
+    RowInts ordinals(int64_t x, int64_t y, int64_t least, int64_t greatest) const {
+        return samples_.block_numbers(x, y, least, greatest);
+    }
+
+    // The image rows that cells of this row may touch: top <= y < bottom, within the job's.
     void image_rows(int64_t v_low, int64_t v_high, int64_t& top, int64_t& bottom) const {
         const double middle = middle_y_ + static_cast<double>(v_low + v_high) * half_sample_y_;
         const double reach = half_rows_ + static_cast<double>(v_high - v_low) * size_of(half_sample_y_);
@@ -186,7 +243,7 @@ public:
             greatest < job_.row_end ? floor_of(greatest > job_.row_begin ? greatest : job_.row_begin) : job_.row_end;
     }
 
-    // The pixels of the image rows from `y` on that lie in a cell of this row.
+    // The pixels of the image rows from `y` on that lie in cells of this row.
     RowSpans spans(int64_t y, int64_t v_low, int64_t v_high) const {
         RowSpans spans{RowInts{}, RowInts{} + job_.image.width};
         rows_.narrow(y, u_low_, u_high_, spans);
