@@ -5,9 +5,9 @@ import threading
 
 from volsplat.protocol.messages import Message
 
-SMALLEST = 1 << 12  # bytes; from here on lengths are rounded up to quarters of a power of two
-SPARE_BYTES = 32 << 20  # of one length that nobody holds, but LEAST_SPARE to MOST_SPARE buffers; others are let go
-LEAST_SPARE, MOST_SPARE = 4, 16
+SMALLEST = 1 << 12  # bytes; lengths are multiples of it and, where they are larger, of a quarter of a power of two
+SPARE_BYTES = 32 << 20  # kept of each length where nobody holds them …
+LEAST_SPARE, MOST_SPARE = 4, 16  # … but so many buffers at least and at most
 REFERENCES = 2  # to a buffer that only the pool holds: its list and getrefcount's argument
 
 

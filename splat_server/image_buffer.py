@@ -33,7 +33,10 @@ class ImageBuffer:
 
     @property
     def hidden_packets(self) -> int:
-        """Packets left out as hidden, since `clear`, in the stripe of their first row; the next may still draw them."""
+        """Packets left out as hidden, since `clear`, in the stripe of their first row; the next may still draw them.
+
+        Neighbours that are looked at together count where all of them are hidden: how many are depends on the CPU path.
+        """
         return self._memory.hidden_packets
 
     def clear(self) -> None:

@@ -18,6 +18,7 @@ from reference.render import sheet_coordinates_by_dda, visit_at
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL, SPLAT_FLOAT32
 from volsplat.bench.cpu_paths import kernels_on
 from volsplat.protocol.frame_plan import FramePlan, Reach, plan_frame
+from volsplat.protocol.matrices import Matrix
 from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Kernel, Order, Scene, Step, View
 from volsplat.protocol.volume import Geometry
@@ -30,6 +31,8 @@ from volsplat.splat_server.pixel_reach import PixelReach, cell_map
 PATHS = _kernels.cpu_paths()
 OPAQUE = OPACITY_CODES - 1
 WHITE = (255, 255, 255)
+
+FLAT_CELLS = ((1.0, 200.0, 0.0), (0.0, 1e-9, 0.0), (0.0, 0.0, 1e9))  # next to no area in a sheet
 
 Affected = list[tuple[int, int, float]]  # x, y, weight
 
@@ -289,6 +292,11 @@ def sheet_of(scene: Scene, geometry: Geometry, plan: FramePlan, opacity: int, ch
     return sheet, runs_of_samples(samples.ordinals[here], samples.lattice[here], opacity, WHITE)
 
 
+def one_by_one(runs: list[Run]) -> list[Run]:
+    """A run for each sample."""
+    return [Run(run.sheet, run.row, run.first + n, (dot,)) for run in runs for n, dot in enumerate(run.dots)]
+
+
 def coloured(runs: list[Run]) -> list[Run]:
     """Every sample with a colour of its own."""
     chance = random.Random(len(runs))
@@ -319,7 +327,7 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     half = OPACITY_CODES - 256  # overlapping cells would add up
     sheet, runs = sheet_of(scene, geometry, plan, half, chosen)
     runs = coloured(runs)
-    alone = [Run(run.sheet, run.row, run.first + n, (dot,)) for run in runs for n, dot in enumerate(run.dots)]
+    alone = one_by_one(runs)
     with kernels_on(_kernels, path):
         cells = cell_map(plan, by_columns)
         image = splatted(runs, cells, scene.order, plan.width, plan.height, threads, by_columns)
@@ -328,6 +336,33 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     inside = (visit_at(grid[:, 0], plan, 1) >= 0) & (visit_at(grid[:, 1], plan, 2) >= 0)
     expected = torch.where(inside, torch.tensor(opacity_of_code(half), dtype=torch.float32), 0.0)
     assert torch.equal(image[..., 3].flatten(), expected)
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+@pytest.mark.parametrize("rotation", [(0.0, 0.0, 0.0, 1.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 0.1, 1.0)])
+def test_a_long_row_of_cells_is_that_of_each_cell_alone(
+    path: str, order: Order, rotation: tuple[float, float, float, float]
+) -> None:
+    scene = plain_scene(view=View(rotation=rotation, zoom=1.2), size=(300, 20), order=order)
+    check_cells_alone(scene, Geometry((200, 5, 5)), shortest=150)
+
+
+@pytest.mark.parametrize("matrix", [FLAT_CELLS, tuple(tuple(-c for c in row) for row in FLAT_CELLS)])
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+def test_cells_of_next_to_no_area_are_those_of_each_cell_alone(path: str, order: Order, matrix: Matrix) -> None:
+    scene = plain_scene(view=View(zoom=1.0), size=(201, 201), order=order)
+    check_cells_alone(scene, Geometry((12, 11, 3), matrix))
+
+
+def check_cells_alone(scene: Scene, geometry: Geometry, shortest: int = 1) -> None:
+    plan = plan_frame(scene, geometry, Step.C)
+    _, runs = sheet_of(scene, geometry, plan, OPACITY_CODES - 256, 1)
+    runs = coloured(runs)
+    assert max(len(run.dots) for run in runs) >= shortest
+    together, alone = (
+        splatted(some, cell_map(plan), scene.order, plan.width, plan.height) for some in (runs, one_by_one(runs))
+    )
+    assert torch.equal(together, alone) and together.any()
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)

@@ -32,17 +32,19 @@ public:
     }
 
 private:
-    static constexpr int kMostTogether = 64, kWideCell = 6;
+    static constexpr int kMostTogether = 64;  // which fit into the first cache many times
+    static constexpr int kWideCell = 6;       // pixels: from here on a cell alone keeps a vector busy
     static constexpr int kPixels = kSpanRows;  // at once
     typedef typename Fitting<kPixels>::Lanes Lanes;
     static constexpr int kLanes = sizeof(Lanes) / sizeof(float);
 
     void splat_run(const RowRun& run, const unsigned char* packets) {
         cells_.enter_row(run.sheet, run.row);
+        const int most_together = cells_.tells_ordinals() ? most_together_ : 1;
         for (uint32_t n = 0; n < run.count; ++n, packets += 8) {
             const ShadedSample sample = sample_at(packets, run, job_);
             const int64_t ordinal = cells_.ordinal_at(sample.x, sample.y);
-            if (count_ == most_together_ || ordinal != first_ + way_ * count_) {
+            if (count_ == most_together || ordinal != first_ + way_ * count_) {
                 paint_together();
                 first_ = ordinal;
             }

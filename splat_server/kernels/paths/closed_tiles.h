@@ -83,20 +83,23 @@ public:
     static constexpr int kMostColumns = 57;  // that one unaligned word is sure to hold
 
     ClosedBoxes(const ImageView& image, int width, int height)
-        : tiles_(reinterpret_cast<const unsigned char*>(image.closed_tiles)),
-          row_bytes(static_cast<int>(image.tile_words) * 8),
-          columns(most_tiles(width)),
-          rows(most_tiles(height)),
-          all_(columns <= kMostColumns ? (uint64_t(1) << columns) - 1 : 0) {}
+        : last_left(image.width - kTileSide * most_tiles(width)),
+          last_top(image.height - kTileSide * most_tiles(height)),
+          tiles_(reinterpret_cast<const unsigned char*>(image.closed_tiles)),
+          row_bytes_(image.tile_words * 8),
+          rows_(most_tiles(height)),
+          all_(most_tiles(width) <= kMostColumns ? (uint64_t(1) << most_tiles(width)) - 1 : 0) {}
 
-    // Of a box that lies within the image, and its tiles too.
+    // Of a box at 0..last_left, 0..last_top.
     bool hide(uint32_t left, uint32_t top) const {
-        int64_t place = int64_t(top / kTileSide) * row_bytes + left / (8 * kTileSide);
+        int64_t place = top / kTileSide * row_bytes_ + left / (8 * kTileSide);
         const int shift = left / kTileSide % 8;
         uint64_t closed = word_at(place);
-        for (int row = 1; row < rows; ++row) closed &= word_at(place += row_bytes);
+        for (int row = 1; row < rows_; ++row) closed &= word_at(place += row_bytes_);
         return (closed >> shift & all_) == all_;
     }
+
+    const int last_left, last_top;  // up to there all tiles that a box may touch lie within the image
 
 private:
     static int most_tiles(int pixels) { return (pixels + kTileSide - 2) / kTileSide + 1; }
@@ -110,11 +113,8 @@ private:
     }
 
     const unsigned char* const tiles_;
-
-public:
-    const int row_bytes, columns, rows;
-
-private:
+    const int64_t row_bytes_;
+    const int rows_;
     const uint64_t all_;
 };
 

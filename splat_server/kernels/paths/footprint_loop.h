@@ -15,8 +15,8 @@ struct Samples {
     Integers entry;          // its first weight in the table
     Integers inside;         // all bits where the box and its tiles lie within the image
     Integers whole;          // and the box within the job's rows
-    Integers window;         // the least `left` of each four
-    Integers together;       // all bits where they share their rows and a window (see FourBoxes)
+    Integers window;         // of each four the lesser `left` of the first and the last, as they lie on a line
+    Integers together;       // all bits where the box shares its rows with the four's first, and lies in the window
     Numbers opacity, red, green, blue;
 };
 
@@ -109,10 +109,8 @@ private:
         samples.left = (x >> bits) + table_.start_x - (fx >= table_.step_x);
         samples.top = (y >> bits) + table_.start_y - (fy >= table_.step_y);
         samples.entry = ((fy << bits) + fx) * (table_.pitch * table_.height);
-        const int last_left = image_.width - kTileSide * closed_boxes_.columns;
-        const int last_top = image_.height - kTileSide * closed_boxes_.rows;
-        samples.inside = (samples.left >= 0) & (samples.left <= last_left) & (samples.top >= 0) &
-                         (samples.top <= last_top);
+        samples.inside = (samples.left >= 0) & (samples.left <= closed_boxes_.last_left) & (samples.top >= 0) &
+                         (samples.top <= closed_boxes_.last_top);
         samples.whole =
             samples.inside & (samples.top >= job_.row_begin) & (samples.top <= job_.row_end - table_.height);
         if constexpr (Together::kFit) find_together(samples);
@@ -129,7 +127,7 @@ private:
         samples.window = at_first < at_last ? at_first : at_last;
         samples.together = samples.whole & (samples.top == __builtin_shuffle(samples.top, first)) &
                            (samples.left >= samples.window) & (samples.left <= samples.window + 4 * kFours) &
-                           (samples.window <= image_.width - kTileSide * closed_windows_.columns);
+                           (samples.window <= closed_windows_.last_left);
     }
 
     static bool stand_together(const Samples& samples, int n) {

@@ -54,8 +54,8 @@ public:
 
     // For block_numbers: block n begins at the doubled coordinate 2 * (first + n * size) - 1.
     void set_blocks(int64_t first, int64_t size) {
-        first_block_ = 2 * first - 1, block_ = 2 * size;
-        blocks_ = 1 / static_cast<double>(block_);
+        first_block_ = 2 * first - 1, block_size_ = 2 * size;
+        blocks_per_unit_ = 1 / static_cast<double>(block_size_);
     }
 
     void enter_sheet(int64_t origin_x, int64_t origin_y, int width, int height) {
@@ -65,14 +65,17 @@ public:
         constexpr double kRounding = 1.0 / (int64_t(1) << 47);  // of all that is added up, well above 2^-53
         const double greatest = size_of(constant_) + size_of(slope_x_) * width + size_of(slope_y_) * height;
         doubt_ = kRounding * (2 * greatest + 1) * size_of(pixels_);
-        block_doubt_ = kRounding * (2 * greatest + size_of(static_cast<double>(first_block_)) + 1) * blocks_;
+        block_doubt_ = kRounding * (2 * greatest + size_of(static_cast<double>(first_block_)) + 1) * blocks_per_unit_;
     }
+
+    // Whether floating point leaves no more than two neighbouring blocks in question, as block_numbers needs it.
+    bool tells_blocks() const { return block_doubt_ < 0.5; }
 
     // Of eight pixels from (x, y) on the blocks that they lie in; of those beyond `least` or `greatest` these.
     RowInts block_numbers(int64_t x, int64_t y, int64_t least, int64_t greatest) const {
         const RowReals across = {0, 1, 2, 3, 4, 5, 6, 7};
         const double at_row = constant_ + slope_y_ * static_cast<double>(y) - static_cast<double>(first_block_);
-        RowReals place = (at_row + slope_x_ * (static_cast<double>(x) + across)) * blocks_;
+        RowReals place = (at_row + slope_x_ * (static_cast<double>(x) + across)) * blocks_per_unit_;
         const double low = static_cast<double>(least) + 0.5, high = static_cast<double>(greatest) + 0.5;
         place = place < low ? RowReals{} + low : place;
         place = place > high ? RowReals{} + high : place;
@@ -136,7 +139,7 @@ private:
 
     // The one of two neighbouring blocks, by the number of the second, that a pixel lies in.
     int32_t block_at(int64_t x, int64_t y, int32_t second) const {
-        const int64_t bound = first_block_ + second * block_;
+        const int64_t bound = first_block_ + second * block_size_;
         return at(x, y) < bound * area_ ? second - 1 : second;
     }
 
@@ -156,8 +159,9 @@ private:
     double pixels_ = 0;  // for which the coordinate changes by 1
     double doubt_ = 0;   // pixels: nearer than this to a pixel's centre a crossing must be decided in integers
     int width_ = 0;
-    int64_t first_block_ = 0, block_ = 1;
-    double blocks_ = 1, block_doubt_ = 0;  // for which the coordinate changes by 1; as `doubt_`, in blocks
+    int64_t first_block_ = 0, block_size_ = 1;
+    double blocks_per_unit_ = 1;
+    double block_doubt_ = 0;  // blocks: nearer than this to its end a pixel's block must be decided in integers
 };
 
 class SheetCells {
@@ -225,6 +229,9 @@ public:
         block(view_.axes[2], greatest, unused, high);
         v_low = 2 * low - 1, v_high = 2 * high - 1;
     }
+
+    // Whether `ordinals` can be asked for on this sheet.
+    bool tells_ordinals() const { return samples_.tells_blocks(); }
 
     // Of eight pixels from (x, y) on the ordinals of the cells that they lie in, within these bounds.
     RowInts ordinals(int64_t x, int64_t y, int64_t least, int64_t greatest) const {
