@@ -34,6 +34,7 @@ class Tab:
         page.set_default_timeout(PATIENCE)
         page.goto(url)
         page.wait_for_selector('[aria-label="Modulation"] circle[role=slider]')
+        page.wait_for_function("() => window.did_handshake")  # until then it keeps what it has to say
 
     @property
     def scene(self) -> Scene:
