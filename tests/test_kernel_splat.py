@@ -167,6 +167,11 @@ def test_an_image_kept_by_columns_is_that_of_the_mirrored_samples(
     assert by_columns.any()
 
 
+def one_by_one(runs: list[Run]) -> list[Run]:
+    """A run for each sample."""
+    return [Run(run.sheet, run.row, run.first + n, (dot,)) for run in runs for n, dot in enumerate(run.dots)]
+
+
 @st.composite
 def level_runs(draw: st.DrawFn, width: int, height: int) -> list[Run]:
     """Runs whose samples mostly lie side by side in the same rows of pixels, some with gaps, steps back or aside."""
@@ -191,7 +196,7 @@ def test_samples_of_one_run_give_the_bits_of_runs_of_one_sample(
 ) -> None:
     width, height = 61, 23
     runs = data.draw(level_runs(width, height))
-    alone = [Run(0, n, 0, (dot,)) for n, dot in enumerate(dot for run in runs for dot in run.dots)]
+    alone = one_by_one(runs)
     table = table_of(*TABLES[table_name])
     with kernels_on(_kernels, path):
         together = splatted(runs, table, order, width, height)
@@ -290,11 +295,6 @@ def sheet_of(scene: Scene, geometry: Geometry, plan: FramePlan, opacity: int, ch
     sheet = int(sheets[chosen % len(sheets)])
     here = samples.ordinals[:, 0] == sheet
     return sheet, runs_of_samples(samples.ordinals[here], samples.lattice[here], opacity, WHITE)
-
-
-def one_by_one(runs: list[Run]) -> list[Run]:
-    """A run for each sample."""
-    return [Run(run.sheet, run.row, run.first + n, (dot,)) for run in runs for n, dot in enumerate(run.dots)]
 
 
 def coloured(runs: list[Run]) -> list[Run]:

@@ -88,12 +88,8 @@ private:
             int32_t places[kPixels];
             __builtin_memcpy(places, &nth, sizeof places);
             const float* const weights = ones<kPixels>(x_end - x);
-            for (int n = 0; n < kPixels; n += kLanes) {
-                const Point<Lanes> points = points_at(places + n);
-                Pixels<Lanes> some = load_pixels<Lanes>(pixels + n, plane);
-                combine<kFrontToBack>(some, opacity_at<false>(weights + n, points), points);
-                store_pixels(some, pixels + n, plane);
-            }
+            for (int n = 0; n < kPixels; n += kLanes)
+                combine<kFrontToBack, false, Lanes>(pixels + n, plane, weights + n, points_at(places + n));
         }
     }
 

@@ -146,7 +146,7 @@ inline void store(float* address, Lanes lanes) {
     __builtin_memcpy(address, &lanes, sizeof lanes);
 }
 
-// A sample's opacity A and intensity I, in all lanes.
+// The opacity A and intensity I of a sample in all lanes, or of one in each.
 template <class Lanes>
 struct Point {
     Lanes opacity, red, green, blue;

@@ -1,12 +1,12 @@
 // Which rows of pixels each run reaches, so that a stripe need not decode the runs that do not.
 #include "shaded_sample.h"
+#include "sheet_cells.h"
 #include "splat_loops.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
 
-constexpr double kHalfPixel = 2147483648.0;  // 2^-32 pixel
 constexpr int64_t kFarthest = int64_t(1) << 32;  // pixels: any position reaches all of the image
 
 // Least and greatest y of a run's packets, in 1/64 pixel from its origin: those of its ends.
@@ -31,9 +31,7 @@ int64_t reach_of(const SplatJob& job) {
     if (job.reach == Reach::footprint) return job.footprint.height / 2 + 2;
     // A cell ends no further from its sample than the next ones are on each axis, and lies in the middle of its sheet
     double rows = 2;
-    for (int axis = 0; axis < 3; ++axis)
-        rows += __builtin_fabs(static_cast<double>(job.cell.half_step[1][axis])) / kHalfPixel *
-                static_cast<double>(job.cell.axes[axis].stride);
+    for (int axis = 0; axis < 3; ++axis) rows += pixels_apart(job.cell, 1, axis);
     return rows < kFarthest ? static_cast<int64_t>(rows) : kFarthest;
 }
 

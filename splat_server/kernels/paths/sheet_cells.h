@@ -20,6 +20,12 @@ inline int64_t floor_of(double value) {
 
 inline double size_of(double value) { return value < 0 ? -value : value; }
 
+// Pixels along one coordinate from a sample to the next on an axis.
+inline double pixels_apart(const CellView& cells, int coordinate, int axis) {
+    return size_of(static_cast<double>(cells.half_step[coordinate][axis])) * 2 *
+           static_cast<double>(cells.axes[axis].stride) / kFixedOne;
+}
+
 constexpr int kSpanRows = 8;
 typedef int32_t RowInts __attribute__((vector_size(kSpanRows * 4)));
 typedef int64_t RowBits __attribute__((vector_size(kSpanRows * 8)));
@@ -178,7 +184,7 @@ public:
             rows_.set_slopes(-sample_y_, sample_x_, -area_);
             samples_.set_slopes(row_y_, -row_x_, -area_);
         }
-        samples_.set_blocks(view_.axes[2].first - view_.axes[2].stride / 2, view_.axes[2].stride);
+        samples_.set_blocks(block_start(view_.axes[2], 0), view_.axes[2].stride);
         const double dx = static_cast<double>(sample_x_), dy = static_cast<double>(sample_y_);
         const double square = dx * dx + dy * dy;
         along_x_ = dx / square / 2, along_y_ = dy / square / 2;
@@ -189,9 +195,7 @@ public:
     bool empty() const { return area_ == 0; }
 
     // How far along an image row it is from one sample of a row to the next.
-    double pixels_across() const {
-        return size_of(static_cast<double>(sample_x_)) * 2 * static_cast<double>(view_.axes[2].stride) / kFixedOne;
-    }
+    double pixels_across() const { return pixels_apart(view_, 0, 2); }
 
     void enter_row(uint32_t sheet, uint32_t row) {
         int64_t low, high;
@@ -216,8 +220,8 @@ public:
         const double middle = from_x * along_x_ + from_y * along_y_;
         const AxisView& axis = view_.axes[2];
         // Within half a voxel of its middle a block belongs to one ordinal only, so rounding cannot matter.
-        const double place = (middle + 0.5 - static_cast<double>(axis.first - axis.stride / 2)) /
-                             static_cast<double>(axis.stride);
+        const double place =
+            (middle + 0.5 - static_cast<double>(block_start(axis, 0))) / static_cast<double>(axis.stride);
         if (place >= static_cast<double>(axis.count)) return axis.count - 1;
         return place > 0 ? static_cast<int64_t>(place) : 0;
     }
@@ -263,8 +267,11 @@ private:
         return axis.ascending ? int64_t(visited) : axis.count - 1 - int64_t(visited);
     }
 
+    // Where the block of an ordinal begins, but for the outermost ones, which reach to the bounds.
+    static int64_t block_start(const AxisView& axis, int64_t o) { return axis.first + axis.stride * o - axis.stride / 2; }
+
     static void block(const AxisView& axis, int64_t o, int64_t& low, int64_t& high) {
-        const int64_t start = axis.first + axis.stride * o - axis.stride / 2;
+        const int64_t start = block_start(axis, o);
         low = o == 0 ? axis.low : start;
         high = o == axis.count - 1 ? axis.high : start + axis.stride;
     }
