@@ -4,28 +4,23 @@
 #include <cstring>
 #include <stdexcept>
 
+#include "four_by_four.h"
+
 namespace volsplat {
 namespace {
 
 constexpr std::size_t kMostBlocks = 4;  // kept to be handed out again
 
-typedef float Four __attribute__((vector_size(16)));
-typedef int Places __attribute__((vector_size(16)));
-
-Four four_at(const float* address) {
-    Four four;
+FourFloats four_at(const float* address) {
+    FourFloats four;
     std::memcpy(&four, address, sizeof four);
     return four;
 }
 
 // Four pixels, from planes of red, green, blue and alpha to pixels side by side.
 void interleave(const float* row, std::int64_t plane, float* pixels) {
-    const Four r = four_at(row), g = four_at(row + plane), b = four_at(row + 2 * plane), a = four_at(row + 3 * plane);
-    const Places low = {0, 4, 1, 5}, high = {2, 6, 3, 7}, first = {0, 1, 4, 5}, second = {2, 3, 6, 7};
-    const Four rg01 = __builtin_shuffle(r, g, low), rg23 = __builtin_shuffle(r, g, high);
-    const Four ba01 = __builtin_shuffle(b, a, low), ba23 = __builtin_shuffle(b, a, high);
-    const Four four[4] = {__builtin_shuffle(rg01, ba01, first), __builtin_shuffle(rg01, ba01, second),
-                          __builtin_shuffle(rg23, ba23, first), __builtin_shuffle(rg23, ba23, second)};
+    FourFloats four[4] = {four_at(row), four_at(row + plane), four_at(row + 2 * plane), four_at(row + 3 * plane)};
+    transpose(four);
     std::memcpy(pixels, four, sizeof four);
 }
 

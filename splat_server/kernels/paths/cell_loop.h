@@ -1,6 +1,7 @@
-// Splats cells: of each row of the image that a cell touches the pixels inside. Narrow cells of samples that follow each
-// other in a row are painted together, each of their pixels with the sample in whose cell it lies.
+// Splats cells: of each row of the image that a cell touches the pixels inside. Narrow cells of samples that follow
+// each other in a row are painted together, each of their pixels with the sample in whose cell it lies.
 #pragma once
+#include "../four_by_four.h"
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
 #include "sheet_cells.h"
@@ -105,16 +106,9 @@ private:
     Point<Lanes> points_at(const int32_t* places) const {
         Four channels[4][kLanes / 4];  // opacity, red, green, blue
         for (int part = 0; part < kLanes / 4; ++part, places += 4) {
-            const Four &a = samples_[places[0]], &b = samples_[places[1]], &c = samples_[places[2]],
-                       &d = samples_[places[3]];
-            const Four ab_low = __builtin_shuffle(a, b, FourBits{0, 4, 1, 5});
-            const Four ab_high = __builtin_shuffle(a, b, FourBits{2, 6, 3, 7});
-            const Four cd_low = __builtin_shuffle(c, d, FourBits{0, 4, 1, 5});
-            const Four cd_high = __builtin_shuffle(c, d, FourBits{2, 6, 3, 7});
-            channels[0][part] = __builtin_shuffle(ab_low, cd_low, FourBits{0, 1, 4, 5});
-            channels[1][part] = __builtin_shuffle(ab_low, cd_low, FourBits{2, 3, 6, 7});
-            channels[2][part] = __builtin_shuffle(ab_high, cd_high, FourBits{0, 1, 4, 5});
-            channels[3][part] = __builtin_shuffle(ab_high, cd_high, FourBits{2, 3, 6, 7});
+            Four turned[4] = {samples_[places[0]], samples_[places[1]], samples_[places[2]], samples_[places[3]]};
+            transpose(turned);
+            for (int channel = 0; channel < 4; ++channel) channels[channel][part] = turned[channel];
         }
         Point<Lanes> points;
         __builtin_memcpy(&points, channels, sizeof points);

@@ -268,7 +268,9 @@ private:
     }
 
     // Where the block of an ordinal begins, but for the outermost ones, which reach to the bounds.
-    static int64_t block_start(const AxisView& axis, int64_t o) { return axis.first + axis.stride * o - axis.stride / 2; }
+    static int64_t block_start(const AxisView& axis, int64_t o) {
+        return axis.first + axis.stride * o - axis.stride / 2;
+    }
 
     static void block(const AxisView& axis, int64_t o, int64_t& low, int64_t& high) {
         const int64_t start = block_start(axis, o);
