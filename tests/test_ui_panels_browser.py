@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -13,10 +14,11 @@ import msgspec
 import psutil
 import pytest
 from browser import browser, browser_page
+from held_answers import HeldAnswers
 from panels_page import State
 from prepared import prepare_small
 
-from tolerances import ROTATION_ENTRY
+from tolerances import BALL_DIRECTION, ROTATION_ENTRY
 from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.ui.shading_panel import screen_direction
 from volsplat.client.view_rotation import VIEW_NAMES, named_view
@@ -197,9 +199,34 @@ def test_the_light_is_dragged_on_the_ball_and_past_its_rim(tab: Tab) -> None:
     tab.button("bring it in front", "shading").click()
     scene = tab.until(lambda state: state.scene.light.direction[2] > 0)
     assert scene.light.direction == pytest.approx((0.6, 0, 0.8), abs=REACH)
+    tab.button("put it behind", "shading").wait_for()
     tab.page.locator(".vs-light-ball").focus()
     tab.page.keyboard.press("ArrowUp")
     tab.until(lambda state: state.scene.light.direction[1] > 0.05)
+
+
+def test_the_light_does_not_jump_back_where_the_server_answers_late(browser_page: Page, url: str) -> None:
+    answers = HeldAnswers(browser_page)
+    assert browser_page.request.get(f"{url}/again").ok
+    tab = Tab(browser_page, url)
+    at_first = angle_to_the_right(tab.scene)
+    tab.page.locator(".vs-light-ball").focus()
+    answers.hold()
+    tab.page.keyboard.press("ArrowRight")
+    tab.until(lambda state: angle_to_the_right(state.scene) == pytest.approx(at_first + 0.1, abs=BALL_DIRECTION))
+    answers.wait()
+    late = answers.waiting
+    tab.page.keyboard.press("ArrowRight")
+    tab.page.keyboard.press("ArrowRight")
+    answers.let_pass(late)
+    tab.page.keyboard.press("ArrowRight")
+    tab.until(lambda state: angle_to_the_right(state.scene) == pytest.approx(at_first + 0.4, abs=BALL_DIRECTION))
+
+
+def angle_to_the_right(scene: Scene) -> float:
+    """Of the light, radians from the middle of the screen."""
+    x, _, z = screen_direction(scene)
+    return math.atan2(x, z)
 
 
 def test_fixing_the_light_to_the_grid_leaves_it_where_it_is(tab: Tab) -> None:

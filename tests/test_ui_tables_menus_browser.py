@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 from browser import browser, browser_page
+from held_answers import HeldAnswers
 from tables_page import SCENE, VOLUME
 from tables_tab import TITLES, Tab, near, tab, until, url
 
@@ -20,42 +21,9 @@ from volsplat.client.ui.table_files import table_toml
 from volsplat.protocol.scene import Field
 
 if TYPE_CHECKING:
-    from playwright.sync_api import Page, WebSocketRoute
+    from playwright.sync_api import Page
 
 __all__ = ["browser", "browser_page", "tab", "url"]
-
-
-class HeldAnswers:
-    """What the server sends to a page, which can be kept from it for a while. To be made before the page is loaded."""
-
-    def __init__(self, page: Page) -> None:
-        self._page = page
-        self._holding = False
-        self._held: list[tuple[WebSocketRoute, str | bytes]] = []
-        page.route_web_socket(lambda _: True, self._connect)
-
-    @property
-    def waiting(self) -> int:
-        return len(self._held)
-
-    def hold(self) -> None:
-        self._holding = True
-
-    def let_pass(self, count: int) -> None:
-        """Hand over the first answers that wait."""
-        for socket, message in self._held[:count]:
-            socket.send(message)
-        del self._held[:count]
-        self._page.evaluate("() => new Promise(requestAnimationFrame)")  # so that the page has shown them
-
-    def _connect(self, socket: WebSocketRoute) -> None:
-        def answered(message: str | bytes) -> None:
-            if self._holding:
-                self._held.append((socket, message))
-            else:
-                socket.send(message)
-
-        socket.connect_to_server().on_message(answered)
 
 
 # -- drawing
@@ -182,7 +150,7 @@ def test_a_slider_does_not_jump_back_where_the_server_answers_late(browser_page:
     answers.hold()
     tab.page.keyboard.press("ArrowLeft")
     tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.490)
-    until(tab.page, lambda: answers.waiting > 0)
+    answers.wait()
     late = answers.waiting
     tab.page.keyboard.press("ArrowLeft")
     tab.page.keyboard.press("ArrowLeft")

@@ -193,3 +193,6 @@ CHANNEL = 0.2
 
 HELIX_PITCH = 0.02
 """Relative, of what is measured between peaks that are known to half a voxel, over 18 pairs of them."""
+
+BALL_DIRECTION = 1e-3
+"""Radians: the page is told the light's direction to four digits, and turns it a few times."""
