@@ -28,7 +28,7 @@ from volsplat.protocol.levels import Resolution
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.scene import Scene, Step
-from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
 from volsplat.splat_server.image_buffer import ImageBuffer
 
 if TYPE_CHECKING:
@@ -125,9 +125,9 @@ class SingleProcess:
         resolution, walk, assembly = self._stages(scene, step)
         tally = FrameTally(planning_seconds=time.perf_counter() - began)
         waiting_seconds = 0.0
-        asked = time.perf_counter()
+        idle = Idle(assembly)
         for batch in self._batches(walk, tally):
-            waiting_seconds += time.perf_counter() - asked
+            waiting_seconds += idle.seconds
             tally.count(batch)
             assembly.arrived(WORKER, batch.runs, batch.packets, batch.reached, batch.last)
             assembly.advance()
@@ -136,7 +136,7 @@ class SingleProcess:
                 if assembly.frame != self._frame:
                     raise Superseded
                 shown = time.perf_counter()
-            asked = time.perf_counter()
+            idle = Idle(assembly)
         while not assembly.complete:
             assembly.advance()
         drawn = time.perf_counter()

@@ -91,21 +91,50 @@ class CellMap:
         self, x: tuple[int, int, int, int], y: tuple[int, int, int, int], axes: tuple[_Axis, _Axis, _Axis]
     ) -> None: ...
 
-class StripePool:
-    """Threads that share out an image's stripes, the calling one among them.
+class SplatQueue:
+    """Jobs splatted in their order, by threads that share out an image's stripes: see splat_queue.h.
 
-    Raises RuntimeError where one cannot be started.
+    Raises RuntimeError where a thread cannot be started.
     """
 
     def __init__(self, threads: int) -> None: ...
+    def begin(self, image: ImageMemory, first_line: int, end_line: int) -> None:
+        """Drop what is unfinished. What follows goes into this image, and mostly reaches these lines of it."""
+
+    def splat(
+        self,
+        spans: SpanList,
+        reach: FootprintTable | CellMap | None,
+        front_to_back: bool,
+        small: bool = False,
+        batches: object = None,
+    ) -> None:
+        """Combine the spans' samples with the image, after all that came before; waits while that is much.
+
+        A `small` job is done at once where nothing is unfinished. `batches` holds the spans' memory until it is done.
+        """
+
+    def finish(self) -> None:
+        """Wait until all is combined."""
+
+    def publish(self) -> memoryview:
+        """As `finish`; then the image, as `ImageMemory.snapshot`."""
+
+    def cancel(self) -> None:
+        """Drop what is unfinished."""
+
     def close(self) -> None:
-        """End the threads."""
+        """End the threads, and drop what is unfinished."""
+
+    @property
+    def busy_seconds(self) -> float:
+        """For how long there has been something to combine, in all."""
 
 class ImageMemory:
     """float32, associated, kept by rows or by columns: see image_memory.h."""
 
-    def __init__(self, width: int, height: int, by_columns: bool) -> None: ...
-    def clear(self) -> None: ...
+    def __init__(self, width: int, height: int) -> None: ...
+    def clear(self, by_columns: bool) -> None: ...
     def snapshot(self) -> memoryview:
         """height x width x 4 float32 RGBA, little endian, as bytes; its memory is used again once nobody holds it."""
 
@@ -128,11 +157,3 @@ class EdgeLayer:
 
 def published(image: ImageMemory, front: EdgeLayer, back: EdgeLayer) -> memoryview:
     """front over (image over back), as `ImageMemory.snapshot`."""
-
-def splat_footprints(
-    image: ImageMemory, spans: SpanList, table: FootprintTable, front_to_back: bool, pool: StripePool | None = None
-) -> None: ...
-def splat_cells(
-    image: ImageMemory, spans: SpanList, cells: CellMap, front_to_back: bool, pool: StripePool | None = None
-) -> None: ...
-def splat_pixels(image: ImageMemory, spans: SpanList, front_to_back: bool, pool: StripePool | None = None) -> None: ...

@@ -26,7 +26,7 @@ from volsplat.splat_server.merge_events import (
     SplatSpans,
     SplatterReady,
 )
-from volsplat.splat_server.pixel_reach import pixel_reach, pixels_reached, runs_up_and_down
+from volsplat.splat_server.pixel_reach import busy_lines, pixel_reach, pixels_reached, runs_up_and_down
 from volsplat.splat_server.volume_edges import edge_layers, volume_edges
 
 
@@ -34,10 +34,26 @@ from volsplat.splat_server.volume_edges import edge_layers, volume_edges
 class Progress:
     """What `FrameAssembly.advance` did."""
 
-    packets: int  # splatted by this call
+    packets: int  # that this call had splatted
     waits_for: int | None  # the worker whose batch is needed to go on
     complete: bool  # nothing more is to come
     lost: tuple[int, ...]  # workers that were lost before their last batch: the image is incomplete
+
+
+class Idle:
+    """A clock that stands still while something is splatted."""
+
+    def __init__(self, assembly: "FrameAssembly") -> None:
+        self._assembly = assembly
+        self._began = self._now()
+
+    @property
+    def seconds(self) -> float:
+        """Since this was made."""
+        return max(0.0, self._now() - self._began)  # two clocks are not read at once
+
+    def _now(self) -> float:
+        return perf_counter() - self._assembly.seconds_in_splat
 
 
 class FrameAssembly:
@@ -69,18 +85,18 @@ class FrameAssembly:
         self.complete = False
         self.lost: tuple[int, ...] = ()
         self.packets = 0
-        self.seconds_in_merge = 0.0
-        self.seconds_in_splat = 0.0
+        self._finished: memoryview | None = None  # the complete image, until someone asks for it
+        self.seconds_in_merge = 0.0  # while nothing was splatted
         by_columns = runs_up_and_down(self.plan)
         self._reach = pixel_reach(self.plan, scene.reconstruction, by_columns)
         self.pixels_per_packet = pixels_reached(self._reach, self.plan, by_columns)
         edges = volume_edges(scene, geometry)
         self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
-        wanted = (self.plan.width, self.plan.height, by_columns)
-        if image is None or (image.width, image.height, image.by_columns) != wanted:
+        if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
             image = ImageBuffer(self.plan.width, self.plan.height, threads, by_columns)
-        image.clear()
+        image.clear(by_columns, busy_lines(self.plan, by_columns))
         self.image = image
+        self._busy_before = image.busy_seconds
         self.merge = merge or Merge()
         self._lock: AbstractContextManager[object] = lock or Lock()  # guards the merge
         sheet, row, sample = (self.plan.visits[axis].count for axis in self.plan.traversal.axes)
@@ -103,26 +119,37 @@ class FrameAssembly:
                 raise RemoteProtocolError(instruction.fault)
 
     def advance(self, max_packets: int = 1 << 17) -> Progress:
-        """Splat what is decided of the order, until about `max_packets` are done."""
-        begin = perf_counter()
+        """Have splatted what is decided of the order, about `max_packets` of it; waits where much is undone.
+
+        Once the frame is complete all of it is splatted.
+        """
+        idle = Idle(self)
         instructions = self._handle(SplatterReady(self.frame, max_packets))
-        merged = perf_counter()
+        self.seconds_in_merge += idle.seconds
         packets = 0
         for instruction in instructions:
             match instruction:
-                case SplatSpans(spans=spans):
-                    self.image.splat(spans, self._reach, self.plan.order, self.pixels_per_packet)
+                case SplatSpans(spans=spans, keeps_alive=batches):
+                    self.image.splat(spans, self._reach, self.plan.order, self.pixels_per_packet, batches)
                     packets += spans.packets
                 case CompleteFrame():
-                    self.complete = True
+                    self._finish()
                 case MarkIncomplete(lost=lost):
-                    self.complete, self.lost = True, lost
+                    self._finish()
+                    self.lost = lost
         self.packets += packets
-        self.seconds_in_merge += merged - begin
-        self.seconds_in_splat += perf_counter() - merged
         with self._lock:
             waits_for = self.merge.waits_for if self.merge.running_frame == self.frame else None
         return Progress(packets, waits_for, self.complete, self.lost)
+
+    def abort(self) -> None:
+        """Drop what is still to be splatted."""
+        self.image.cancel()
+
+    @property
+    def seconds_in_splat(self) -> float:
+        """For how long there has been something to splat."""
+        return self.image.busy_seconds - self._busy_before
 
     @property
     def hidden_packets(self) -> int:
@@ -131,7 +158,17 @@ class FrameAssembly:
 
     def published(self) -> memoryview:
         """The image as it stands, edges included: height x width x 4 float32, little endian, associated alpha."""
+        finished, self._finished = self._finished, None
+        if finished is not None:
+            return finished
         return self.image.published(*self._layers) if self._layers else self.image.snapshot()
+
+    def _finish(self) -> None:
+        if self._layers:
+            self.image.finish()
+        else:
+            self._finished = self.image.finished()
+        self.complete = True
 
     def _handle(self, event: Event) -> list[Instruction]:
         with self._lock:

@@ -3,7 +3,7 @@
 from volsplat.protocol.closed_tiles import tile_map_shape
 from volsplat.protocol.scene import Order
 from volsplat.splat_server import _kernels
-from volsplat.splat_server._kernels import CellMap, EdgeLayer, FootprintTable, ImageMemory, SpanList, StripePool
+from volsplat.splat_server._kernels import EdgeLayer, ImageMemory, SpanList, SplatQueue
 from volsplat.splat_server.pixel_reach import PixelReach
 
 THREADED_FROM = 4096  # packets …
@@ -13,18 +13,23 @@ THREADED_FROM_PIXELS = 1 << 17  # … or pixels under them: below both, handing 
 class ImageBuffer:
     """Kept by rows, or by columns: what is splatted into it is reached by lines that are one or the other.
 
-    `threads` stripes of lines are splatted at once, one for each line of tiles at most; their number changes no bits.
-    One thread at a time may call `splat`; others may take a `snapshot` or read `closed_tiles` meanwhile.
+    `threads` share out stripes of lines, one for each line of tiles at most; their number changes no bits.
+    One thread at a time may change it; others may take a `snapshot` or read `closed_tiles` meanwhile.
     """
 
     def __init__(self, width: int, height: int, threads: int = 1, by_columns: bool = False) -> None:
         self.width = width
         self.height = height
-        self.by_columns = by_columns
-        self._memory = ImageMemory(width, height, by_columns)
-        tile_lines, _ = tile_map_shape(height, width) if by_columns else tile_map_shape(width, height)
-        threads = min(threads, tile_lines)
-        self._pool = StripePool(threads) if threads > 1 else None
+        self._memory = ImageMemory(width, height)
+        most_threads = max(tile_map_shape(width, height)[0], tile_map_shape(height, width)[0])
+        self._queue = SplatQueue(min(threads, most_threads))
+        self.clear(by_columns)
+
+    def clear(self, by_columns: bool = False, busy_lines: tuple[int, int] | None = None) -> None:
+        """Empty it, and drop what is still to be combined. What follows mostly reaches `busy_lines`."""
+        self._queue.cancel()
+        self._memory.clear(by_columns)
+        self._queue.begin(self._memory, *(busy_lines or (0, self.width if by_columns else self.height)))
 
     @property
     def closed_tiles(self) -> memoryview:
@@ -39,23 +44,34 @@ class ImageBuffer:
         """
         return self._memory.hidden_packets
 
-    def clear(self) -> None:
-        self._memory.clear()
+    def splat(
+        self, spans: SpanList, reach: PixelReach, order: Order, pixels_per_packet: int = 1, batches: object = None
+    ) -> None:
+        """Combine the spans' samples with the buffer, after those that came before.
 
-    def splat(self, spans: SpanList, reach: PixelReach, order: Order, pixels_per_packet: int = 1) -> None:
-        """Combine the spans' samples with the buffer, in their order. `pixels_per_packet` says what to thread.
-
-        `reach` is by columns if the buffer is (see pixel_reach).
+        With several threads that goes on after the return; only when much is undone, it is waited for. `batches` is
+        kept until then: the spans' memory, which must not change. `reach` is by columns if the buffer is (see
+        pixel_reach). `pixels_per_packet` says what to thread.
         """
-        few = spans.packets < THREADED_FROM and spans.packets * pixels_per_packet < THREADED_FROM_PIXELS
-        pool = None if few else self._pool
-        front_to_back = order == Order.FRONT_TO_BACK
-        if isinstance(reach, FootprintTable):
-            _kernels.splat_footprints(self._memory, spans, reach, front_to_back, pool)
-        elif isinstance(reach, CellMap):
-            _kernels.splat_cells(self._memory, spans, reach, front_to_back, pool)
-        else:
-            _kernels.splat_pixels(self._memory, spans, front_to_back, pool)
+        small = spans.packets < THREADED_FROM and spans.packets * pixels_per_packet < THREADED_FROM_PIXELS
+        self._queue.splat(spans, reach, order == Order.FRONT_TO_BACK, small, batches)
+
+    def finish(self) -> None:
+        """Wait until all is combined."""
+        self._queue.finish()
+
+    def finished(self) -> memoryview:
+        """The image once all is combined, as `snapshot`: by the threads, each as soon as its stripe is through."""
+        return self._queue.publish()
+
+    def cancel(self) -> None:
+        """Drop what is still to be combined."""
+        self._queue.cancel()
+
+    @property
+    def busy_seconds(self) -> float:
+        """For how long there has been something to combine, since the buffer was made."""
+        return self._queue.busy_seconds
 
     def snapshot(self) -> memoryview:
         """height x width x 4 float32, little endian, associated alpha; the caller's own until it lets go of it."""
@@ -66,6 +82,5 @@ class ImageBuffer:
         return _kernels.published(self._memory, front, back)
 
     def close(self) -> None:
-        """End the stripe threads."""
-        if self._pool is not None:
-            self._pool.close()
+        """End the threads, and drop what is still to be combined."""
+        self._queue.close()

@@ -21,6 +21,17 @@ def runs_up_and_down(plan: FramePlan) -> bool:
     return abs(down[sample]) > abs(across[sample])
 
 
+def busy_lines(plan: FramePlan, by_columns: bool = False) -> tuple[int, int]:
+    """From which to before which line of the image the frame's samples lie, as far as they lie in it."""
+    dda, lines = (plan.x, plan.width) if by_columns else (plan.y, plan.height)
+    ends = [
+        sorted(half_step * (2 * index + 1) for index in (visits.low, visits.high - 1))
+        for half_step, visits in zip(dda.half_steps, plan.visits, strict=True)
+    ]
+    first, last = ((dda.origin + sum(end)) >> 32 for end in zip(*ends, strict=True))
+    return (min(max(first, 0), lines), min(max(last + 1, 0), lines))
+
+
 def pixel_reach(plan: FramePlan, reconstruction: Reconstruction, by_columns: bool = False) -> PixelReach:
     """For an image buffer that is kept by rows or columns. Raises BadInput for a footprint larger than any image."""
     if plan.reach == Reach.FOOTPRINT:

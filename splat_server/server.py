@@ -16,7 +16,7 @@ from volsplat.protocol.listener import Listener
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.refusals import refusal
 from volsplat.splat_server.data_links import DataLinks
-from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import FrameAborted
 from volsplat.splat_server.outbox import Outbox
@@ -99,11 +99,11 @@ class SplatServer:
                 self._answer(request)
 
     def _wait_for_work(self) -> None:
-        began = time.perf_counter()
+        idle = Idle(self._assembly) if self._drawing and self._assembly is not None else None
         while not self._requests and not self._image_may_go() and not (self._drawing and self._news):
             self._changed.wait()
-        if self._drawing:
-            self._waiting_seconds += time.perf_counter() - began
+        if idle is not None:
+            self._waiting_seconds += idle.seconds
 
     def _image_may_go(self) -> bool:
         return bool(self._images_wanted) and not self._outbox.holds_image
@@ -217,6 +217,7 @@ class SplatServer:
             self._merge.handle(FrameAborted(frame))
             self._changed.notify_all()
         if self._assembly is not None and self._assembly.frame <= frame:
+            self._assembly.abort()
             self._drawing = False
 
     def _post_image(self, frame: int) -> None:

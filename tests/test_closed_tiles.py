@@ -70,6 +70,7 @@ def layers(seed: int, width: int, height: int, opaque: float) -> list[list[Run]]
 def splat(image: ImageBuffer, runs: list[Run], table: FootprintTable, order: Order = Order.FRONT_TO_BACK) -> None:
     pinned = spans_of(runs)
     image.splat(pinned.spans, table, order, pixels_per_packet=THREADED_FROM_PIXELS)
+    image.finish()
 
 
 def pixels(image: ImageBuffer) -> Tensor:

@@ -100,6 +100,7 @@ def splatted(
     image = ImageBuffer(width, height, threads, by_columns)
     pinned = spans_of(runs)
     image.splat(pinned.spans, reach, order, pixels_per_packet=THREADED_FROM_PIXELS)
+    image.finish()
     image.close()
     return torch.frombuffer(image.snapshot(), dtype=torch.float32).reshape(height, width, 4)
 

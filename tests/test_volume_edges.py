@@ -31,7 +31,7 @@ def scene_of(rotation: tuple[float, float, float, float], bounds: Bounds | None 
 
 def coverage(layer: EdgeLayer, width: int = SIZE, height: int = SIZE) -> Tensor:
     """(H, W) of one layer, seen through an empty image."""
-    image, nothing = ImageMemory(width, height, False), EdgeLayer(width, height)
+    image, nothing = ImageMemory(width, height), EdgeLayer(width, height)
     return torch.frombuffer(bytearray(published(image, layer, nothing)), dtype=torch.float32).reshape(height, width, 4)[
         ..., 3
     ]

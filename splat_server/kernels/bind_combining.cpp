@@ -8,7 +8,9 @@
 
 #include <array>
 #include <cmath>
+#include <deque>
 #include <stdexcept>
+#include <utility>
 
 #include "bind_merge.h"
 #include "cpu_path.h"
@@ -16,7 +18,7 @@
 #include "footprint_table.h"
 #include "image_memory.h"
 #include "image_publishing.h"
-#include "striped_splat.h"
+#include "splat_queue.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -26,8 +28,8 @@ namespace {
 
 // The image with the blocks that it is published in.
 struct PythonImage {
-    PythonImage(int width, int height, bool by_columns)
-        : memory(width, height, by_columns), blocks(static_cast<std::size_t>(width) * height * 4) {}
+    PythonImage(int width, int height)
+        : memory(width, height), blocks(static_cast<std::size_t>(width) * height * 4) {}
     ImageMemory memory;
     ImageBlocks blocks;
 };
@@ -59,37 +61,6 @@ const float* opacities() {
     return table.data();
 }
 
-void splat_all(PythonImage& image, const SpanList& spans, bool front_to_back, StripePool* pool, SplatJob job) {
-    job.opacities = opacities();
-    job.spans = spans.views.data();
-    job.span_count = spans.views.size();
-    job.front_to_back = front_to_back;
-    nb::gil_scoped_release unlocked;
-    splat_into(image.memory, job, pool);
-}
-
-void splat_footprints(PythonImage& image, const SpanList& spans, const FootprintTable& table, bool front_to_back,
-                      StripePool* pool) {
-    SplatJob job{};
-    job.reach = Reach::footprint;
-    job.footprint = table.view();
-    splat_all(image, spans, front_to_back, pool, job);
-}
-
-void splat_cells(PythonImage& image, const SpanList& spans, const CellView& cells, bool front_to_back,
-                 StripePool* pool) {
-    SplatJob job{};
-    job.reach = Reach::cell;
-    job.cell = cells;
-    splat_all(image, spans, front_to_back, pool, job);
-}
-
-void splat_pixels(PythonImage& image, const SpanList& spans, bool front_to_back, StripePool* pool) {
-    SplatJob job{};
-    job.reach = Reach::pixel;
-    splat_all(image, spans, front_to_back, pool, job);
-}
-
 // A view of memory that `owner` keeps.
 nb::object writable_view(nb::object array) { return nb::steal(PyMemoryView_FromObject(array.ptr())); }
 
@@ -106,6 +77,98 @@ nb::object filled_block(PythonImage& image, Fill fill) {
     return writable_view(
         nb::cast(nb::ndarray<nb::array_api, std::uint8_t>(block.get(), {image.blocks.bytes()}, owner)));
 }
+
+// The queue with all that its jobs point to, which is let go of by threads that hold the GIL.
+class PythonQueue {
+public:
+    explicit PythonQueue(int threads) : queue_(threads) {}
+
+    void begin(nb::object image, int first_line, int end_line) {
+        ImageMemory& memory = nb::cast<PythonImage&>(image).memory;
+        {
+            nb::gil_scoped_release unlocked;
+            queue_.begin(memory, {first_line, end_line});
+        }
+        release();
+        image_ = std::move(image);
+    }
+
+    void splat(nb::object spans, nb::object reach, bool front_to_back, bool small, nb::object batches) {
+        image();
+        const SpanList& list = nb::cast<const SpanList&>(spans);
+        SplatJob job{};
+        aim(job, reach);
+        job.opacities = opacities();
+        job.spans = list.views.data();
+        job.span_count = list.views.size();
+        job.front_to_back = front_to_back;
+        std::uint64_t number;
+        {
+            nb::gil_scoped_release unlocked;
+            number = queue_.add(job, small);
+        }
+        owners_.emplace_back(number, nb::make_tuple(std::move(spans), std::move(reach), std::move(batches)));
+        release();
+    }
+
+    void finish() {
+        {
+            nb::gil_scoped_release unlocked;
+            queue_.finish();
+        }
+        release();
+    }
+
+    nb::object publish() {
+        const nb::object block = filled_block(image(), [&](float* target) { queue_.publish(target); });
+        release();
+        return block;
+    }
+
+    void cancel() {
+        {
+            nb::gil_scoped_release unlocked;
+            queue_.cancel();
+        }
+        release();
+    }
+
+    void close() {
+        {
+            nb::gil_scoped_release unlocked;
+            queue_.close();
+        }
+        release();
+    }
+
+    double busy_seconds() { return queue_.busy_seconds(); }
+
+private:
+    PythonImage& image() const {
+        if (!image_) throw std::logic_error("the queue was given no image");
+        return nb::cast<PythonImage&>(image_);
+    }
+
+    static void aim(SplatJob& job, const nb::object& reach) {
+        job.reach = Reach::pixel;
+        if (nb::isinstance<FootprintTable>(reach)) {
+            job.reach = Reach::footprint;
+            job.footprint = nb::cast<const FootprintTable&>(reach).view();
+        } else if (nb::isinstance<CellView>(reach)) {
+            job.reach = Reach::cell;
+            job.cell = nb::cast<const CellView&>(reach);
+        }
+    }
+
+    void release() {
+        const std::uint64_t finished = queue_.finished();
+        while (!owners_.empty() && owners_.front().first <= finished) owners_.pop_front();
+    }
+
+    std::deque<std::pair<std::uint64_t, nb::object>> owners_;
+    nb::object image_;
+    SplatQueue queue_;  // ended before what its jobs point to
+};
 
 nb::object snapshot(PythonImage& image) {
     return filled_block(image, [&](float* target) { publish(image.memory, target); });
@@ -152,12 +215,20 @@ void bind_combining(nb::module_& m) {
         .def("__init__", [](CellView* self, const Map& x, const Map& y, const std::array<Axis, 3>& axes) {
             new (self) CellView(cell_view(x, y, axes));
         }, "x"_a, "y"_a, "axes"_a);
-    nb::class_<StripePool>(m, "StripePool")
+    nb::class_<PythonQueue>(m, "SplatQueue")
         .def(nb::init<int>(), "threads"_a)
-        .def("close", &StripePool::close, nb::call_guard<nb::gil_scoped_release>());
+        .def("begin", &PythonQueue::begin, "image"_a, "first_line"_a, "end_line"_a)
+        .def("splat", &PythonQueue::splat, "spans"_a, "reach"_a.none(), "front_to_back"_a, "small"_a = false,
+             "batches"_a.none() = nb::none())
+        .def("finish", &PythonQueue::finish)
+        .def("publish", &PythonQueue::publish)
+        .def("cancel", &PythonQueue::cancel)
+        .def("close", &PythonQueue::close)
+        .def_prop_ro("busy_seconds", &PythonQueue::busy_seconds);
     nb::class_<PythonImage>(m, "ImageMemory")
-        .def(nb::init<int, int, bool>(), "width"_a, "height"_a, "by_columns"_a)
-        .def("clear", [](PythonImage& self) { self.memory.clear(); }, nb::call_guard<nb::gil_scoped_release>())
+        .def(nb::init<int, int>(), "width"_a, "height"_a)
+        .def("clear", [](PythonImage& self, bool by_columns) { self.memory.clear(by_columns); }, "by_columns"_a,
+             nb::call_guard<nb::gil_scoped_release>())
         .def("snapshot", &snapshot)
         .def_prop_ro("closed_tiles", &closed_tiles)
         .def_prop_ro("hidden_packets", [](const PythonImage& self) { return self.memory.hidden_packets(); });
@@ -165,11 +236,6 @@ void bind_combining(nb::module_& m) {
         .def(nb::init<int, int>(), "width"_a, "height"_a)
         .def("draw", &EdgeLayer::draw, "x0"_a, "y0"_a, "x1"_a, "y1"_a, "line_width"_a);
     m.def("published", &published, "image"_a, "front"_a, "back"_a);
-    m.def("splat_footprints", &splat_footprints, "image"_a, "spans"_a, "table"_a, "front_to_back"_a,
-          "pool"_a.none() = nb::none());
-    m.def("splat_cells", &splat_cells, "image"_a, "spans"_a, "cells"_a, "front_to_back"_a,
-          "pool"_a.none() = nb::none());
-    m.def("splat_pixels", &splat_pixels, "image"_a, "spans"_a, "front_to_back"_a, "pool"_a.none() = nb::none());
 }
 
 }  // namespace volsplat

@@ -25,29 +25,31 @@ int checked(int pixels) {
 ImageMemory::TileMap::TileMap(int width, int height)
     : rows(tiles_along(height)), row_words((tiles_along(width) + 63) / 64), words(rows * row_words + 1, 0) {}
 
-ImageMemory::ImageMemory(int width, int height, bool by_columns)
+ImageMemory::ImageMemory(int width, int height)
     : width_(checked(width)),
       height_(checked(height)),
-      by_columns_(by_columns),
-      line_pixels_(by_columns ? height : width),
-      lines_(by_columns ? width : height),
-      plane_(plane_of(line_pixels_)),
-      memory_(large_memory(plane_ * 4 * lines_)),
+      memory_(large_memory(4 * std::max(plane_of(width) * height, plane_of(height) * width))),
       first_pixel_(memory_.get() + kMarginPixels),
-      line_begin_(0),
-      line_end_(lines_),
-      closed_(line_pixels_, lines_),
-      told_(by_columns ? width : 0, by_columns ? height : 0) {
-    clear();
+      tiles_by_rows_(width, height),
+      tiles_by_columns_(height, width) {
+    lay_out(false);
 }
 
-void ImageMemory::clear() {
+void ImageMemory::clear(bool by_columns) {
     if (line_begin_ < line_end_)
         std::memset(memory_.get() + line_begin_ * 4 * plane_, 0,
                     (line_end_ - line_begin_) * 4 * plane_ * sizeof(float));
-    line_begin_ = lines_, line_end_ = 0;
-    for (TileMap* map : {&closed_, &told_}) std::fill(map->words.begin(), map->words.end(), 0);
+    lay_out(by_columns);
+    for (TileMap* map : {&tiles_by_rows_, &tiles_by_columns_}) std::fill(map->words.begin(), map->words.end(), 0);
     hidden_packets_ = 0;
+}
+
+void ImageMemory::lay_out(bool by_columns) {
+    by_columns_ = by_columns;
+    line_pixels_ = by_columns ? height_ : width_;
+    lines_ = by_columns ? width_ : height_;
+    plane_ = plane_of(line_pixels_);
+    line_begin_ = lines_, line_end_ = 0;
 }
 
 void ImageMemory::note(const SplatOutcome& outcome) {
@@ -57,8 +59,11 @@ void ImageMemory::note(const SplatOutcome& outcome) {
 }
 
 ImageView ImageMemory::view() {
-    return {first_pixel_, plane_, 4 * plane_, line_pixels_, lines_, closed_.words.data(), closed_.row_words,
-            by_columns_, told_.words.data(), told_.row_words};
+    TileMap& closed = by_columns_ ? tiles_by_columns_ : tiles_by_rows_;
+    return {first_pixel_,   plane_,      4 * plane_,
+            line_pixels_,   lines_,      closed.words.data(),
+            closed.row_words, by_columns_, tiles_by_rows_.words.data(),
+            tiles_by_rows_.row_words};
 }
 
 }  // namespace volsplat

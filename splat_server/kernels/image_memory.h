@@ -17,11 +17,11 @@ constexpr std::int64_t kLinePixels = 64 / sizeof(float);  // of a cache line, fo
 
 class ImageMemory {
 public:
-    // Throws std::invalid_argument for a size outside 1..65535, std::bad_alloc where memory lacks.
-    ImageMemory(int width, int height, bool by_columns);
+    // Kept by rows. Throws std::invalid_argument for a size outside 1..65535, std::bad_alloc where memory lacks.
+    ImageMemory(int width, int height);
 
-    // Empties image and map, and forgets what was hidden.
-    void clear();
+    // Empties image and map, and forgets what was hidden. From then on lines are rows or columns.
+    void clear(bool by_columns);
     // Says what a splat loop did.
     void note(const SplatOutcome& outcome);
 
@@ -36,9 +36,9 @@ public:
     int line_end() const { return line_end_; }
 
     // By rows, whatever lines are.
-    std::uint64_t* closed_tiles() { return tiles_by_rows().words.data(); }
-    std::int64_t tile_rows() { return tiles_by_rows().rows; }
-    std::int64_t tile_words() { return tiles_by_rows().row_words; }  // of a row of tiles
+    std::uint64_t* closed_tiles() { return tiles_by_rows_.words.data(); }
+    std::int64_t tile_rows() const { return tiles_by_rows_.rows; }
+    std::int64_t tile_words() const { return tiles_by_rows_.row_words; }  // of a row of tiles
     std::uint64_t hidden_packets() const { return hidden_packets_; }
 
 private:
@@ -48,18 +48,17 @@ private:
         std::vector<std::uint64_t> words;  // and one more
     };
 
-    TileMap& tiles_by_rows() { return by_columns_ ? told_ : closed_; }
+    void lay_out(bool by_columns);
 
-    int width_, height_;
+    const int width_, height_;
     bool by_columns_;
     int line_pixels_, lines_;
     std::int64_t plane_;
-    LargeMemory memory_;
+    LargeMemory memory_;  // of zeros, but for the lines that are not empty
     float* first_pixel_;
     std::atomic<int> line_begin_, line_end_;  // read while another thread splats
-    TileMap closed_;  // by lines
-    TileMap told_;    // by rows, where lines are columns
-    std::uint64_t hidden_packets_ = 0;
+    TileMap tiles_by_rows_, tiles_by_columns_;
+    std::atomic<std::uint64_t> hidden_packets_{0};
 };
 
 }  // namespace volsplat

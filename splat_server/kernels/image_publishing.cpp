@@ -33,11 +33,9 @@ void publish_row(const float* row, std::int64_t plane, int width, float* target)
     std::memcpy(target + x * 4, rest, (width - x) * 4 * sizeof(float));
 }
 
-void publish_rows(const ImageMemory& image, int begin, int end, float* target) {
-    const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
-    std::memset(target, 0, begin * row * sizeof(float));
-    for (int y = begin; y < end; ++y) publish_row(image.line(y), image.plane(), image.width(), target + y * row);
-    std::memset(target + end * row, 0, (image.height() - end) * row * sizeof(float));
+void publish_rows(const ImageMemory& image, RowSpan rows, float* target) {
+    for (int y = rows.begin; y < rows.end; ++y)
+        publish_row(image.line(y), image.plane(), image.width(), target + std::int64_t(y) * image.width() * 4);
 }
 
 // Four pixels of each of some columns, at most four, from row y on.
@@ -52,27 +50,40 @@ void publish_block(const ImageMemory& image, int x, int columns, int y, float* t
 }
 
 // By bands of rows, so that what is read and written of a block stays in the first cache for its neighbours.
-void publish_columns(const ImageMemory& image, int begin, int end, float* target) {
-    const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
+void publish_columns(const ImageMemory& image, RowSpan columns, float* target) {
     constexpr int kBand = kLinePixels;
     for (int top = 0; top < image.height(); top += kBand) {
         const int bottom = std::min(top + kBand, image.height());
-        for (int y = top; y < bottom; ++y) {
-            std::memset(target + y * row, 0, begin * 4 * sizeof(float));
-            std::memset(target + y * row + end * 4, 0, (image.width() - end) * 4 * sizeof(float));
-        }
-        for (int x = begin; x < end; x += 4)
-            for (int y = top; y < bottom; y += 4) publish_block(image, x, std::min(4, end - x), y, target);
+        for (int x = columns.begin; x < columns.end; x += 4)
+            for (int y = top; y < bottom; y += 4)
+                publish_block(image, x, std::min(4, columns.end - x), y, target);
     }
+}
+
+void clear_lines(const ImageMemory& image, RowSpan lines, float* target) {
+    const std::int64_t row = std::int64_t(image.width()) * 4;
+    if (lines.begin >= lines.end) return;
+    if (!image.by_columns()) {
+        std::memset(target + lines.begin * row, 0, (lines.end - lines.begin) * row * sizeof(float));
+        return;
+    }
+    for (int y = 0; y < image.height(); ++y)
+        std::memset(target + y * row + lines.begin * 4, 0, (lines.end - lines.begin) * 4 * sizeof(float));
 }
 
 }  // namespace
 
 void publish(const ImageMemory& image, float* target) {
-    const int lines = image.by_columns() ? image.width() : image.height();
-    const int begin = std::min(image.line_begin(), lines), end = std::max(image.line_end(), begin);
-    if (image.by_columns()) publish_columns(image, begin, end, target);
-    else publish_rows(image, begin, end, target);
+    publish_lines(image, {0, image.by_columns() ? image.width() : image.height()}, target);
+}
+
+void publish_lines(const ImageMemory& image, RowSpan lines, float* target) {
+    const int begin = std::clamp(image.line_begin(), lines.begin, lines.end);
+    const int end = std::clamp(image.line_end(), begin, lines.end);
+    clear_lines(image, {lines.begin, begin}, target);
+    if (image.by_columns()) publish_columns(image, {begin, end}, target);
+    else publish_rows(image, {begin, end}, target);
+    clear_lines(image, {end, lines.end}, target);
 }
 
 void publish_between(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back, float* target) {

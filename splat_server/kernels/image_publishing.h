@@ -12,6 +12,9 @@ namespace volsplat {
 // `target` is height x width x 4.
 void publish(const ImageMemory& image, float* target);
 
+// Some lines of it.
+void publish_lines(const ImageMemory& image, RowSpan lines, float* target);
+
 // front over (image over back), white lines, associated: paper, "Combining".
 // Throws std::invalid_argument where the sizes differ.
 void publish_between(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back, float* target);

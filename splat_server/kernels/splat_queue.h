@@ -1,0 +1,80 @@
+// Jobs splatted in their order, by threads that share out the stripes of an image: one stripe may be at the next job
+// while another is still at this one, so that hardly a thread ever waits. Their number changes no bits.
+#pragma once
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <deque>
+#include <mutex>
+#include <optional>
+#include <thread>
+#include <vector>
+
+#include "image_memory.h"
+#include "stripes.h"
+
+namespace volsplat {
+
+// One thread at a time may call.
+class SplatQueue {
+public:
+    // With a single thread, whoever adds a job splats it. Throws std::system_error where one cannot be started.
+    explicit SplatQueue(int threads);
+    ~SplatQueue() { close(); }
+
+    // Drops what is unfinished. What follows goes into this image, and mostly reaches the `busy` lines of it.
+    void begin(ImageMemory& image, RowSpan busy);
+    // Adds a job, which says what and how; its image is filled in here. What it points to must stay until it is
+    // finished. Waits while several are unfinished; does a `small` one at once where none is. Returns its number.
+    std::uint64_t add(SplatJob job, bool small);
+    // Publishes the image as it is after all jobs, and waits for that. `target` is height x width x 4.
+    void publish(float* target);
+    // Every job up to this number is finished or dropped.
+    std::uint64_t finished();
+    // Waits until all of them are.
+    void finish();
+    // Drops the jobs that are unfinished, and waits for the stripes that threads are at.
+    void cancel();
+    // For how long there has been an unfinished job, in all.
+    double busy_seconds();
+    // Ends the threads, and drops what is unfinished.
+    void close();
+
+private:
+    typedef std::chrono::steady_clock Clock;
+
+    struct Job {
+        std::optional<StripedJob> splat;  // or else
+        float* target;                    // to publish into
+        std::size_t unfinished;           // stripes
+    };
+    struct Stripe {
+        RowSpan lines;
+        std::uint64_t next = 0;  // number of the job that it comes to next
+        bool taken = false;
+    };
+
+    void splat_at_once(const SplatJob& job);
+    void append(Job job);
+    void help();
+    Stripe* next_stripe();
+    void do_next(Stripe& stripe, std::unique_lock<std::mutex>& lock);
+    void retire();
+
+    const int threads_;
+    ImageMemory* image_ = nullptr;
+    RowSpan busy_lines_{};
+    int footprint_height_ = -1;  // of the jobs that the stripes were made for
+
+    std::mutex mutex_;  // guards what follows
+    std::condition_variable added_, done_;
+    std::deque<Job> jobs_;     // unfinished ones
+    std::uint64_t first_ = 1;  // number of the first of them
+    std::vector<Stripe> stripes_;
+    bool dropping_ = false, closed_ = false;
+    Clock::time_point busy_since_;
+    Clock::duration busy_{};
+    std::vector<std::thread> helpers_;
+};
+
+}  // namespace volsplat
