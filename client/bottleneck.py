@@ -21,7 +21,8 @@ def bottleneck(report: StepReport, cores: int) -> Bottleneck:
 
     Links are slow where the splat server waits while a map/shade server cannot send. Where the map/shade servers and
     the splat server together keep all `cores` of this machine busy, these are named with whatever takes most of them.
-    The image is published and sent after the finished frame. The client has what no other part accounts for.
+    The image is published and sent after the finished frame. The client has what is left: asking for it, the
+    messages' ways, and what nothing accounts for.
     """
     wall = report.wall_seconds
     splat = report.planning_seconds + report.merge_seconds + report.splat_seconds
@@ -31,7 +32,7 @@ def bottleneck(report: StepReport, cores: int) -> Bottleneck:
         "splat server": splat,
         "links": min(report.splat_waiting_seconds, report.map_shade_waiting_seconds_slowest),
         "image": report.image_seconds,
-        "client": (1 - report.accounted_share) * wall,
+        "client": report.messages_seconds + (1 - report.accounted_share) * wall,
     }
     name = max(parts, key=lambda part: parts[part])
     working = report.map_shade_seconds + splat

@@ -70,8 +70,9 @@ class StepReport(msgspec.Struct, frozen=True):
     merge_seconds: float
     splat_seconds: float
     splat_waiting_seconds: float  # with nothing to splat
+    messages_seconds: float  # of asking for the frame, and of messages on their way
     image_seconds: float  # until the finished image was here
-    accounted_share: float  # of the wall seconds, by the splat server's stages and the image
+    accounted_share: float  # of the wall seconds, by the splat server's stages, the messages and the image
     hidden_packets: int  # of those sent, left out by the splat server
     held_back_seconds: float  # that connections were not read because their buffers were full, over all workers
     peak_memory_bytes: dict[str, int]  # of each process so far
@@ -134,6 +135,7 @@ def step_table(report: FrameReport) -> Table:
         "  splat": lambda s: f"{s.splat_seconds:.3f}",
         "  splat waits": lambda s: f"{s.splat_waiting_seconds:.3f}",
         "  planning": lambda s: f"{s.planning_seconds:.3f}",
+        "  messages": lambda s: f"{s.messages_seconds:.3f}",
         "  image": lambda s: f"{s.image_seconds:.3f}",
         "accounted for": lambda s: f"{s.accounted_share:.0%}",
         "voxels visited": lambda s: f"{s.voxels_visited / 1e6:.3f} M",
@@ -173,6 +175,7 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         merge_seconds=splat.merge_seconds,
         splat_seconds=splat.splat_seconds,
         splat_waiting_seconds=splat.waiting_seconds,
+        messages_seconds=_messages_seconds(outcome),
         image_seconds=outcome.image_seconds,
         accounted_share=_accounted_seconds(outcome) / outcome.wall_seconds,
         hidden_packets=splat.hidden_packets,
@@ -184,10 +187,15 @@ def _step_report(outcome: StepOutcome) -> StepReport:
 
 
 def _accounted_seconds(outcome: StepOutcome) -> float:
-    """What the stages took that follow each other: those of the splat server, waiting included, and the image."""
+    """What follows each other: the splat server's stages, waiting included, with the messages before and the image."""
     splat = outcome.servers.splat
     stages = (splat.planning_seconds, splat.merge_seconds, splat.splat_seconds, splat.waiting_seconds)
-    return sum(stages) + splat.answering_seconds + outcome.image_seconds
+    return sum(stages) + splat.answering_seconds + _messages_seconds(outcome) + outcome.image_seconds
+
+
+def _messages_seconds(outcome: StepOutcome) -> float:
+    """When neither the splat server had the frame nor its image was on its way."""
+    return max(0.0, outcome.wall_seconds - outcome.servers.splat.frame_seconds - outcome.image_seconds)
 
 
 def _cpu_name() -> str:

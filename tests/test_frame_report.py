@@ -48,7 +48,7 @@ def outcome(step: Step) -> StepOutcome:
         packets=300,
         hidden_packets=40,
         bytes=2400,
-        frame_seconds=1.25,
+        frame_seconds=1.125,
         planning_seconds=0.0625,
         merge_seconds=0.125,
         splat_seconds=0.75,
@@ -76,7 +76,8 @@ def test_the_workers_figures_are_added_up_and_the_slowest_named() -> None:
 
 def test_the_stages_that_follow_each_other_account_for_the_wall_time() -> None:
     step = report(Step.F).steps[0]
-    assert step.accounted_share == (0.0625 + 0.125 + 0.75 + 0.0625 + 0.03125 + 0.25) / 1.5
+    assert step.messages_seconds == 0.125
+    assert step.accounted_share == (0.0625 + 0.125 + 0.75 + 0.0625 + 0.03125 + 0.125 + 0.25) / 1.5
 
 
 def test_every_process_tells_its_peak_memory() -> None:
