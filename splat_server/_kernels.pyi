@@ -117,8 +117,8 @@ class SplatQueue:
     def finish(self) -> None:
         """Wait until all is combined."""
 
-    def publish(self) -> memoryview:
-        """As `finish`; then the image, as `ImageMemory.snapshot`."""
+    def hand_out(self) -> memoryview:
+        """As `finish`; then the image, as `ImageMemory.snapshot`, which is empty afterwards."""
 
     def cancel(self) -> None:
         """Drop what is unfinished."""

@@ -85,7 +85,7 @@ class FrameAssembly:
         self.complete = False
         self.lost: tuple[int, ...] = ()
         self.packets = 0
-        self._finished: memoryview | None = None  # the complete image, until someone asks for it
+        self._finished: memoryview | None = None  # the complete image, which the buffer has handed out
         self.seconds_in_merge = 0.0  # while nothing was splatted
         by_columns = runs_up_and_down(self.plan)
         self._reach = pixel_reach(self.plan, scene.reconstruction, by_columns)
@@ -158,16 +158,15 @@ class FrameAssembly:
 
     def published(self) -> memoryview:
         """The image as it stands, edges included: height x width x 4 float32, little endian, associated alpha."""
-        finished, self._finished = self._finished, None
-        if finished is not None:
-            return finished
+        if self._finished is not None:
+            return self._finished
         return self.image.published(*self._layers) if self._layers else self.image.snapshot()
 
     def _finish(self) -> None:
         if self._layers:
             self.image.finish()
         else:
-            self._finished = self.image.finished()
+            self._finished = self.image.hand_out()
         self.complete = True
 
     def _handle(self, event: Event) -> list[Instruction]:

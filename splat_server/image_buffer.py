@@ -60,9 +60,12 @@ class ImageBuffer:
         """Wait until all is combined."""
         self._queue.finish()
 
-    def finished(self) -> memoryview:
-        """The image once all is combined, as `snapshot`: by the threads, each as soon as its stripe is through."""
-        return self._queue.publish()
+    def hand_out(self) -> memoryview:
+        """The image once all is combined, as `snapshot`. The buffer is empty then.
+
+        The threads do both, each as soon as its stripe is through: its lines are in the caches then.
+        """
+        return self._queue.hand_out()
 
     def cancel(self) -> None:
         """Drop what is still to be combined."""

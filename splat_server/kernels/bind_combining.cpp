@@ -119,8 +119,8 @@ public:
         release();
     }
 
-    nb::object publish() {
-        const nb::object block = filled_block(image(), [&](float* target) { queue_.publish(target); });
+    nb::object hand_out() {
+        const nb::object block = filled_block(image(), [&](float* target) { queue_.hand_out(target); });
         release();
         return block;
     }
@@ -221,7 +221,7 @@ void bind_combining(nb::module_& m) {
         .def("splat", &PythonQueue::splat, "spans"_a, "reach"_a.none(), "front_to_back"_a, "small"_a = false,
              "batches"_a.none() = nb::none())
         .def("finish", &PythonQueue::finish)
-        .def("publish", &PythonQueue::publish)
+        .def("hand_out", &PythonQueue::hand_out)
         .def("cancel", &PythonQueue::cancel)
         .def("close", &PythonQueue::close)
         .def_prop_ro("busy_seconds", &PythonQueue::busy_seconds);

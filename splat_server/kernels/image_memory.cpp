@@ -36,12 +36,15 @@ ImageMemory::ImageMemory(int width, int height)
 }
 
 void ImageMemory::clear(bool by_columns) {
-    if (line_begin_ < line_end_)
-        std::memset(memory_.get() + line_begin_ * 4 * plane_, 0,
-                    (line_end_ - line_begin_) * 4 * plane_ * sizeof(float));
+    empty({0, lines_});
     lay_out(by_columns);
     for (TileMap* map : {&tiles_by_rows_, &tiles_by_columns_}) std::fill(map->words.begin(), map->words.end(), 0);
     hidden_packets_ = 0;
+}
+
+void ImageMemory::empty(RowSpan lines) {
+    const std::int64_t begin = std::max(lines.begin, line_begin_.load()), end = std::min(lines.end, line_end_.load());
+    if (begin < end) std::memset(memory_.get() + begin * 4 * plane_, 0, (end - begin) * 4 * plane_ * sizeof(float));
 }
 
 void ImageMemory::lay_out(bool by_columns) {
@@ -49,7 +52,7 @@ void ImageMemory::lay_out(bool by_columns) {
     line_pixels_ = by_columns ? height_ : width_;
     lines_ = by_columns ? width_ : height_;
     plane_ = plane_of(line_pixels_);
-    line_begin_ = lines_, line_end_ = 0;
+    note_empty();
 }
 
 void ImageMemory::note(const SplatOutcome& outcome) {

@@ -22,7 +22,11 @@ public:
 
     // Empties image and map, and forgets what was hidden. From then on lines are rows or columns.
     void clear(bool by_columns);
-    // Says what a splat loop did.
+    // Empties some lines; map and count stay as they are.
+    void empty(RowSpan lines);
+    // All lines have been emptied.
+    void note_empty() { line_begin_ = lines_, line_end_ = 0; }
+    // A splat loop has done this.
     void note(const SplatOutcome& outcome);
 
     ImageView view();

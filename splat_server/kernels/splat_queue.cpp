@@ -71,16 +71,16 @@ void SplatQueue::splat_at_once(const SplatJob& job) {
 }
 
 // Each stripe as soon as it is through with its jobs.
-void SplatQueue::publish(float* target) {
+void SplatQueue::hand_out(float* target) {
     std::unique_lock lock(mutex_);
     const bool large = std::int64_t(image_->width()) * image_->height() >= kSharedPixels;
-    if (threads_ == 1 || stripes_.empty() || (jobs_.empty() && !large)) {
-        lock.unlock();
-        volsplat::publish(*image_, target);
-        return;
+    if (threads_ > 1 && !stripes_.empty() && (large || !jobs_.empty())) {
+        append({std::nullopt, target, stripes_.size()});
+        done_.wait(lock, [this] { return jobs_.empty(); });
+    } else {
+        hand_out({0, image_->view().height}, target);
     }
-    append({std::nullopt, target, stripes_.size()});
-    done_.wait(lock, [this] { return jobs_.empty(); });
+    image_->note_empty();
 }
 
 std::uint64_t SplatQueue::finished() {
@@ -142,13 +142,18 @@ void SplatQueue::do_next(Stripe& stripe, std::unique_lock<std::mutex>& lock) {
         lock.unlock();
         SplatOutcome outcome{stripe.lines.end, stripe.lines.begin, 0};
         if (job.splat) outcome = job.splat->splat(stripe.lines);
-        else publish_lines(*image_, stripe.lines, job.target);
+        else hand_out(stripe.lines, job.target);
         lock.lock();
         stripe.taken = false;
         image_->note(outcome);
     }
     ++stripe.next;
     if (--job.unfinished == 0) retire();
+}
+
+void SplatQueue::hand_out(RowSpan lines, float* target) {
+    publish_lines(*image_, lines, target);
+    image_->empty(lines);
 }
 
 // The first job is finished: no stripe is at a later one's end before it.

@@ -27,8 +27,9 @@ public:
     // Adds a job, which says what and how; its image is filled in here. What it points to must stay until it is
     // finished. Waits while several are unfinished; does a `small` one at once where none is. Returns its number.
     std::uint64_t add(SplatJob job, bool small);
-    // Publishes the image as it is after all jobs, and waits for that. `target` is height x width x 4.
-    void publish(float* target);
+    // Publishes the image as it is after all jobs, and empties it meanwhile: its lines are in the caches then.
+    // `target` is height x width x 4.
+    void hand_out(float* target);
     // Every job up to this number is finished or dropped.
     std::uint64_t finished();
     // Waits until all of them are.
@@ -45,7 +46,7 @@ private:
 
     struct Job {
         std::optional<StripedJob> splat;  // or else
-        float* target;                    // to publish into
+        float* target;                    // to hand the image out to
         std::size_t unfinished;           // stripes
     };
     struct Stripe {
@@ -59,6 +60,7 @@ private:
     void help();
     Stripe* next_stripe();
     void do_next(Stripe& stripe, std::unique_lock<std::mutex>& lock);
+    void hand_out(RowSpan lines, float* target);
     void retire();
 
     const int threads_;
