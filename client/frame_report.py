@@ -70,7 +70,7 @@ class StepReport(msgspec.Struct, frozen=True):
     merge_seconds: float
     splat_seconds: float
     splat_waiting_seconds: float  # with nothing to splat
-    messages_seconds: float  # of asking for the frame, and of messages on their way
+    messages_seconds: float  # what is left: of asking for the frame, and of messages on their way
     image_seconds: float  # until the finished image was here
     accounted_share: float  # of the wall seconds, by the splat server's stages, the messages and the image
     hidden_packets: int  # of those sent, left out by the splat server

@@ -25,7 +25,7 @@ class StepOutcome:
 
     step: Step
     wall_seconds: float  # from asking to having the image
-    image_seconds: float  # of these, from the finished frame on: its image is published and sent
+    image_seconds: float  # of these, from the finished frame on: its image is sent
     servers: FrameOutcome
 
 

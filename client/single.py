@@ -54,8 +54,8 @@ class SingleProcess:
     ) -> None:
         """Read and survey the volume. Raises BadInput.
 
-        `threads` splat, one image stripe each; where there are several, one more walks ahead of them. `memory` is how
-        many bytes of a prepared volume may be held; by default half of what the machine has left.
+        `threads` share out stripes of the image and splat; where there are several, one more walks ahead of them.
+        `memory` is how many bytes of a prepared volume may be held; by default half of what the machine has left.
         """
         self._say = on_progress or (lambda text: None)
         self._threads = threads

@@ -78,10 +78,10 @@ class MapShadeStats(Detail, frozen=True):
 class SplatStats(Detail, frozen=True):
     """What a frame cost the splat server.
 
-    `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, merged,
-    splatted, waited with nothing to splat, and answered requests for partial images. `held_back_seconds` tells for
-    each worker how long its connection was not read because its buffers were full. `hidden_packets` came, but were
-    left out as hidden.
+    `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, splatted and
+    published, and, while nothing was splatted, merged, waited and answered requests for partial images.
+    `held_back_seconds` tells for each worker how long its connection was not read because its buffers were full.
+    `hidden_packets` came, but were left out as hidden.
     """
 
     packets: Count

@@ -106,8 +106,8 @@ class SplatQueue:
         spans: SpanList,
         reach: FootprintTable | CellMap | None,
         front_to_back: bool,
-        small: bool = False,
-        batches: object = None,
+        small: bool,
+        batches: object,
     ) -> None:
         """Combine the spans' samples with the image, after all that came before; waits while that is much.
 
@@ -125,6 +125,10 @@ class SplatQueue:
 
     def close(self) -> None:
         """End the threads, and drop what is unfinished."""
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to combine."""
 
     @property
     def busy_seconds(self) -> float:

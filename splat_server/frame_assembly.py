@@ -59,7 +59,7 @@ class Idle:
 class FrameAssembly:
     """Merges and splats one frame.
 
-    Any thread may bring batches; one at a time may `advance`, and any may read `published` meanwhile. `merge` and
+    Any thread may bring batches; one at a time may `advance` and ask for what is `published`. `merge` and
     its `lock` are a server's, which outlive the frame; without them the assembly has its own.
     """
 
@@ -76,9 +76,10 @@ class FrameAssembly:
         threads: int = 1,
         resolution: Resolution | None = None,
     ) -> None:
-        """Clears `image` and uses it if it suits the scene. Raises ValueError or BadInput for a bad scene.
+        """Clears `image` and uses it if it suits the scene, else closes it.
 
-        `geometry` is the volume's; the frame is drawn from `resolution`, as plan_frame has it.
+        Raises ValueError or BadInput for a bad scene. `geometry` is the volume's; the frame is drawn from `resolution`,
+        as plan_frame has it.
         """
         self.plan = plan_frame(scene, geometry, step, resolution)
         self.frame = frame
@@ -92,9 +93,11 @@ class FrameAssembly:
         self.pixels_per_packet = pixels_reached(self._reach, self.plan, by_columns)
         edges = volume_edges(scene, geometry)
         self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
-        if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
-            image = ImageBuffer(self.plan.width, self.plan.height, threads, by_columns)
-        image.clear(by_columns, busy_lines(self.plan, by_columns))
+        if image is not None and (image.width, image.height) != (self.plan.width, self.plan.height):
+            image.close()
+            image = None
+        image = image or ImageBuffer(self.plan.width, self.plan.height, threads)
+        image.clear(by_columns, busy_lines(self.plan, self._reach, by_columns))
         self.image = image
         self._busy_before = image.busy_seconds
         self.merge = merge or Merge()
@@ -145,6 +148,11 @@ class FrameAssembly:
     def abort(self) -> None:
         """Drop what is still to be splatted."""
         self.image.cancel()
+
+    @property
+    def splatting(self) -> bool:
+        """Whether anything handed to the splatter is undone."""
+        return self.image.busy
 
     @property
     def seconds_in_splat(self) -> float:

@@ -14,7 +14,7 @@ class ImageBuffer:
     """Kept by rows, or by columns: what is splatted into it is reached by lines that are one or the other.
 
     `threads` share out stripes of lines, one for each line of tiles at most; their number changes no bits.
-    One thread at a time may change it; others may take a `snapshot` or read `closed_tiles` meanwhile.
+    One thread at a time may change it; others may read `closed_tiles` meanwhile, and take a `snapshot` while it splats.
     """
 
     def __init__(self, width: int, height: int, threads: int = 1, by_columns: bool = False) -> None:
@@ -25,7 +25,7 @@ class ImageBuffer:
         self._queue = SplatQueue(min(threads, most_threads))
         self.clear(by_columns)
 
-    def clear(self, by_columns: bool = False, busy_lines: tuple[int, int] | None = None) -> None:
+    def clear(self, by_columns: bool, busy_lines: tuple[int, int] | None = None) -> None:
         """Empty it, and drop what is still to be combined. What follows mostly reaches `busy_lines`."""
         self._queue.cancel()
         self._memory.clear(by_columns)
@@ -50,8 +50,8 @@ class ImageBuffer:
         """Combine the spans' samples with the buffer, after those that came before.
 
         With several threads that goes on after the return; only when much is undone, it is waited for. `batches` is
-        kept until then: the spans' memory, which must not change. `reach` is by columns if the buffer is (see
-        pixel_reach). `pixels_per_packet` says what to thread.
+        kept until then: the spans' memory, which must not change. Without it the caller keeps that memory.
+        `reach` is by columns if the buffer is (see pixel_reach). `pixels_per_packet` says what to thread.
         """
         small = spans.packets < THREADED_FROM and spans.packets * pixels_per_packet < THREADED_FROM_PIXELS
         self._queue.splat(spans, reach, order == Order.FRONT_TO_BACK, small, batches)
@@ -70,6 +70,11 @@ class ImageBuffer:
     def cancel(self) -> None:
         """Drop what is still to be combined."""
         self._queue.cancel()
+
+    @property
+    def busy(self) -> bool:
+        """Whether there is something to combine."""
+        return self._queue.busy
 
     @property
     def busy_seconds(self) -> float:

@@ -21,15 +21,16 @@ def runs_up_and_down(plan: FramePlan) -> bool:
     return abs(down[sample]) > abs(across[sample])
 
 
-def busy_lines(plan: FramePlan, by_columns: bool = False) -> tuple[int, int]:
-    """From which to before which line of the image the frame's samples lie, as far as they lie in it."""
+def busy_lines(plan: FramePlan, reach: PixelReach, by_columns: bool) -> tuple[int, int]:
+    """From which to before which line the frame's voxels and their footprints reach, within the image."""
     dda, lines = (plan.x, plan.width) if by_columns else (plan.y, plan.height)
     ends = [
-        sorted(half_step * (2 * index + 1) for index in (visits.low, visits.high - 1))
+        sorted(half_step * doubled for doubled in (2 * visits.low - 1, 2 * visits.high - 1))
         for half_step, visits in zip(dda.half_steps, plan.visits, strict=True)
     ]
     first, last = ((dda.origin + sum(end)) >> 32 for end in zip(*ends, strict=True))
-    return (min(max(first, 0), lines), min(max(last + 1, 0), lines))
+    around = reach.height // 2 if isinstance(reach, FootprintTable) else 0
+    return (min(max(first - around, 0), lines), min(max(last + around + 1, 0), lines))
 
 
 def pixel_reach(plan: FramePlan, reconstruction: Reconstruction, by_columns: bool = False) -> PixelReach:

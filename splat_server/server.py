@@ -1,7 +1,8 @@
 """The splat server's loop: merges what map/shade servers send, splats it, and hands out the image at any time.
 
-One thread works: it answers the client, and between two answers it splats a few milliseconds' worth of packets, so
-that aborts and requests for the image never wait long. Others receive from the client, send to it (see outbox), and
+One thread works: it answers the client, and between two answers it merges a few milliseconds' worth of packets for the
+threads that splat (see image_buffer); at most some such portions are undone at a time, so that aborts and requests for
+the image never wait long. Others receive from the client, send to it (see outbox), and
 receive from the map/shade servers (see data_links).
 """
 
@@ -22,7 +23,7 @@ from volsplat.splat_server.merge_events import FrameAborted
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.tile_news import TileNews
 
-# What is splatted between two looks at the client's requests, by whichever is reached first: some milliseconds.
+# What is merged between two looks at the client's requests, by whichever is reached first: some milliseconds.
 PACKETS_AT_ONCE = 1 << 17
 PIXELS_AT_ONCE = 1 << 23
 
@@ -99,9 +100,13 @@ class SplatServer:
                 self._answer(request)
 
     def _wait_for_work(self) -> None:
-        idle = Idle(self._assembly) if self._drawing and self._assembly is not None else None
+        assembly = self._assembly if self._drawing else None
+        idle = Idle(assembly) if assembly is not None else None
         while not self._requests and not self._image_may_go() and not (self._drawing and self._news):
-            self._changed.wait()
+            if assembly is None or not self._may_hide_more(assembly):
+                self._changed.wait()
+            elif not self._changed.wait(TILE_NEWS_SECONDS):
+                self._tell_closed_tiles(assembly)
         if idle is not None:
             self._waiting_seconds += idle.seconds
 
@@ -132,6 +137,10 @@ class SplatServer:
         if not progress.lost:
             self._images_wanted.clear()  # whoever asked for it as it stood gets it finished
             self._images_wanted.append(messages.ReadImage(frame=assembly.frame))
+
+    def _may_hide_more(self, assembly: FrameAssembly) -> bool:
+        """Whether more is hidden than the workers know of, or is about to be."""
+        return assembly.splatting or assembly.hidden_packets != self._hidden_told
 
     def _tell_closed_tiles(self, assembly: FrameAssembly) -> None:
         """Have the workers leave out what is hidden. Hidden packets show that more of it is likely to come."""
@@ -224,7 +233,7 @@ class SplatServer:
         assembly = self._assembly
         if assembly is None or assembly.frame != frame:
             return  # the client has gone on to another frame
-        began = time.perf_counter()
+        idle = Idle(assembly)
         image = messages.ImageRead(
             frame=frame,
             step=assembly.plan.step,
@@ -233,7 +242,7 @@ class SplatServer:
             height=assembly.plan.height,
         )
         self._outbox.post_image(image, assembly.published())
-        self._answering_seconds += time.perf_counter() - began
+        self._answering_seconds += idle.seconds
 
     # -- what other threads bring
 

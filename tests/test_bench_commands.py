@@ -215,6 +215,7 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> StepReport:
         ({"splat_waiting_seconds": 0.9, "map_shade_waiting_seconds_slowest": 0.8}, 8, "links"),
         ({"splat_seconds": 0.2, "splat_waiting_seconds": 0.1, "image_seconds": 0.7}, 8, "image"),
         ({"splat_seconds": 0.2, "image_seconds": 0.3, "accounted_share": 0.5}, 8, "client"),
+        ({"splat_seconds": 0.2, "image_seconds": 0.2, "messages_seconds": 0.6}, 8, "client"),
         ({"splat_seconds": 0.9, "splat_waiting_seconds": 0.1, "map_shade_seconds": 0.1}, 1, "all 1 cores"),
     ],
 )

@@ -150,7 +150,7 @@ def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, b
     splat(image, behind, table)
     assert torch.equal(pixels(image), before)
     assert image.hidden_packets - seen == len(behind[0].dots)
-    image.clear()
+    image.clear(by_columns)
     assert image.hidden_packets == 0 and not any(map(any, words(image)))
 
 

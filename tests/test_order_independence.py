@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from phantoms import shaded_scene, shells
 from rendering import rendered
+from threaded import everything_threaded
 
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL
 from volsplat.mapshade_server import _kernels as mapshade_kernels
@@ -92,17 +93,18 @@ def test_image_is_the_same_for_any_partition_batches_arrival_and_threads(
     scene = msgspec.structs.replace(scene, bounds=bounds)
     expected = rendered(VALUES, geometry, scene, step)
     holdings = handed_out(cut(geometry.box, random, cuts), workers, random)
-    image = rendered(
-        VALUES,
-        geometry,
-        scene,
-        step,
-        workers=holdings,
-        max_packets=max_packets,
-        max_voxels=max_voxels,
-        threads=threads,
-        arrival=random,
-    )
+    with everything_threaded():
+        image = rendered(
+            VALUES,
+            geometry,
+            scene,
+            step,
+            workers=holdings,
+            max_packets=max_packets,
+            max_voxels=max_voxels,
+            threads=threads,
+            arrival=random,
+        )
     assert torch.equal(image, expected)
 
 

@@ -3,6 +3,7 @@
 import sys
 import threading
 from collections.abc import Iterator
+from contextlib import nullcontext
 from random import Random
 
 import msgspec
@@ -14,6 +15,7 @@ from hypothesis import strategies as st
 from little_memory import little_memory
 from phantoms import QUANTISATION, shaded_scene, shells
 from rendering import rendered
+from threaded import everything_threaded
 
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -142,11 +144,13 @@ class Bench:
         assert not self._thread.is_alive()
 
 
-@pytest.fixture
-def bench() -> Iterator[Bench]:
-    bench = Bench()
-    yield bench
-    bench.close()
+@pytest.fixture(params=[False, True], ids=["", "threaded"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    """Small jobs are done at once, or shared among threads like large ones."""
+    with everything_threaded() if request.param else nullcontext():
+        bench = Bench()
+        yield bench
+        bench.close()
 
 
 def batches(

@@ -102,12 +102,14 @@ public:
         job.spans = list.views.data();
         job.span_count = list.views.size();
         job.front_to_back = front_to_back;
-        std::uint64_t number;
-        {
+        owners_.emplace_back(kUnknown, nb::make_tuple(std::move(spans), std::move(reach), std::move(batches)));
+        try {
             nb::gil_scoped_release unlocked;
-            number = queue_.add(job, small);
+            owners_.back().first = queue_.add(job, small);
+        } catch (...) {
+            owners_.pop_back();
+            throw;
         }
-        owners_.emplace_back(number, nb::make_tuple(std::move(spans), std::move(reach), std::move(batches)));
         release();
     }
 
@@ -141,6 +143,7 @@ public:
         release();
     }
 
+    bool busy() { return queue_.busy(); }
     double busy_seconds() { return queue_.busy_seconds(); }
 
 private:
@@ -165,7 +168,9 @@ private:
         while (!owners_.empty() && owners_.front().first <= finished) owners_.pop_front();
     }
 
-    std::deque<std::pair<std::uint64_t, nb::object>> owners_;
+    static constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
+
+    std::deque<std::pair<std::uint64_t, nb::object>> owners_;  // by the number of the job
     nb::object image_;
     SplatQueue queue_;  // ended before what its jobs point to
 };
@@ -218,12 +223,13 @@ void bind_combining(nb::module_& m) {
     nb::class_<PythonQueue>(m, "SplatQueue")
         .def(nb::init<int>(), "threads"_a)
         .def("begin", &PythonQueue::begin, "image"_a, "first_line"_a, "end_line"_a)
-        .def("splat", &PythonQueue::splat, "spans"_a, "reach"_a.none(), "front_to_back"_a, "small"_a = false,
-             "batches"_a.none() = nb::none())
+        .def("splat", &PythonQueue::splat, "spans"_a, "reach"_a.none(), "front_to_back"_a, "small"_a,
+             "batches"_a.none())
         .def("finish", &PythonQueue::finish)
         .def("hand_out", &PythonQueue::hand_out)
         .def("cancel", &PythonQueue::cancel)
         .def("close", &PythonQueue::close)
+        .def_prop_ro("busy", &PythonQueue::busy)
         .def_prop_ro("busy_seconds", &PythonQueue::busy_seconds);
     nb::class_<PythonImage>(m, "ImageMemory")
         .def(nb::init<int, int>(), "width"_a, "height"_a)

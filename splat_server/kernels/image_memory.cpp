@@ -56,8 +56,10 @@ void ImageMemory::lay_out(bool by_columns) {
 }
 
 void ImageMemory::note(const SplatOutcome& outcome) {
-    line_begin_ = std::min(line_begin_.load(), outcome.row_begin);
-    line_end_ = std::max(line_end_.load(), outcome.row_end);
+    if (outcome.row_begin < outcome.row_end) {
+        line_begin_ = std::min(line_begin_.load(), outcome.row_begin);
+        line_end_ = std::max(line_end_.load(), outcome.row_end);
+    }
     hidden_packets_ += outcome.hidden;
 }
 

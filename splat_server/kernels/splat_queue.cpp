@@ -1,5 +1,7 @@
 #include "splat_queue.h"
 
+#include <algorithm>
+
 #include "image_publishing.h"
 #include "splat.h"
 
@@ -13,7 +15,7 @@ constexpr std::int64_t kSharedPixels = 1 << 16;
 
 }  // namespace
 
-SplatQueue::SplatQueue(int threads) : threads_(threads) {
+SplatQueue::SplatQueue(int threads) {
     try {
         for (int n = 0; n < threads && threads > 1; ++n) helpers_.emplace_back([this] { help(); });
     } catch (...) {
@@ -26,19 +28,16 @@ void SplatQueue::begin(ImageMemory& image, RowSpan busy) {
     cancel();
     image_ = &image;
     busy_lines_ = busy;
-    footprint_height_ = -1;
+    const std::lock_guard lock(mutex_);
+    stripes_.clear();
 }
 
 std::uint64_t SplatQueue::add(SplatJob job, bool small) {
+    const Clock::time_point began = Clock::now();
     job.image = image_->view();
     std::unique_lock lock(mutex_);
-    if (jobs_.empty() && footprint_height_ != job.footprint.height) {
-        footprint_height_ = job.footprint.height;
-        stripes_.clear();
-        for (const RowSpan& lines : stripes_of(job.image.height, busy_lines_, footprint_height_, threads_))
-            stripes_.push_back({lines, first_});
-    }
-    if (jobs_.empty() && (small || threads_ == 1)) {
+    if (stripes_.empty()) make_stripes(job);
+    if (jobs_.empty() && (small || helpers_.empty())) {
         lock.unlock();
         splat_at_once(job);
         return first_ - 1;
@@ -47,13 +46,21 @@ std::uint64_t SplatQueue::add(SplatJob job, bool small) {
     StripedJob striped(job, static_cast<int>(stripes_.size()));
     lock.lock();
     done_.wait(lock, [this] { return jobs_.size() < kMostUnfinished; });
-    append({std::move(striped), nullptr, stripes_.size()});
+    append({std::move(striped), nullptr, stripes_.size()}, began);
     return first_ + jobs_.size() - 1;
 }
 
+void SplatQueue::make_stripes(const SplatJob& job) {
+    const int threads = std::max(static_cast<int>(helpers_.size()), 1);
+    std::vector<Stripe> stripes;
+    for (const RowSpan& lines : stripes_of(job.image.height, busy_lines_, job.footprint.height, threads))
+        stripes.push_back({lines, first_});
+    stripes_.swap(stripes);
+}
+
 // With the lock held.
-void SplatQueue::append(Job job) {
-    if (jobs_.empty()) busy_since_ = Clock::now();
+void SplatQueue::append(Job job, Clock::time_point began) {
+    if (jobs_.empty()) busy_since_ = std::max(began, idle_since_);
     jobs_.push_back(std::move(job));
     added_.notify_all();
 }
@@ -61,7 +68,7 @@ void SplatQueue::append(Job job) {
 // By the caller, with nothing unfinished.
 void SplatQueue::splat_at_once(const SplatJob& job) {
     const Clock::time_point began = Clock::now();
-    if (threads_ > 1) {
+    if (!helpers_.empty()) {
         image_->note(StripedJob(job, 1).splat({0, job.image.height}));
     } else {
         const StripedJob striped(job, static_cast<int>(stripes_.size()));
@@ -72,13 +79,15 @@ void SplatQueue::splat_at_once(const SplatJob& job) {
 
 // Each stripe as soon as it is through with its jobs.
 void SplatQueue::hand_out(float* target) {
+    const Clock::time_point began = Clock::now();
     std::unique_lock lock(mutex_);
     const bool large = std::int64_t(image_->width()) * image_->height() >= kSharedPixels;
-    if (threads_ > 1 && !stripes_.empty() && (large || !jobs_.empty())) {
-        append({std::nullopt, target, stripes_.size()});
+    if (!helpers_.empty() && !stripes_.empty() && (large || !jobs_.empty())) {
+        append({std::nullopt, target, stripes_.size()}, began);
         done_.wait(lock, [this] { return jobs_.empty(); });
     } else {
         hand_out({0, image_->view().height}, target);
+        busy_ += Clock::now() - began;
     }
     image_->note_empty();
 }
@@ -98,6 +107,11 @@ void SplatQueue::cancel() {
     dropping_ = true;
     done_.wait(lock, [this] { return jobs_.empty(); });
     dropping_ = false;
+}
+
+bool SplatQueue::busy() {
+    const std::lock_guard lock(mutex_);
+    return !jobs_.empty();
 }
 
 double SplatQueue::busy_seconds() {
@@ -156,11 +170,14 @@ void SplatQueue::hand_out(RowSpan lines, float* target) {
     image_->empty(lines);
 }
 
-// The first job is finished: no stripe is at a later one's end before it.
+// Always the first job: stripes pass jobs in their order, so none ends before those in front of it.
 void SplatQueue::retire() {
     jobs_.pop_front();
     ++first_;
-    if (jobs_.empty()) busy_ += Clock::now() - busy_since_;
+    if (jobs_.empty()) {
+        idle_since_ = Clock::now();
+        busy_ += idle_since_ - busy_since_;
+    }
     done_.notify_all();
 }
 

@@ -36,6 +36,8 @@ public:
     void finish();
     // Drops the jobs that are unfinished, and waits for the stripes that threads are at.
     void cancel();
+    // Whether there is an unfinished job.
+    bool busy();
     // For how long there has been an unfinished job, in all.
     double busy_seconds();
     // Ends the threads, and drops what is unfinished.
@@ -55,28 +57,27 @@ private:
         bool taken = false;
     };
 
+    void make_stripes(const SplatJob& job);
     void splat_at_once(const SplatJob& job);
-    void append(Job job);
+    void append(Job job, Clock::time_point began);
     void help();
     Stripe* next_stripe();
     void do_next(Stripe& stripe, std::unique_lock<std::mutex>& lock);
     void hand_out(RowSpan lines, float* target);
     void retire();
 
-    const int threads_;
     ImageMemory* image_ = nullptr;
     RowSpan busy_lines_{};
-    int footprint_height_ = -1;  // of the jobs that the stripes were made for
-
-    std::mutex mutex_;  // guards what follows
-    std::condition_variable added_, done_;
-    std::deque<Job> jobs_;     // unfinished ones
-    std::uint64_t first_ = 1;  // number of the first of them
-    std::vector<Stripe> stripes_;
-    bool dropping_ = false, closed_ = false;
-    Clock::time_point busy_since_;
-    Clock::duration busy_{};
     std::vector<std::thread> helpers_;
+
+    std::mutex mutex_;  // guards what follows, but where nothing is unfinished
+    std::condition_variable added_, done_;
+    std::deque<Job> jobs_;         // unfinished ones
+    std::uint64_t first_ = 1;      // number of the first of them
+    std::vector<Stripe> stripes_;  // made for an image's first job
+    bool dropping_ = false, closed_ = false;
+    Clock::time_point busy_since_, idle_since_;
+    Clock::duration busy_{};
 };
 
 }  // namespace volsplat
