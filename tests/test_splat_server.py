@@ -33,7 +33,7 @@ from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Scene, Step, View
 from volsplat.protocol.tokens import new_token
 from volsplat.protocol.volume import Box, Geometry
-from volsplat.splat_server import merge
+from volsplat.splat_server import merge, server
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.server import PIXELS_AT_ONCE, SplatServer, packets_at_once
@@ -82,6 +82,12 @@ class Bench:
         name = f"receive from {Role.DATA_LINK} {worker} "
         mine = set(threading.enumerate()) - self._threads_before
         return [thread for thread in mine if thread.name.startswith(name)]
+
+    @property
+    def splatting(self) -> bool:
+        """Whether threads of the server are at the newest frame."""
+        assembly = self._server._assembly
+        return assembly is not None and assembly.splatting
 
     def fills_buffers(self, worker: int) -> None:
         """Wait until the server reads no more from a worker."""
@@ -230,6 +236,20 @@ def test_nothing_of_a_frame_is_splatted_after_its_abort_is_acknowledged(bench: B
     bench.hears(messages.FrameFinished)
     image = torch.frombuffer(bytearray(bench.image(2)), dtype=torch.float32)
     assert torch.equal(image, rendered(VALUES, GEOMETRY, SCENE, Step.F).flatten())
+
+
+def test_an_abort_ends_what_threads_are_still_splatting(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "PIXELS_AT_ONCE", 1 << 28)  # so that a stripe takes long
+    scene = shaded_scene(View(zoom=150.0), (2000, 2000), Order.BACK_TO_FRONT)
+    bench.renders(1, scene)
+    for worker, sent in zip(WORKERS, batches(slabs(0, 8, 16), scene), strict=True):
+        for sequence, batch in enumerate(sent[:-1]):
+            bench.sends(worker, 1, sequence, batch)
+    while not bench.splatting:
+        assert bench.failure is None
+    bench.control.send(messages.AbortFrame(1))
+    bench.hears(messages.FrameAborted)
+    assert not bench.splatting
 
 
 def test_a_front_server_need_not_wait_for_the_one_behind_it(bench: Bench) -> None:
