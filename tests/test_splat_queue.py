@@ -171,8 +171,8 @@ def test_a_batch_is_kept_until_it_is_splatted_or_dropped(end: str) -> None:
     kept = weakref.ref(memory)
     with everything_threaded():
         image.splat(pinned.spans, TABLE, Order.BACK_TO_FRONT, batches=memory)
-    del memory
-    assert kept() is not None
+    del memory  # the job may be over already, where this thread was held up
+    assert kept() is not None or not image.busy
     ENDS[end](image)
     assert kept() is None
     image.close()
