@@ -82,7 +82,7 @@ def pixels(memory: memoryview, width: int, height: int) -> Tensor:
 def one_after_the_other(sheets: list[list[Run]], order: Order, width: int = WIDTH, height: int = HEIGHT) -> Tensor:
     image = ImageBuffer(width, height)
     for runs in sheets:
-        image.splat(spans_of(runs).spans, TABLE, order)
+        splat(image, runs, order)
     return pixels(image.snapshot(), width, height)
 
 
