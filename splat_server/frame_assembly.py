@@ -93,10 +93,10 @@ class FrameAssembly:
         self.pixels_per_packet = pixels_reached(self._reach, self.plan, by_columns)
         edges = volume_edges(scene, geometry)
         self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
-        if image is not None and (image.width, image.height) != (self.plan.width, self.plan.height):
-            image.close()
-            image = None
-        image = image or ImageBuffer(self.plan.width, self.plan.height, threads)
+        if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
+            before, image = image, ImageBuffer(self.plan.width, self.plan.height, threads)
+            if before is not None:
+                before.close()
         image.clear(by_columns, busy_lines(self.plan, self._reach, by_columns))
         self.image = image
         self._busy_before = image.busy_seconds

@@ -105,9 +105,17 @@ def until(page: Page, holds: Callable[[], bool]) -> None:
 
 
 def box(locator: Locator) -> FloatRect:
-    found = locator.bounding_box()
-    assert found is not None
-    return found
+    """Where it lies; waited for, since a plot that is just drawn anew has no lines for a moment."""
+    found: list[FloatRect] = []
+
+    def look() -> bool:
+        place = locator.bounding_box()
+        if place is not None:
+            found.append(place)
+        return place is not None
+
+    until(locator.page, look)
+    return found[0]
 
 
 def near(value: float) -> object:
