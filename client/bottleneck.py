@@ -21,8 +21,8 @@ def bottleneck(report: StepReport, cores: int) -> Bottleneck:
 
     Links are slow where the splat server waits while a map/shade server cannot send. Where the map/shade servers and
     the splat server together keep all `cores` of this machine busy, these are named with whatever takes most of them.
-    The image is sent after the finished frame. The client has what is left: asking for it, the
-    messages' ways, and what nothing accounts for.
+    The image is sent after the finished frame. The client has what is left: asking for it, the messages' ways, and
+    what nothing accounts for.
     """
     wall = report.wall_seconds
     splat = report.planning_seconds + report.merge_seconds + report.splat_seconds

@@ -97,9 +97,9 @@ class SplatQueue:
     Raises RuntimeError where a thread cannot be started.
     """
 
-    def __init__(self, threads: int) -> None: ...
-    def begin(self, image: ImageMemory, first_line: int, end_line: int) -> None:
-        """Drop what is unfinished. What follows goes into this image, and mostly reaches these lines of it."""
+    def __init__(self, image: ImageMemory, threads: int) -> None: ...
+    def begin(self, by_columns: bool, first_line: int, end_line: int) -> None:
+        """Drop what is unfinished, and clear the image. What follows mostly reaches these lines of it."""
 
     def splat(
         self,
@@ -138,7 +138,6 @@ class ImageMemory:
     """float32, associated, kept by rows or by columns: see image_memory.h."""
 
     def __init__(self, width: int, height: int) -> None: ...
-    def clear(self, by_columns: bool) -> None: ...
     def snapshot(self) -> memoryview:
         """height x width x 4 float32 RGBA, little endian, as bytes; its memory is used again once nobody holds it."""
 

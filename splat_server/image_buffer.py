@@ -22,14 +22,12 @@ class ImageBuffer:
         self.height = height
         self._memory = ImageMemory(width, height)
         most_threads = max(tile_map_shape(width, height)[0], tile_map_shape(height, width)[0])
-        self._queue = SplatQueue(min(threads, most_threads))
+        self._queue = SplatQueue(self._memory, min(threads, most_threads))
         self.clear(by_columns)
 
     def clear(self, by_columns: bool, busy_lines: tuple[int, int] | None = None) -> None:
         """Empty it, and drop what is still to be combined. What follows mostly reaches `busy_lines`."""
-        self._queue.cancel()
-        self._memory.clear(by_columns)
-        self._queue.begin(self._memory, *(busy_lines or (0, self.width if by_columns else self.height)))
+        self._queue.begin(by_columns, *(busy_lines or (0, self.width if by_columns else self.height)))
 
     @property
     def closed_tiles(self) -> memoryview:

@@ -10,7 +10,7 @@ from row_runs import Dot, Run, spans_of
 
 from volsplat.protocol.packet_layout import OPACITY_CODES
 from volsplat.protocol.scene import Order
-from volsplat.splat_server._kernels import EdgeLayer, SplatQueue
+from volsplat.splat_server._kernels import EdgeLayer, ImageMemory, SplatQueue
 from volsplat.splat_server.image_buffer import ImageBuffer
 
 DOT = Dot(3 * 64, 2 * 64, OPACITY_CODES - 1, (255, 0, 51))
@@ -86,5 +86,6 @@ def test_there_are_no_more_threads_than_rows_of_tiles() -> None:
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
 def test_threads_that_cannot_be_started_are_told_of() -> None:
+    image = ImageMemory(8, 8)
     with little_memory(64 << 20), pytest.raises(RuntimeError):
-        SplatQueue(100000)
+        SplatQueue(image, 100000)

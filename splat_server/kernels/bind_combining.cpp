@@ -81,20 +81,17 @@ nb::object filled_block(PythonImage& image, Fill fill) {
 // The queue with all that its jobs point to, which is let go of by threads that hold the GIL.
 class PythonQueue {
 public:
-    explicit PythonQueue(int threads) : queue_(threads) {}
+    PythonQueue(nb::object image, int threads)
+        : image_(std::move(image)), queue_(nb::cast<PythonImage&>(image_).memory, threads) {}
 
-    void begin(nb::object image, int first_line, int end_line) {
-        ImageMemory& memory = nb::cast<PythonImage&>(image).memory;
-        {
-            nb::gil_scoped_release unlocked;
-            queue_.begin(memory, {first_line, end_line});
-        }
-        release();
-        image_ = std::move(image);
+    void begin(bool by_columns, int first_line, int end_line) {
+        without_gil([&] { queue_.begin(by_columns, {first_line, end_line}); });
     }
+    void finish() { without_gil([&] { queue_.finish(); }); }
+    void cancel() { without_gil([&] { queue_.cancel(); }); }
+    void close() { without_gil([&] { queue_.close(); }); }
 
     void splat(nb::object spans, nb::object reach, bool front_to_back, bool small, nb::object batches) {
-        image();
         const SpanList& list = nb::cast<const SpanList&>(spans);
         SplatJob job{};
         aim(job, reach);
@@ -104,52 +101,31 @@ public:
         job.front_to_back = front_to_back;
         owners_.emplace_back(kUnknown, nb::make_tuple(std::move(spans), std::move(reach), std::move(batches)));
         try {
-            nb::gil_scoped_release unlocked;
-            owners_.back().first = queue_.add(job, small);
+            without_gil([&] { owners_.back().first = queue_.add(job, small); });
         } catch (...) {
             owners_.pop_back();
             throw;
         }
-        release();
-    }
-
-    void finish() {
-        {
-            nb::gil_scoped_release unlocked;
-            queue_.finish();
-        }
-        release();
     }
 
     nb::object hand_out() {
-        const nb::object block = filled_block(image(), [&](float* target) { queue_.hand_out(target); });
+        PythonImage& image = nb::cast<PythonImage&>(image_);
+        const nb::object block = filled_block(image, [&](float* target) { queue_.hand_out(target); });
         release();
         return block;
-    }
-
-    void cancel() {
-        {
-            nb::gil_scoped_release unlocked;
-            queue_.cancel();
-        }
-        release();
-    }
-
-    void close() {
-        {
-            nb::gil_scoped_release unlocked;
-            queue_.close();
-        }
-        release();
     }
 
     bool busy() { return queue_.busy(); }
     double busy_seconds() { return queue_.busy_seconds(); }
 
 private:
-    PythonImage& image() const {
-        if (!image_) throw std::logic_error("the queue was given no image");
-        return nb::cast<PythonImage&>(image_);
+    template <class Call>
+    void without_gil(Call call) {
+        {
+            nb::gil_scoped_release unlocked;
+            call();
+        }
+        release();
     }
 
     static void aim(SplatJob& job, const nb::object& reach) {
@@ -171,7 +147,7 @@ private:
     static constexpr std::uint64_t kUnknown = ~std::uint64_t{0};
 
     std::deque<std::pair<std::uint64_t, nb::object>> owners_;  // by the number of the job
-    nb::object image_;
+    const nb::object image_;
     SplatQueue queue_;  // ended before what its jobs point to
 };
 
@@ -221,8 +197,8 @@ void bind_combining(nb::module_& m) {
             new (self) CellView(cell_view(x, y, axes));
         }, "x"_a, "y"_a, "axes"_a);
     nb::class_<PythonQueue>(m, "SplatQueue")
-        .def(nb::init<int>(), "threads"_a)
-        .def("begin", &PythonQueue::begin, "image"_a, "first_line"_a, "end_line"_a)
+        .def(nb::init<nb::object, int>(), "image"_a, "threads"_a)
+        .def("begin", &PythonQueue::begin, "by_columns"_a, "first_line"_a, "end_line"_a)
         .def("splat", &PythonQueue::splat, "spans"_a, "reach"_a.none(), "front_to_back"_a, "small"_a,
              "batches"_a.none())
         .def("finish", &PythonQueue::finish)
@@ -233,8 +209,6 @@ void bind_combining(nb::module_& m) {
         .def_prop_ro("busy_seconds", &PythonQueue::busy_seconds);
     nb::class_<PythonImage>(m, "ImageMemory")
         .def(nb::init<int, int>(), "width"_a, "height"_a)
-        .def("clear", [](PythonImage& self, bool by_columns) { self.memory.clear(by_columns); }, "by_columns"_a,
-             nb::call_guard<nb::gil_scoped_release>())
         .def("snapshot", &snapshot)
         .def_prop_ro("closed_tiles", &closed_tiles)
         .def_prop_ro("hidden_packets", [](const PythonImage& self) { return self.memory.hidden_packets(); });

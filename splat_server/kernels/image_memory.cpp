@@ -65,10 +65,8 @@ void ImageMemory::note(const SplatOutcome& outcome) {
 
 ImageView ImageMemory::view() {
     TileMap& closed = by_columns_ ? tiles_by_columns_ : tiles_by_rows_;
-    return {first_pixel_,   plane_,      4 * plane_,
-            line_pixels_,   lines_,      closed.words.data(),
-            closed.row_words, by_columns_, tiles_by_rows_.words.data(),
-            tiles_by_rows_.row_words};
+    return {first_pixel_, plane_, 4 * plane_, line_pixels_, lines_, closed.words.data(), closed.row_words,
+            by_columns_, tiles_by_rows_.words.data(), tiles_by_rows_.row_words};
 }
 
 }  // namespace volsplat

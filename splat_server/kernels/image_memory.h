@@ -33,6 +33,7 @@ public:
     int width() const { return width_; }
     int height() const { return height_; }
     bool by_columns() const { return by_columns_; }
+    int lines() const { return lines_; }
     const float* line(int n) const { return first_pixel_ + n * 4 * plane_; }
     std::int64_t plane() const { return plane_; }  // floats from one channel of a line to the next
     // Lines outside of these are empty.

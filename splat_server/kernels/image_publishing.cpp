@@ -74,7 +74,7 @@ void clear_lines(const ImageMemory& image, RowSpan lines, float* target) {
 }  // namespace
 
 void publish(const ImageMemory& image, float* target) {
-    publish_lines(image, {0, image.by_columns() ? image.width() : image.height()}, target);
+    publish_lines(image, {0, image.lines()}, target);
 }
 
 void publish_lines(const ImageMemory& image, RowSpan lines, float* target) {

@@ -15,7 +15,7 @@ constexpr std::int64_t kSharedPixels = 1 << 16;
 
 }  // namespace
 
-SplatQueue::SplatQueue(int threads) {
+SplatQueue::SplatQueue(ImageMemory& image, int threads) : image_(image), busy_lines_{0, image.lines()} {
     try {
         for (int n = 0; n < threads && threads > 1; ++n) helpers_.emplace_back([this] { help(); });
     } catch (...) {
@@ -24,9 +24,9 @@ SplatQueue::SplatQueue(int threads) {
     }
 }
 
-void SplatQueue::begin(ImageMemory& image, RowSpan busy) {
+void SplatQueue::begin(bool by_columns, RowSpan busy) {
     cancel();
-    image_ = &image;
+    image_.clear(by_columns);
     busy_lines_ = busy;
     const std::lock_guard lock(mutex_);
     stripes_.clear();
@@ -34,7 +34,7 @@ void SplatQueue::begin(ImageMemory& image, RowSpan busy) {
 
 std::uint64_t SplatQueue::add(SplatJob job, bool small) {
     const Clock::time_point began = Clock::now();
-    job.image = image_->view();
+    job.image = image_.view();
     std::unique_lock lock(mutex_);
     if (stripes_.empty()) make_stripes(job);
     if (jobs_.empty() && (small || helpers_.empty())) {
@@ -69,10 +69,10 @@ void SplatQueue::append(Job job, Clock::time_point began) {
 void SplatQueue::splat_at_once(const SplatJob& job) {
     const Clock::time_point began = Clock::now();
     if (!helpers_.empty()) {
-        image_->note(StripedJob(job, 1).splat({0, job.image.height}));
+        image_.note(StripedJob(job, 1).splat({0, job.image.height}));
     } else {
         const StripedJob striped(job, static_cast<int>(stripes_.size()));
-        for (const Stripe& stripe : stripes_) image_->note(striped.splat(stripe.lines));
+        for (const Stripe& stripe : stripes_) image_.note(striped.splat(stripe.lines));
     }
     busy_ += Clock::now() - began;
 }
@@ -81,15 +81,15 @@ void SplatQueue::splat_at_once(const SplatJob& job) {
 void SplatQueue::hand_out(float* target) {
     const Clock::time_point began = Clock::now();
     std::unique_lock lock(mutex_);
-    const bool large = std::int64_t(image_->width()) * image_->height() >= kSharedPixels;
+    const bool large = std::int64_t(image_.width()) * image_.height() >= kSharedPixels;
     if (!helpers_.empty() && !stripes_.empty() && (large || !jobs_.empty())) {
         append({std::nullopt, target, stripes_.size()}, began);
         done_.wait(lock, [this] { return jobs_.empty(); });
     } else {
-        hand_out({0, image_->view().height}, target);
+        hand_out({0, image_.lines()}, target);
         busy_ += Clock::now() - began;
     }
-    image_->note_empty();
+    image_.note_empty();
 }
 
 std::uint64_t SplatQueue::finished() {
@@ -159,15 +159,15 @@ void SplatQueue::do_next(Stripe& stripe, std::unique_lock<std::mutex>& lock) {
         else hand_out(stripe.lines, job.target);
         lock.lock();
         stripe.taken = false;
-        image_->note(outcome);
+        image_.note(outcome);
     }
     ++stripe.next;
     if (--job.unfinished == 0) retire();
 }
 
 void SplatQueue::hand_out(RowSpan lines, float* target) {
-    publish_lines(*image_, lines, target);
-    image_->empty(lines);
+    publish_lines(image_, lines, target);
+    image_.empty(lines);
 }
 
 // Always the first job: stripes pass jobs in their order, so none ends before those in front of it.

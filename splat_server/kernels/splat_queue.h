@@ -18,12 +18,13 @@ namespace volsplat {
 // One thread at a time may call.
 class SplatQueue {
 public:
-    // With a single thread, whoever adds a job splats it. Throws std::system_error where one cannot be started.
-    explicit SplatQueue(int threads);
+    // Into an image that outlives this. With a single thread, whoever adds a job splats it.
+    // Throws std::system_error where one cannot be started.
+    SplatQueue(ImageMemory& image, int threads);
     ~SplatQueue() { close(); }
 
-    // Drops what is unfinished. What follows goes into this image, and mostly reaches the `busy` lines of it.
-    void begin(ImageMemory& image, RowSpan busy);
+    // Drops what is unfinished, and clears the image. What follows mostly reaches the `busy` lines of it.
+    void begin(bool by_columns, RowSpan busy);
     // Adds a job, which says what and how; its image is filled in here. What it points to must stay until it is
     // finished. Waits while several are unfinished; does a `small` one at once where none is. Returns its number.
     std::uint64_t add(SplatJob job, bool small);
@@ -66,8 +67,8 @@ private:
     void hand_out(RowSpan lines, float* target);
     void retire();
 
-    ImageMemory* image_ = nullptr;
-    RowSpan busy_lines_{};
+    ImageMemory& image_;
+    RowSpan busy_lines_;
     std::vector<std::thread> helpers_;
 
     std::mutex mutex_;  // guards what follows, but where nothing is unfinished
