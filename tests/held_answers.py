@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
+
+from tables_tab import until
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page, WebSocketRoute
-
-
-PATIENCE = 20_000  # milliseconds
 
 
 class HeldAnswers:
@@ -20,22 +20,19 @@ class HeldAnswers:
         self._held: list[tuple[WebSocketRoute, str | bytes]] = []
         page.route_web_socket(lambda _: True, self._connect)
 
-    @property
-    def waiting(self) -> int:
-        return len(self._held)
-
-    def hold(self) -> None:
+    def press_ahead(self, key: str, heard: Callable[[], object]) -> None:
+        """Press a key four times; what answers the first press, which `heard` waits for, comes before the last."""
         self._holding = True
+        self._page.keyboard.press(key)
+        heard()
+        until(self._page, lambda: len(self._held) > 0)
+        late = len(self._held)
+        self._page.keyboard.press(key)
+        self._page.keyboard.press(key)
+        self._let_pass(late)
+        self._page.keyboard.press(key)
 
-    def wait(self) -> None:
-        """Until an answer is held."""
-        for _ in range(PATIENCE // 20):
-            if self._held:
-                return
-            self._page.wait_for_timeout(20)
-        raise AssertionError("the server did not answer")
-
-    def let_pass(self, count: int) -> None:
+    def _let_pass(self, count: int) -> None:
         """Hand over the first answers that wait."""
         for socket, message in self._held[:count]:
             socket.send(message)

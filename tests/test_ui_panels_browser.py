@@ -210,17 +210,14 @@ def test_the_light_does_not_jump_back_where_the_server_answers_late(browser_page
     assert browser_page.request.get(f"{url}/again").ok
     tab = Tab(browser_page, url)
     at_first = angle_to_the_right(tab.scene)
+
+    def turned(by: float) -> Scene:
+        expected = pytest.approx(at_first + by, abs=BALL_DIRECTION)
+        return tab.until(lambda state: angle_to_the_right(state.scene) == expected)
+
     tab.page.locator(".vs-light-ball").focus()
-    answers.hold()
-    tab.page.keyboard.press("ArrowRight")
-    tab.until(lambda state: angle_to_the_right(state.scene) == pytest.approx(at_first + 0.1, abs=BALL_DIRECTION))
-    answers.wait()
-    late = answers.waiting
-    tab.page.keyboard.press("ArrowRight")
-    tab.page.keyboard.press("ArrowRight")
-    answers.let_pass(late)
-    tab.page.keyboard.press("ArrowRight")
-    tab.until(lambda state: angle_to_the_right(state.scene) == pytest.approx(at_first + 0.4, abs=BALL_DIRECTION))
+    answers.press_ahead("ArrowRight", lambda: turned(0.1))
+    turned(0.4)
 
 
 def angle_to_the_right(scene: Scene) -> float:

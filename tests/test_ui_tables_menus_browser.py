@@ -147,15 +147,7 @@ def test_a_slider_does_not_jump_back_where_the_server_answers_late(browser_page:
     assert browser_page.request.post(f"{url}/reset").ok
     tab = Tab(browser_page, url)
     tab.page.get_by_label("greatest opacity of the opacity table").locator("[tabindex]").focus()
-    answers.hold()
-    tab.page.keyboard.press("ArrowLeft")
-    tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.490)
-    answers.wait()
-    late = answers.waiting
-    tab.page.keyboard.press("ArrowLeft")
-    tab.page.keyboard.press("ArrowLeft")
-    answers.let_pass(late)
-    tab.page.keyboard.press("ArrowLeft")
+    answers.press_ahead("ArrowLeft", lambda: tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.490))
     tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.457)
 
 
