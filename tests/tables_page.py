@@ -2,8 +2,8 @@
 
     python tests/tables_page.py
 
-It prints its address. `/` holds the panel, `/scene` tells the session's scene as JSON, and `/reset` begins a session
-anew.
+It prints its address. `/` holds the panel, `/state` tells the session's scene as JSON and whether it is settled, and
+`/reset` begins a session anew.
 """
 
 from __future__ import annotations
@@ -57,11 +57,17 @@ SCENE = Scene(
 )
 
 
+class State(msgspec.Struct):
+    scene: Scene
+    settled: bool
+
+
 def application() -> FastAPI:
     models = [SceneModel(SCENE)]
 
-    async def scene() -> Response:
-        return Response(msgspec.json.encode(models[-1].scene))
+    async def state() -> Response:
+        now = models[-1].now
+        return Response(msgspec.json.encode(State(now.scene, now.settled)))
 
     async def reset() -> Response:
         models.append(SceneModel(SCENE))
@@ -75,7 +81,7 @@ def application() -> FastAPI:
 
     served = FastAPI()
     served.mount("/volsplat/static", StaticFiles(directory=STATIC))
-    served.add_api_route("/scene", scene)
+    served.add_api_route("/state", state)
     served.add_api_route("/reset", reset, methods=["POST"])
     ui.page("/")(page)
     ui.run_with(served, dark=None, tailwind=False, show_welcome_message=False)

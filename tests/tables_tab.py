@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
+from tables_page import State
 
 from tolerances import ONE_PIXEL_OF_A_TABLE
 from volsplat.protocol.scene import Scene, Tables
@@ -37,8 +38,12 @@ class Tab:
         page.wait_for_function("() => window.did_handshake")  # until then it keeps what it has to say
 
     @property
+    def state(self) -> State:
+        return msgspec.json.decode(self.page.request.get(f"{self.url}/state").body(), type=State)
+
+    @property
     def scene(self) -> Scene:
-        return msgspec.json.decode(self.page.request.get(f"{self.url}/scene").body(), type=Scene)
+        return self.state.scene
 
     @property
     def tables(self) -> Tables:
@@ -52,10 +57,17 @@ class Tab:
 
     def waits_for(self, holds: Callable[[Scene], bool]) -> Scene:
         """The scene, as soon as it is so."""
-        found: list[Scene] = []
+        return self._state_in_which(lambda state: holds(state.scene)).scene
+
+    def settles(self, holds: Callable[[Scene], bool]) -> Scene:
+        """The scene, as soon as it is so and the hand has let go of it."""
+        return self._state_in_which(lambda state: state.settled and holds(state.scene)).scene
+
+    def _state_in_which(self, holds: Callable[[State], bool]) -> State:
+        found: list[State] = []
 
         def look() -> bool:
-            found.append(self.scene)
+            found.append(self.state)
             return holds(found[-1])
 
         until(self.page, look)

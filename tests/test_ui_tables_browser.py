@@ -32,7 +32,7 @@ __all__ = ["browser", "browser_page", "tab", "url"]
 
 def test_a_dragged_point_lands_under_the_pointer(tab: Tab) -> None:
     tab.drag(tab.place("opac", 0.4, 0.5), tab.place("opac", 0.6, 0.9))
-    tables = tab.waits_for(lambda scene: scene.tables != SCENE.tables).tables
+    tables = tab.settles(lambda scene: scene.tables != SCENE.tables).tables
     assert tables.opac.points[1] == (near(0.6), near(0.9))
     assert tables == msgspec.structs.replace(SCENE.tables, opac=tables.opac)
 
@@ -47,7 +47,7 @@ def test_neighbours_bound_a_dragged_point_and_shift_keeps_its_value(tab: Tab) ->
 def test_a_whole_drag_is_undone_and_redone_at_once(tab: Tab) -> None:
     assert tab.page.get_by_label("undo").is_disabled()
     tab.drag(tab.place("opac", 0.4, 0.5), tab.place("opac", 0.6, 0.9), tab.place("opac", 0.5, 0.2))
-    dragged = tab.waits_for(lambda scene: scene.tables.opac.points[1][1] == near(0.2))
+    dragged = tab.settles(lambda scene: scene.tables.opac.points[1][1] == near(0.2))
     tab.page.get_by_label("undo").click()
     tab.waits_for(lambda scene: scene == SCENE)
     until(tab.page, lambda: tab.page.get_by_label("undo").is_disabled())
@@ -184,7 +184,7 @@ def test_a_picked_colour_becomes_the_stops(tab: Tab) -> None:
 
 def test_a_stop_is_added_with_the_strips_colour_and_dragged(tab: Tab) -> None:
     tab.drag(tab.on_strip("emit", 0.5), tab.on_strip("emit", 0.7))
-    points = tab.waits_for(lambda scene: scene != SCENE).tables.emit.points
+    points = tab.settles(lambda scene: scene != SCENE).tables.emit.points
     assert points[1][0] == near(0.7)
     assert points[1][1] == pytest.approx((0.5, 0.3, 0.1), abs=2 * ONE_PIXEL_OF_A_TABLE)
 

@@ -11,7 +11,7 @@ import pytest
 from browser import browser, browser_page
 from held_answers import HeldAnswers
 from tables_page import SCENE, VOLUME
-from tables_tab import TITLES, Tab, near, tab, until, url
+from tables_tab import TITLES, Tab, tab, until, url
 
 from tolerances import FREEHAND_PIXELS, ROUNDING
 from volsplat.client.presets import preset_scene
@@ -32,7 +32,7 @@ __all__ = ["browser", "browser_page", "tab", "url"]
 def test_a_freehand_curve_becomes_the_table(tab: Tab) -> None:
     tab.page.get_by_label("Opacity: draw freehand").click()
     tab.drag(tab.place("opac", 0.0, 0.9), tab.place("opac", 0.5, 0.1), tab.place("opac", 1.0, 0.7))
-    entries = tab.waits_for(lambda scene: scene.tables.opac.points[-1][0] == 1.0).tables.opac.entries()
+    entries = tab.settles(lambda scene: scene != SCENE).tables.opac.entries()
     for n, entry in enumerate(entries):
         position = n / 255
         drawn = 0.9 - 1.6 * position if position < 0.5 else 0.1 + 1.2 * (position - 0.5)
@@ -46,7 +46,7 @@ def test_a_freehand_curve_becomes_the_table(tab: Tab) -> None:
 def test_the_pencil_changes_only_what_it_passes(tab: Tab) -> None:
     tab.page.get_by_label("Opacity: draw freehand").click()
     tab.drag(tab.place("opac", 0.5, 0.9), tab.place("opac", 0.6, 0.9))
-    drawn = tab.waits_for(lambda scene: scene.tables.opac.greatest > 0.8).tables.opac.entries()
+    drawn = tab.settles(lambda scene: scene != SCENE).tables.opac.entries()
     before = SCENE.tables.opac.entries()
     for n in [*range(125), *range(156, 256)]:
         assert drawn[n] == pytest.approx(before[n], abs=FREEHAND_PIXELS)
@@ -57,12 +57,12 @@ def test_the_pencil_changes_only_what_it_passes(tab: Tab) -> None:
 def test_a_colours_brightness_or_one_channel_can_be_drawn(tab: Tab) -> None:
     tab.page.get_by_label("Reflected: draw freehand").click()
     tab.drag(tab.place("refl", 0.0, 0.3), tab.place("refl", 1.0, 0.3))
-    tables = tab.waits_for(lambda scene: scene.tables.refl.entries()[-1][0] == near(0.3)).tables
+    tables = tab.settles(lambda scene: scene != SCENE).tables
     for colour in tables.refl.entries():
         assert colour == pytest.approx((0.3, 0.3, 0.3), abs=FREEHAND_PIXELS)
     tab.table("refl").get_by_text("green").click()
     tab.drag(tab.place("refl", 0.0, 0.8), tab.place("refl", 1.0, 0.8))
-    tables = tab.waits_for(lambda scene: scene.tables.refl.entries()[-1][1] == near(0.8)).tables
+    tables = tab.settles(lambda scene: scene.tables != tables).tables
     for colour in tables.refl.entries():
         assert colour == pytest.approx((0.3, 0.8, 0.3), abs=FREEHAND_PIXELS)
 
@@ -71,7 +71,7 @@ def test_the_pencil_paints_the_strip(tab: Tab) -> None:
     tab.page.get_by_label("Reflected: draw freehand").click()
     tab.field("refl", "paint").fill("#ff0000")
     tab.drag(tab.on_strip("refl", 0.25), tab.on_strip("refl", 0.5))
-    entries = tab.waits_for(lambda scene: scene.tables.refl != SCENE.tables.refl).tables.refl.entries()
+    entries = tab.settles(lambda scene: scene != SCENE).tables.refl.entries()
     assert entries[96] == pytest.approx((1.0, 0.0, 0.0), abs=ROUNDING)
     assert entries[20] == entries[200] == pytest.approx((0.6, 0.6, 0.6), abs=ROUNDING)
 
