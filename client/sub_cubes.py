@@ -3,12 +3,15 @@
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Geometry, Index
 
+ALMOST = 1 - 1e-6  # edges count as equal within it: spacings of turned volumes are rounded
+
 
 def divided(geometry: Geometry, parts: int) -> list[Box]:
     """`parts` boxes that partition the grid, as equal as whole voxels allow, by halving the longest edge.
 
-    "Longest" is physical, so that the boxes stay compact on the screen. Raises BadInput where the volume has fewer
-    voxels than there are parts.
+    "Longest" is physical, so that the boxes stay compact on the screen. Of equal edges k is the last to be halved: most
+    volumes stand upright on it, and seen from around their rows of samples run along it, which are best left whole.
+    Raises BadInput where the volume has fewer voxels than there are parts.
     """
     if parts > geometry.box.voxels:
         raise BadInput(f"{parts} map/shade servers cannot share {geometry.box.voxels} voxels; start fewer")
@@ -19,13 +22,13 @@ def _split(box: Box, parts: int, geometry: Geometry) -> list[Box]:
     if parts == 1:
         return [box]
     edges = [size * spacing if size > 1 else 0.0 for size, spacing in zip(box.size, geometry.spacing, strict=True)]
-    axis = max((2, 1, 0), key=lambda a: edges[a])
-    below = parts // 2
-    # Enough voxels on both sides for their share of the parts.
-    slab = box.voxels // box.size[axis]
-    least, most = -(-below // slab), box.size[axis] - -(-(parts - below) // slab)
-    cut = min(max(round(box.size[axis] * below / parts), least), most) + box.low[axis]
-    lower, upper = _cut(box, axis, cut)
+    longest = max(edges) * ALMOST
+    axis = next(a for a in (1, 0, 2) if edges[a] >= longest)
+    size, slab = box.size[axis], box.voxels // box.size[axis]
+    half = parts // 2
+    cut = min(max(round(size * half / parts), 1), size - 1)
+    below = min(max(half, parts - (size - cut) * slab), cut * slab)  # no more parts than voxels on either side
+    lower, upper = _cut(box, axis, box.low[axis] + cut)
     return _split(lower, below, geometry) + _split(upper, parts - below, geometry)
 
 
