@@ -1,9 +1,12 @@
 """One authenticated connection: the protocol over a blocking stdlib socket. Knows nothing of who dialled whom.
 
-One thread receives, any threads send. Back-pressure is TCP's: a peer that does not read makes send() wait.
+One thread receives, any threads send. Back-pressure is the socket's: a peer that does not read makes send() wait.
 """
 
+import errno
+import os
 import socket
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -23,6 +26,8 @@ if TYPE_CHECKING:
 KEEPALIVE_IDLE_SECONDS = 10  # a silent peer is asked after this; one whose machine is gone is noticed …
 KEEPALIVE_INTERVAL_SECONDS = 5
 KEEPALIVE_PROBES = 3  # … this many unanswered questions later
+TIMEVAL = struct.Struct("@ll")  # seconds and microseconds, as SO_SNDTIMEO takes them
+ON_THE_WAY = 2 << 20  # bytes by the local door, if the system allows: with more, too much is hidden when it arrives
 MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
 
 
@@ -32,7 +37,8 @@ class ConnectionClosed(VolsplatError):
 
 @dataclass(frozen=True)
 class Peer:
-    """Who is at the other end. `id` is its id in the session (0 for the client), `host` and `port` its address.
+    """Who is at the other end. `id` is its id in the session (0 for the client), `host` and `port` its address;
+    a caller by the local door has no port (see local_door).
 
     `data_host` and `data_port`: where a splat server takes data links; 0 for all others.
     """
@@ -49,7 +55,8 @@ class Peer:
     def __str__(self) -> str:
         number = f" {self.id}" if self.id else ""
         name = f" ({self.name})" if self.name else ""
-        return f"{self.role}{number}{name} at {self.host}:{self.port}"
+        place = f"at {self.host}:{self.port}" if self.port else "on this machine"
+        return f"{self.role}{number}{name} {place}"
 
 
 @dataclass
@@ -121,10 +128,15 @@ class Connection:
     def lose_after(self, seconds: float) -> None:
         """From now on, a peer that has not taken what was sent for so long is gone: for one that always reads.
 
-        While something is on its way the system asks for no sign of life, and would wait for a quarter of an hour.
+        Over TCP the system asks for no sign of life while something is on its way, and would wait for a quarter of an
+        hour; by the local door a send would wait without end.
         """
-        if hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
-            with suppress(OSError):  # it is closed already
+        with suppress(OSError):  # it is closed already
+            if self._socket.family == socket.AF_UNIX:
+                self._socket.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDTIMEO, TIMEVAL.pack(int(seconds), int(seconds % 1 * 1e6))
+                )
+            elif hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
                 self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * seconds))
 
     def send(self, message: Message, *payload: "Buffer") -> None:
@@ -211,7 +223,9 @@ class Connection:
         while buffers:
             try:
                 count = self._socket.sendmsg(buffers[:MOST_BUFFERS], [], flags)
-            except BlockingIOError:
+            except BlockingIOError as error:
+                if not flags:  # it was waited for, as long as lose_after() has it
+                    raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT)) from error
                 count = 0
             self.counters.bytes_out += count
             buffers = _after(buffers, count)
@@ -253,6 +267,9 @@ def _after(buffers: list[memoryview], count: int) -> list[memoryview]:
 
 
 def _set_options(connected: socket.socket) -> None:
+    if connected.family == socket.AF_UNIX:  # it delays nothing, and tells at once of a peer that is gone
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ON_THE_WAY // 2)  # Linux gives twice what is asked
+        return
     connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
     for name, value in (

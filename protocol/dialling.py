@@ -13,6 +13,7 @@ from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError
 from volsplat.protocol.framing import Allocate, new_buffer
 from volsplat.protocol.greetings import NONCE_BYTES, Hello
 from volsplat.protocol.handshake import DiallerHandshake, State
+from volsplat.protocol.local_door import entered_door
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
 
@@ -79,7 +80,8 @@ def _try_once(
 
 def _dial(address: Address, place: str) -> socket.socket:
     try:
-        return socket.create_connection(address, timeout=CONNECT_SECONDS)
+        by_door = entered_door(address, CONNECT_SECONDS)
+        return by_door or socket.create_connection(address, timeout=CONNECT_SECONDS)
     except socket.gaierror as error:
         raise BadInput(f"cannot find the {place}: the name {address.host} is unknown; check it") from error
     except TimeoutError as error:

@@ -19,6 +19,7 @@ from volsplat.protocol.errors import BadInput, RemoteProtocolError, VolsplatErro
 from volsplat.protocol.framing import Allocate, new_buffer
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.handshake import AccepterHandshake, State
+from volsplat.protocol.local_door import opened_door
 from volsplat.protocol.printable import printable
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
@@ -28,6 +29,7 @@ HANDSHAKE_SECONDS = 5.0
 MOST_PENDING = 64  # handshakes at a time
 BACKLOG = 128
 SHORTAGE_PAUSE_SECONDS = 0.1  # when the system has no socket left to give
+HERE = Address(LOOPBACK, 0)  # of callers that come by the local door
 
 log = logging.getLogger(__name__)
 
@@ -71,14 +73,20 @@ class Listener:
         self._allocate = allocate
         self._handshake_seconds = handshake_seconds
         self._most_pending = most_pending
-        self._socket = _bound(host, port)
-        self.address = Address(*self._socket.getsockname()[:2])
+        port_socket = _bound(host, port)
+        self.address = Address(*port_socket.getsockname()[:2])
+        door = opened_door(self.address, BACKLOG)
         self._lock = threading.Lock()  # guards _pending, what is put into _accepted, and calls of _assign_id
         self._pending: dict[Connection, threading.Thread] = {}  # oldest first
         self._closing = threading.Event()
         self._accepted: queue.SimpleQueue[Connection | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._take_calls, name=f"accept at {self.address}", daemon=True)
-        self._thread.start()
+        self._ways = [  # with the threads that accept there; the port is the last to be closed
+            (way, threading.Thread(target=self._take_calls, args=(way,), name=f"accept at {self.address}", daemon=True))
+            for way in (door, port_socket)
+            if way is not None
+        ]
+        for _, thread in self._ways:
+            thread.start()
 
     def accept(self, timeout: float | None = None) -> Connection | None:
         """The next connection that is open; None once the listener is closed, or after `timeout` seconds."""
@@ -97,10 +105,11 @@ class Listener:
                 return
             self._closing.set()
             pending = list(self._pending.items())
-        with suppress(OSError):  # macOS has nothing to shut down here
-            self._socket.shutdown(socket.SHUT_RDWR)  # wakes accept(); close() alone does not
-        self._thread.join()
-        self._socket.close()
+        for way, thread in self._ways:
+            with suppress(OSError):  # macOS has nothing to shut down here
+                way.shutdown(socket.SHUT_RDWR)  # wakes accept(); close() alone does not
+            thread.join()
+            way.close()
         for connection, thread in pending:
             connection.close()
             thread.join()
@@ -115,27 +124,28 @@ class Listener:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _take_calls(self) -> None:
+    def _take_calls(self, way: socket.socket) -> None:
         while not self._closing.is_set():
             try:
-                caller, address = self._socket.accept()
+                caller, address = way.accept()
             except OSError as error:
                 if not self._closing.is_set():
                     self._drop_oldest(f"{self.address} cannot accept: {error.strerror}")
                     self._closing.wait(SHORTAGE_PAUSE_SECONDS)
                 continue
-            self._begin(caller, Address(*address[:2]))
+            self._begin(caller, HERE if caller.family == socket.AF_UNIX else Address(*address[:2]))
 
     def _begin(self, caller: socket.socket, address: Address) -> None:
-        connection = Connection(caller, f"the peer at {address}")
+        connection = Connection(caller, f"the peer at {address}" if address.port else "a peer on this machine")
         connection.limit(self._handshake_seconds)
         thread = threading.Thread(
             target=self._handle, args=(connection, address), name=f"handshake with {address}", daemon=True
         )
-        if len(self._pending) >= self._most_pending:
-            self._drop_oldest(f"{self._most_pending} handshakes are waiting at {self.address}")
         with self._lock:
+            crowded = len(self._pending) >= self._most_pending
             self._pending[connection] = thread
+        if crowded:
+            self._drop_oldest(f"{self._most_pending} handshakes are waiting at {self.address}")
         try:
             thread.start()
         except RuntimeError as error:  # the system has no thread left to give

@@ -1,6 +1,6 @@
 """The links from the map/shade servers: a thread for each, which hands its batches to the merge.
 
-A thread stops reading while its worker's buffers are full (see merge.Merge.may_read), and TCP makes the worker wait.
+A thread stops reading while its worker's buffers are full (see merge.Merge.may_read); the socket makes the worker wait.
 """
 
 import logging

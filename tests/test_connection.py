@@ -3,8 +3,12 @@
 import logging
 import os
 import queue
+import re
 import socket
+import subprocess
+import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -30,7 +34,11 @@ from volsplat.protocol.versions import VersionRange
 TOKEN = new_token()
 PATIENT = 20.0  # seconds: far more than anything here takes; a test that needs them fails
 BRIEF = 1.0  # seconds for a handshake that shall fail; honest ones take milliseconds
-BIG = 8 << 20  # bytes: more than loopback's buffers hold
+DOORS = sys.platform == "linux"
+HOSTS = {"by the door": LOOPBACK, "by the port": "127.0.0.2"} if DOORS else {"by the port": LOOPBACK}
+BY_PORT = r"at 127.0.0.1:\d+"
+CALLERS = {LOOPBACK: "on this machine" if DOORS else BY_PORT, "127.0.0.2": BY_PORT}  # as listeners call them
+BIG = 16 << 20  # bytes: more than loopback's buffers hold
 
 
 class Lines(logging.Handler):
@@ -47,6 +55,12 @@ class Lines(logging.Handler):
         line = self.seen.get(timeout=PATIENT)
         assert "\n" not in line
         return line
+
+
+@pytest.fixture(params=list(HOSTS.values()), ids=list(HOSTS))
+def host(request: pytest.FixtureRequest) -> str:
+    """Where listeners listen: once for callers who come by the local door, and once for others."""
+    return str(request.param)
 
 
 @pytest.fixture
@@ -69,8 +83,8 @@ def joined(listener: Listener, role: Role = Role.MAPSHADE_SERVER, server: int = 
 
 
 @contextmanager
-def data_link(allocate: Allocate = new_buffer) -> Iterator[tuple[Connection, Connection]]:
-    with Listener(Role.SPLAT_SERVER, TOKEN, allocate=allocate) as listener:
+def data_link(host: str, allocate: Allocate = new_buffer) -> Iterator[tuple[Connection, Connection]]:
+    with Listener(Role.SPLAT_SERVER, TOKEN, host=host, allocate=allocate) as listener:
         near, far = joined(listener, Role.DATA_LINK, server=4)
         with near, far:
             yield near, far
@@ -117,8 +131,8 @@ def silent(connection: socket.socket) -> bool:
         return True
 
 
-def test_messages_go_both_ways_and_each_side_knows_the_other() -> None:
-    with Listener(Role.CLIENT, TOKEN) as listener:
+def test_messages_go_both_ways_and_each_side_knows_the_other(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         hello = new_hello(Role.SPLAT_SERVER, data_port=7001, name="node7")
         near = connect(listener.address, hello, TOKEN, Role.CLIENT)
         far = listener.accept(PATIENT)
@@ -127,7 +141,7 @@ def test_messages_go_both_ways_and_each_side_knows_the_other() -> None:
             assert (far.peer.role, far.peer.id, far.peer.name) == (Role.SPLAT_SERVER, 1, "node7")
             assert (far.peer.data_host, far.peer.data_port) == (LOOPBACK, 7001)
             assert (near.peer.role, near.peer.id, near.id, near.peer.version) == (Role.CLIENT, 0, 1, 1)
-            assert str(far.peer).startswith("splat server 1 (node7) at 127.0.0.1:")
+            assert re.fullmatch(rf"splat server 1 \(node7\) {CALLERS[host]}", str(far.peer))
             far.send(AbortFrame(3))
             assert expect(near) == AbortFrame(3)
             image, pixels = SAMPLES[messages.ImageRead]
@@ -136,29 +150,29 @@ def test_messages_go_both_ways_and_each_side_knows_the_other() -> None:
             assert received is not None and (received.message, bytes(received.payload)) == (image, pixels)
 
 
-def test_servers_get_ids_that_are_never_used_again_and_data_links_keep_theirs() -> None:
-    with Listener(Role.CLIENT, TOKEN) as listener:
+def test_servers_get_ids_that_are_never_used_again_and_data_links_keep_theirs(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         for number in (1, 2, 3):
             near, far = joined(listener)
             assert near.id == far.peer.id == number
             near.close()
             far.close()
-    with data_link() as (near, far):
+    with data_link(host) as (near, far):
         assert near.id == far.peer.id == 4
 
 
-def test_a_listener_may_turn_a_proven_peer_away(lines: Lines) -> None:
+def test_a_listener_may_turn_a_proven_peer_away(host: str, lines: Lines) -> None:
     def full(hello: Hello) -> int:
         raise BadInput("there is no room for another map/shade server")
 
-    with Listener(Role.CLIENT, TOKEN, assign_id=full) as listener, pytest.raises(BadInput, match="no room"):
+    with Listener(Role.CLIENT, TOKEN, host=host, assign_id=full) as listener, pytest.raises(BadInput, match="no room"):
         connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
     assert "no room" in lines.next()
 
 
-def test_payloads_arrive_in_the_memory_that_was_given_and_are_counted() -> None:
+def test_payloads_arrive_in_the_memory_that_was_given_and_are_counted(host: str) -> None:
     memory = bytearray(BIG)
-    with data_link(lambda message, nbytes: memory) as (near, far):
+    with data_link(host, lambda message, nbytes: memory) as (near, far):
         packets = (BIG - 24) // 8
         payload = payload_of(packets, 7)
         with in_thread(lambda: near.send(batch(packets), payload)):
@@ -169,29 +183,32 @@ def test_payloads_arrive_in_the_memory_that_was_given_and_are_counted() -> None:
         assert near.counters.messages_out == far.counters.messages_in
 
 
-def test_time_blocked_in_a_send_is_counted_and_only_that() -> None:
-    with data_link() as (near, far):
+def test_time_blocked_in_a_send_is_counted_and_only_that(host: str) -> None:
+    with data_link(host) as (near, far):
         near.send(batch(1), payload_of(1))
         assert near.counters.seconds_in_send == 0
-        packets = (BIG - 24) // 8
+        packets, sent = (BIG - 24) // 8, near.counters.bytes_out
         with in_thread(lambda: near.send(batch(packets), payload_of(packets))):
+            full_by = time.monotonic() + PATIENT
+            while near.counters.bytes_out == sent and time.monotonic() < full_by:  # until the buffers are full
+                time.sleep(0.001)
             while far.counters.bytes_in < BIG:
                 far.receive()
         assert near.counters.seconds_in_send > 0
 
 
-def test_many_payload_buffers_go_out_in_order() -> None:
+def test_many_payload_buffers_go_out_in_order(host: str) -> None:
     packets = 6000
     payload = bytes(n % 256 for n in range(24 + 8 * packets))
-    with data_link() as (near, far):
+    with data_link(host) as (near, far):
         with in_thread(lambda: near.send(batch(packets), *(payload[n : n + 8] for n in range(0, len(payload), 8)))):
             received = far.receive()
         assert received is not None and received.payload == payload
 
 
-def test_messages_of_several_threads_do_not_mix() -> None:
+def test_messages_of_several_threads_do_not_mix(host: str) -> None:
     each, threads = 40, 4
-    with data_link() as (near, far):
+    with data_link(host) as (near, far):
 
         def send(thread: int) -> Callable[[], None]:
             def body() -> None:
@@ -211,16 +228,16 @@ def test_messages_of_several_threads_do_not_mix() -> None:
         assert len(seen) == each * threads
 
 
-def test_close_wakes_a_blocked_receive() -> None:
-    with data_link() as (_, far):
+def test_close_wakes_a_blocked_receive(host: str) -> None:
+    with data_link(host) as (_, far):
         with in_thread(far.receive) as result:
             far.close()
             assert result.get(timeout=PATIENT) is None
         assert far.receive() is None
 
 
-def test_close_wakes_a_blocked_send() -> None:
-    with data_link() as (near, far):
+def test_close_wakes_a_blocked_send(host: str) -> None:
+    with data_link(host) as (near, far):
         packets = (BIG - 24) // 8
 
         def send_on() -> None:
@@ -245,24 +262,24 @@ def test_a_connection_that_was_closed_during_its_handshake_does_not_open() -> No
         assert not connection.opened
 
 
-def test_a_peer_that_closes_is_lost_by_name() -> None:
-    with data_link() as (near, far):
+def test_a_peer_that_closes_is_lost_by_name(host: str) -> None:
+    with data_link(host) as (near, far):
         near.close()
-        with pytest.raises(PeerLost, match="map/shade data link 4 at 127.0.0.1:.* is gone: it closed the connection;"):
+        with pytest.raises(PeerLost, match=f"map/shade data link 4 {CALLERS[host]} is gone: it closed the connection;"):
             far.receive()
         assert far.closed
 
 
-def test_a_peer_that_dies_within_a_message_is_lost_by_name() -> None:
-    with data_link() as (near, far):
+def test_a_peer_that_dies_within_a_message_is_lost_by_name(host: str) -> None:
+    with data_link(host) as (near, far):
         near._socket.sendall(framed(encode_control(batch(1)), bytes(payload_of(1)))[:-1])
         near.close()
         with pytest.raises(PeerLost, match="data link 4 .* in the middle of a message"):
             far.receive()
 
 
-def test_sending_to_a_lost_peer_fails_by_name() -> None:
-    with data_link() as (near, far):
+def test_sending_to_a_lost_peer_fails_by_name(host: str) -> None:
+    with data_link(host) as (near, far):
         far.close()
         packets = (BIG - 24) // 8
         with pytest.raises(PeerLost, match="splat server at .* is gone"):
@@ -270,17 +287,27 @@ def test_sending_to_a_lost_peer_fails_by_name() -> None:
                 near.send(batch(packets), payload_of(packets))
 
 
-def test_a_peer_that_breaks_the_protocol_is_cut_off_by_name() -> None:
-    with data_link() as (near, far):
+def test_a_peer_that_takes_nothing_for_too_long_is_lost_by_name(host: str) -> None:
+    with data_link(host) as (near, far):
+        near.lose_after(BRIEF)
+        with pytest.raises(PeerLost, match="splat server at .* is gone: Connection timed out"):
+            near.send(batch((BIG - 24) // 8), payload_of((BIG - 24) // 8))
+        assert near.closed and not far.closed
+
+
+def test_a_peer_that_breaks_the_protocol_is_cut_off_by_name(host: str) -> None:
+    with data_link(host) as (near, far):
         near._socket.sendall(framed(encode_control(AbortFrame(1))))
-        with pytest.raises(RemoteProtocolError, match="data link 4 at .* broke the protocol: AbortFrame came from"):
+        with pytest.raises(
+            RemoteProtocolError, match=f"data link 4 {CALLERS[host]} broke the protocol: AbortFrame came from"
+        ):
             far.receive()
         assert far.closed
         assert silent(near._socket)
 
 
-def test_what_the_rules_forbid_is_not_sent_and_the_connection_lives() -> None:
-    with data_link() as (near, far):
+def test_what_the_rules_forbid_is_not_sent_and_the_connection_lives(host: str) -> None:
+    with data_link(host) as (near, far):
         with pytest.raises(LocalProtocolError, match="AbortFrame"):
             near.send(AbortFrame(1))
         with pytest.raises(LocalProtocolError, match="announces"):
@@ -289,24 +316,24 @@ def test_what_the_rules_forbid_is_not_sent_and_the_connection_lives() -> None:
         assert expect(far) == batch(1)
 
 
-def test_another_token_ends_in_one_line_on_both_sides(lines: Lines) -> None:
-    with Listener(Role.CLIENT, TOKEN) as listener:
+def test_another_token_ends_in_one_line_on_both_sides(host: str, lines: Lines) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         with pytest.raises(BadInput, match="cannot join the client at .*another session token") as caught:
             connect(listener.address, new_hello(Role.MAPSHADE_SERVER), new_token(), Role.CLIENT)
         assert "\n" not in str(caught.value)
         assert "another session token" in lines.next()
 
 
-def test_another_version_ends_in_one_line_on_both_sides(lines: Lines) -> None:
-    with Listener(Role.CLIENT, TOKEN, versions=VersionRange(2, 3)) as listener:
+def test_another_version_ends_in_one_line_on_both_sides(host: str, lines: Lines) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host, versions=VersionRange(2, 3)) as listener:
         with pytest.raises(BadInput, match="version 1,.*versions 2 to 3"):
             connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
         line = lines.next()
         assert "version 1," in line and "versions 2 to 3" in line
 
 
-def test_a_listener_without_the_token_gets_nothing(lines: Lines) -> None:
-    with Listener(Role.CLIENT, new_token()) as impostor:
+def test_a_listener_without_the_token_gets_nothing(host: str, lines: Lines) -> None:
+    with Listener(Role.CLIENT, new_token(), host=host) as impostor:
         with pytest.raises(BadInput):
             connect(impostor.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
         assert impostor.accept(timeout=0) is None
@@ -318,8 +345,10 @@ def test_a_listener_without_the_token_gets_nothing(lines: Lines) -> None:
     [b"GET / HTTP/1.1\r\nHost: here\r\n\r\n", bytes(64), b"VSPL" + b"\xff" * 12, sample_bytes(messages.EndSession)],
     ids=["http", "zeros", "lengths", "too early"],
 )
-def test_garbage_ends_in_one_line_and_a_closed_connection_and_troubles_no_other(garbage: bytes, lines: Lines) -> None:
-    with Listener(Role.CLIENT, TOKEN) as listener:
+def test_garbage_ends_in_one_line_and_a_closed_connection_and_troubles_no_other(
+    host: str, garbage: bytes, lines: Lines
+) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         near, far = joined(listener)
         with near, far, socket.create_connection(listener.address) as stranger:
             stranger.sendall(garbage)
@@ -332,8 +361,8 @@ def test_garbage_ends_in_one_line_and_a_closed_connection_and_troubles_no_other(
                 end.close()
 
 
-def test_a_stranger_who_says_nothing_is_dropped_in_time_and_holds_up_nobody(lines: Lines) -> None:
-    with Listener(Role.CLIENT, TOKEN, handshake_seconds=BRIEF) as listener:
+def test_a_stranger_who_says_nothing_is_dropped_in_time_and_holds_up_nobody(host: str, lines: Lines) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=BRIEF) as listener:
         with socket.create_connection(listener.address) as stranger:
             near, far = joined(listener)
             with near, far:
@@ -343,8 +372,8 @@ def test_a_stranger_who_says_nothing_is_dropped_in_time_and_holds_up_nobody(line
                 assert expect(near) == AbortFrame(1)
 
 
-def test_a_stranger_who_drips_bytes_gains_no_time(lines: Lines) -> None:
-    with Listener(Role.CLIENT, TOKEN, handshake_seconds=BRIEF) as listener:
+def test_a_stranger_who_drips_bytes_gains_no_time(host: str, lines: Lines) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=BRIEF) as listener:
         with socket.create_connection(listener.address) as stranger:
             stranger.settimeout(BRIEF / 10)
             closed = False
@@ -362,10 +391,13 @@ def test_a_stranger_who_drips_bytes_gains_no_time(lines: Lines) -> None:
             lines.next()
 
 
-def test_only_so_many_strangers_wait_and_the_oldest_makes_room(lines: Lines) -> None:
+def test_only_so_many_strangers_wait_and_the_oldest_makes_room(host: str, lines: Lines) -> None:
     most = 3
-    with Listener(Role.CLIENT, TOKEN, handshake_seconds=PATIENT, most_pending=most) as listener:
+    with Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=PATIENT, most_pending=most) as listener:
         strangers = [socket.create_connection(listener.address) for _ in range(most)]
+        seen_by = time.monotonic() + PATIENT
+        while len(listener._pending) < most and time.monotonic() < seen_by:  # others may come by another way
+            time.sleep(0.001)
         near, far = joined(listener)
         with near, far:
             assert silent(strangers[0])
@@ -376,8 +408,8 @@ def test_only_so_many_strangers_wait_and_the_oldest_makes_room(lines: Lines) -> 
             assert "is gone" in lines.next()
 
 
-def test_closing_a_listener_ends_handshakes_and_wakes_accept() -> None:
-    listener = Listener(Role.CLIENT, TOKEN, handshake_seconds=PATIENT)
+def test_closing_a_listener_ends_handshakes_and_wakes_accept(host: str) -> None:
+    listener = Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=PATIENT)
     with socket.create_connection(listener.address) as stranger, in_thread(listener.accept) as result:
         listener.close()
         assert result.get(timeout=PATIENT) is None
@@ -388,11 +420,11 @@ def test_closing_a_listener_ends_handshakes_and_wakes_accept() -> None:
         connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT, patience=0)
 
 
-def test_a_port_in_use_is_one_clear_line() -> None:
-    with Listener(Role.CLIENT, TOKEN) as listener:
+def test_a_port_in_use_is_one_clear_line(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         port = listener.address.port
-        with pytest.raises(BadInput, match=f"port {port} at 127.0.0.1 is already in use; choose another"):
-            Listener(Role.CLIENT, TOKEN, port=port)
+        with pytest.raises(BadInput, match=f"port {port} at {host} is already in use; choose another"):
+            Listener(Role.CLIENT, TOKEN, host=host, port=port)
 
 
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "192.0.2.1"])
@@ -406,12 +438,12 @@ def test_an_unknown_name_is_one_clear_line() -> None:
         connect(Address("no.such.host.invalid", 1), new_hello(Role.SPLAT_SERVER), TOKEN, Role.CLIENT)
 
 
-def test_a_server_may_be_started_before_its_client() -> None:
-    with Listener(Role.CLIENT, TOKEN) as earlier:
+def test_a_server_may_be_started_before_its_client(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as earlier:
         address = earlier.address
     hello = new_hello(Role.SPLAT_SERVER)
     with in_thread(lambda: connect(address, hello, TOKEN, Role.CLIENT, patience=PATIENT)) as result:
-        with Listener(Role.CLIENT, TOKEN, port=address.port) as listener:
+        with Listener(Role.CLIENT, TOKEN, host=host, port=address.port) as listener:
             far = listener.accept(PATIENT)
             near = result.get(timeout=PATIENT)
             assert isinstance(near, Connection) and far is not None
@@ -440,14 +472,54 @@ def test_a_listener_that_says_nothing_is_given_up() -> None:
             connect(address, new_hello(Role.SPLAT_SERVER), TOKEN, Role.CLIENT, patience=0, handshake_seconds=BRIEF)
 
 
+SQUATTER = """
+import os, socket, sys
+os.setuid(65534)
+squatter = socket.socket(socket.AF_UNIX)
+squatter.bind(sys.argv[1].replace("@", chr(0)))
+squatter.listen()
+print("there", flush=True)
+sys.stdin.read()
+"""
+
+
+@pytest.mark.skipif(not DOORS, reason="only Linux has doors")
+def test_a_door_with_a_crowd_before_it_is_passed_by() -> None:
+    with Listener(Role.CLIENT, TOKEN) as earlier:
+        address = earlier.address
+    name = f"\0volsplat {os.geteuid()} {address}"
+    with socket.socket(socket.AF_UNIX) as deaf, socket.socket(socket.AF_UNIX) as crowd:
+        deaf.bind(name)
+        deaf.listen(0)
+        crowd.connect(name)
+        with Listener(Role.CLIENT, TOKEN, port=address.port) as listener:
+            near, far = joined(listener)
+            with near, far:
+                assert far.peer.port != 0
+
+
+@pytest.mark.skipif(not DOORS or os.geteuid() != 0, reason="needs root, to be another user, on Linux")
+def test_a_door_that_another_user_has_taken_is_passed_by() -> None:
+    with Listener(Role.CLIENT, TOKEN) as earlier:
+        address = earlier.address
+    command = [sys.executable, "-c", SQUATTER, f"@volsplat {os.geteuid()} {address}"]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as squatter:
+        assert squatter.stdout is not None and squatter.stdout.readline() == b"there\n"
+        with Listener(Role.CLIENT, TOKEN, port=address.port) as listener:
+            near, far = joined(listener)
+            with near, far:
+                assert far.peer.port != 0
+        squatter.communicate()
+
+
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="counts open files by /proc/self/fd, which is Linux")
-def test_no_socket_is_left_open() -> None:
+def test_no_socket_is_left_open(host: str) -> None:
     def open_files() -> int:
         return len(os.listdir("/proc/self/fd"))
 
     before = open_files()
     for _ in range(5):
-        with Listener(Role.CLIENT, TOKEN) as listener:
+        with Listener(Role.CLIENT, TOKEN, host=host) as listener:
             near, far = joined(listener)
             near.close()
             with pytest.raises(PeerLost):
