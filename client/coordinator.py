@@ -236,8 +236,8 @@ class Coordinator:
         ]
 
     def _drawing(self) -> list[int]:
-        """The servers of a frame: the splat server first, so that it expects what comes."""
-        return [self._splat_server, *self.holding.boxes]
+        """The servers of a frame: the splat server last, since all others have work to do before it has any."""
+        return [*self.holding.boxes, self._splat_server]
 
     def _handle_AbortAsked(self, event: AbortAsked) -> list[Instruction]:
         frame = self.frame

@@ -112,14 +112,14 @@ def test_the_surveys_of_all_sub_cubes_become_one() -> None:
     assert volume.density_counts[7] == volume.strength_counts[7] == 720
 
 
-def test_a_frame_waits_until_the_voxels_are_packed_and_goes_to_the_splat_server_first() -> None:
+def test_a_frame_waits_until_the_voxels_are_packed_and_goes_to_the_map_shade_servers_first() -> None:
     coordinator = surveyed()
     asked = coordinator.handle(FrameAsked(1, SCENE, Step.A, whole=True))
     assert sent(asked) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
     assert sent(packed(coordinator)) == [
-        (SPLAT, messages.RenderFrame),
         (FIRST, messages.RenderFrame),
         (SECOND, messages.RenderFrame),
+        (SPLAT, messages.RenderFrame),
     ]
 
 
@@ -164,7 +164,7 @@ def test_a_newer_frame_ends_the_older_one_and_nothing_of_it_is_published() -> No
 def test_an_aborted_frame_ends_when_every_server_has_acknowledged() -> None:
     coordinator = drawing()
     asked = coordinator.handle(AbortAsked(1))
-    assert sent(asked) == [(n, messages.AbortFrame) for n in (SPLAT, FIRST, SECOND)]
+    assert sent(asked) == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
     assert coordinator.handle(said(FIRST, messages.FrameAborted(1))) == []
     assert coordinator.handle(said(SPLAT, messages.FrameAborted(1))) == []
     assert coordinator.handle(said(SECOND, messages.FrameAborted(1))) == [EndFrame(1)]
@@ -253,14 +253,14 @@ def test_a_frame_that_must_wait_stops_the_running_one_at_once() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
     asked = coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True))
-    assert sent(asked)[:3] == [(n, messages.AbortFrame) for n in (SPLAT, FIRST, SECOND)]
+    assert sent(asked)[:3] == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
     assert EndFrame(1) in asked
 
 
 def test_a_refused_frame_ends_alone_and_is_aborted_everywhere() -> None:
     coordinator = drawing()
     *aborts, ended = coordinator.handle(said(SPLAT, messages.Refused("RenderFrame", "no memory", frame=1)))
-    assert sent(aborts) == [(n, messages.AbortFrame) for n in (SPLAT, FIRST, SECOND)]
+    assert sent(aborts) == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput)
     assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True)))
 
@@ -303,7 +303,7 @@ def test_a_lost_map_shade_server_ends_the_running_frame_and_stops_it_everywhere(
     told = drawing().handle(ServerLost(FIRST, GONE))
     assert told[0] == ReportProgress(MISSING)
     assert ended_by(told) == MISSING
-    assert sent(told) == [(SPLAT, messages.AbortFrame), (SECOND, messages.AbortFrame)]
+    assert sent(told) == [(SECOND, messages.AbortFrame), (SPLAT, messages.AbortFrame)]
     assert not any(isinstance(i, FailSession) for i in told)
 
 
@@ -314,7 +314,7 @@ def test_later_frames_are_drawn_by_those_that_are_left_and_say_what_is_missing()
     coordinator.handle(ServerLost(FIRST, GONE))
     asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
     renders = [i for i in asked if isinstance(i, Send)]
-    assert [render.server for render in renders] == [SPLAT, SECOND]
+    assert [render.server for render in renders] == [SECOND, SPLAT]
     for render in renders:
         assert isinstance(render.message, messages.RenderFrame) and render.message.workers == [SECOND]
     image = finished(coordinator, 2, [SECOND])
@@ -342,7 +342,7 @@ def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_o
     assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
     assert coordinator.holding.phase == Phase.READY
     asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
-    assert sent(asked) == [(SPLAT, messages.RenderFrame), (SECOND, messages.RenderFrame)]
+    assert sent(asked) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
 @pytest.mark.parametrize("already_read", [False, True])
@@ -357,7 +357,7 @@ def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already
     asked = coordinator.handle(FrameAsked(3, narrow, Step.F, whole=False))
     assert sent(asked if already_read else coordinator.handle(read)) == [(SECOND, messages.PackVoxels)]
     drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 1440, 0.1)))
-    assert sent(drawn) == [(SPLAT, messages.RenderFrame), (SECOND, messages.RenderFrame)]
+    assert sent(drawn) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
 def test_a_worker_that_the_splat_server_lost_first_counts_as_lost_once() -> None:
