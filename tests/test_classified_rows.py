@@ -32,6 +32,7 @@ from volsplat.protocol.volume import Box, Geometry
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 LATTICE = 64
+SPARED = 1.2  # pixels: further from an open tile a hidden sample is sure to be left out
 PACKET_BYTES = 4
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
 STEPS_OF_ALL_VOXELS = (Step.C, Step.D, Step.E, Step.F)
@@ -296,8 +297,28 @@ def reached_tiles(position: list[int], reach: tuple[float, float]) -> tuple[slic
     return ranges[1], ranges[0]
 
 
+def assert_hidden_ones_are_left_out(
+    all_rows: list[list[int]], some: list[list[int]], closed: Tensor, scene: Scene, geometry: Geometry = CUBE
+) -> None:
+    """Of all packets some were sent: none is missing that reaches an open tile, nor sent that is far from each."""
+    reach = sample_reach(scene, plan_frame(scene, geometry, Step.F))
+    spared = (reach[0] + SPARED, reach[1] + SPARED)
+    size = (scene.image.width, scene.image.height)
+    for row in some:
+        if all(far <= place / LATTICE < pixels for place, far, pixels in zip(row[2:4], spared, size, strict=True)):
+            assert not closed[reached_tiles(row[2:4], spared)].all()
+    left = iter(some)
+    expected = next(left, None)
+    for row in all_rows:
+        if row == expected:
+            expected = next(left, None)
+        else:
+            assert closed[reached_tiles(row[2:4], reach)].all()
+    assert expected is None
+
+
 @given(data=st.data(), rotation=quaternions, share=st.sampled_from((0.05, 0.5, 1.0)))
-def test_only_samples_that_reach_closed_tiles_alone_are_left_out(
+def test_only_samples_that_reach_closed_tiles_alone_are_left_out_and_nearly_all_of_them(
     data: st.DataObject, rotation: tuple[float, float, float, float], share: float
 ) -> None:
     width, height, zoom = data.draw(st.integers(20, 300)), data.draw(st.integers(20, 300)), data.draw(st.floats(1, 6))
@@ -306,18 +327,15 @@ def test_only_samples_that_reach_closed_tiles_alone_are_left_out(
     values = (torch.rand(CUBE.dims, generator=generator) < share).float() * 4 - 2
     held = held_as(CUBE, values, data.draw(partitions(CUBE)))
     closed = data.draw(mostly_closed(width, height))
-    all_sent, some_sent = frame(held, scene), frame(held, scene, Step.F, tile_map(closed, width, height))
+    all_sent = frame(held, scene)
+    on_each_path = []
+    for path in _kernels.cpu_paths():
+        with kernels_on(_kernels, path):
+            on_each_path.append(frame(held, scene, Step.F, tile_map(closed, width, height)))
+    some_sent = on_each_path[0]
     assert some_sent.visited == all_sent.visited
-
-    reach = sample_reach(scene, plan_frame(scene, CUBE, Step.F))
-    left = iter(some_sent.rows)
-    expected = next(left, None)
-    for row in all_sent.rows:
-        if row == expected:
-            expected = next(left, None)
-        else:
-            assert closed[reached_tiles(row[2:4], reach)].all()
-    assert expected is None
+    assert all(other.rows == some_sent.rows for other in on_each_path)
+    assert_hidden_ones_are_left_out(all_sent.rows, some_sent.rows, closed, scene)
 
 
 def test_most_of_what_is_hidden_is_left_out() -> None:
@@ -330,6 +348,40 @@ def test_most_of_what_is_hidden_is_left_out() -> None:
     needed = sum(not closed[reached_tiles(position, reach)].all() for position in positions)
     sent = len(frame(held, scene, Step.F, tile_map(closed, 4 * SIDE, 4 * SIDE)).rows)
     assert needed <= sent < len(positions) / 4
+
+
+@given(data=st.data(), rotation=quaternions, zoom=st.floats(1, 6))
+def test_what_is_closed_meanwhile_is_left_out_from_the_next_batch_on(
+    data: st.DataObject, rotation: tuple[float, float, float, float], zoom: float
+) -> None:
+    width, height = data.draw(st.integers(20, 200)), data.draw(st.integers(20, 200))
+    scene = plain_scene(view=View(rotation=rotation, zoom=zoom), size=(width, height), order=Order.FRONT_TO_BACK)
+    held = held_as(CUBE, torch.ones(SIDE, SIDE, SIDE), [CUBE.box])
+    in_the_end = data.draw(mostly_closed(width, height))
+    at_first = in_the_end & (torch.rand(in_the_end.shape, generator=torch.Generator().manual_seed(7)) < 0.7)
+    live = tile_map(tiles(width, height), width, height)
+    walk = walk_of(held, scene, Step.F, live)
+    for closed in (at_first, in_the_end):
+        assert walk.next_batch(500) is not None
+        live.cast("B")[:] = tile_map(closed, width, height).cast("B")
+    rest = packets_of(all_batches(walk)).rows()
+    all_rest = frame(held, scene).rows
+    row_begun = SIDE  # packets, which the walk had looked at before
+    all_rest = all_rest[all_rest.index(rest[row_begun]) :] if len(rest) > row_begun else []
+    assert_hidden_ones_are_left_out(all_rest, rest[row_begun:], in_the_end, scene)
+
+
+@pytest.mark.parametrize("roll", [0.0, 0.002])
+@pytest.mark.parametrize("zoom", [1.0, 3.2])
+def test_hidden_samples_are_found_on_an_image_of_any_size(zoom: float, roll: float) -> None:
+    length, width, height = 5000, 16384, 80
+    geometry = Geometry((length, 3, 3))
+    held = held_as(geometry, torch.ones(3, 3, length), [geometry.box])
+    scene = plain_scene(view=View(rotation=(0, 0, roll, 1), zoom=zoom), size=(width, height), order=Order.FRONT_TO_BACK)
+    closed = torch.rand(tiles(width, height).shape, generator=torch.Generator().manual_seed(3)) < 0.97
+    all_sent, some_sent = frame(held, scene), frame(held, scene, Step.F, tile_map(closed, width, height))
+    assert_hidden_ones_are_left_out(all_sent.rows, some_sent.rows, closed, scene, geometry)
+    assert 0 < len(some_sent.rows) < len(all_sent.rows) / 2
 
 
 def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: bool) -> tuple[bytes, int]:

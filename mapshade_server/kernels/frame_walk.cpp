@@ -57,6 +57,12 @@ std::vector<VisibleRows> rows_of(const std::vector<PacketBox>& boxes, const Walk
   return rows;
 }
 
+// The samples of a row whose blocks are of one size: all but what is clipped at either end of the grid.
+Ordinals with_equal_blocks(const AxisVisits& visits) {
+  const std::int64_t last = visits.count - 1;
+  return {visits.clipped(0) ? 1 : 0, visits.clipped(last) ? last : visits.count};
+}
+
 std::int64_t reach(double pixels) {
   return (static_cast<std::int64_t>(std::ceil(std::min(pixels, kFarthestReach))) + kReachMargin) * kPixel;
 }
@@ -68,6 +74,7 @@ FrameWalk::FrameWalk(const WalkPlan& plan, const ShadingTables& tables, const st
     : kernels_(path_kernels()),
       plan_(plan),
       tables_(tables),
+      equal_blocks_(with_equal_blocks(plan_.visits_of(2))),
       boxes_(rows_of(boxes, plan_, tables.visibility)),
       shading_(plan_, tables_, longest_row(boxes_)),
       left_(-reach(plan.reach_x)),
@@ -83,6 +90,7 @@ void FrameWalk::next_batch(std::size_t max_packets, std::int64_t max_voxels, Bat
   if (batch.packets.size() < max_packets) batch.packets.resize(max_packets);
   batch.packet_count = 0;
   batch.voxels_visited = 0;
+  if (closed_tiles_) closed_tiles_->refresh();
   while (!finished_ && batch.packet_count < max_packets && batch.voxels_visited < max_voxels) {
     if (segment_.visited == segment_.ordinals.count()) {
       if (const std::int64_t skipped = skip_empty_rows(max_voxels - batch.voxels_visited)) {
@@ -174,14 +182,15 @@ void FrameWalk::open_segment() {
 void FrameWalk::shade_segment(VisibleRows& rows) {
   // Leave out what cannot touch the image or is hidden
   const std::int64_t begin = segment_.ordinals.begin;
-  const RowLine line = line_of(sample_row(begin, begin));
+  SampleRow row = sample_row(begin);
+  const RowLine line = line_of(row);
   const Ordinals near = within_reach(line, segment_.ordinals);
   if (near.begin >= near.end) return;
   if (closed_tiles_ && closed_tiles_->hide(line, near.begin - begin, near.end - 1 - begin)) return;
 
   const VisibleRow visible = rows.row(ordinal(0, sheet_), ordinal(1, row_), near);
   if (visible.voxels.count == 0) return;
-  const SampleRow row = sample_row(begin, visible.origin);
+  count_from(visible.origin, row);
   segment_.line = line_of(row);
   segment_.origin = visible.origin;
   const VisibleVoxels open =
@@ -203,29 +212,30 @@ std::int64_t FrameWalk::deliver(std::size_t max_packets, std::int64_t max_voxels
 
 // A clipped block at either end of the grid's row stands alone, so that the samples of a run have equal blocks.
 Ordinals FrameWalk::segment_at(std::int64_t ordinal, const VisibleRows& rows) const {
-  const AxisVisits& visits = plan_.visits_of(2);
-  const std::int64_t last = visits.count - 1;
-  if (visits.clipped(ordinal)) return {ordinal, ordinal + 1};
+  if (!equal_blocks_.holds(ordinal)) return {ordinal, ordinal + 1};
   const Ordinals piece = rows.piece_of(ordinal);
-  return {std::max(piece.begin, visits.clipped(0) ? std::int64_t{1} : 0),
-          std::min(piece.end, visits.clipped(last) ? last : visits.count)};
+  return {std::max(piece.begin, equal_blocks_.begin), std::min(piece.end, equal_blocks_.end)};
 }
 
-// Samples on the line through that of an ordinal, counted from another one.
-SampleRow FrameWalk::sample_row(std::int64_t ordinal_on_line, std::int64_t origin) const {
+// Samples on the line through that of an ordinal, counted from it.
+SampleRow FrameWalk::sample_row(std::int64_t on_line) const {
   SampleRow row;
   row.ordinals[plan_.axes[0]] = ordinal(0, sheet_);
   row.ordinals[plan_.axes[1]] = ordinal(1, row_);
-  row.ordinals[plan_.axes[2]] = ordinal_on_line;
+  row.ordinals[plan_.axes[2]] = on_line;
   int block_class = 0;
   for (int axis = 2; axis >= 0; --axis) {
     row.doubled[axis] = plan_.visits[axis].doubled_centre(row.ordinals[axis]);
     block_class = 3 * block_class + plan_.visits[axis].block_class(row.ordinals[axis]);
   }
   row.opacity = tables_.opacity_of_class[block_class];
-  row.ordinals[plan_.axes[2]] = origin;
-  row.doubled[plan_.axes[2]] += 2 * plan_.visits_of(2).stride * (origin - ordinal_on_line);
   return row;
+}
+
+void FrameWalk::count_from(std::int64_t origin, SampleRow& row) const {
+  const int axis = plan_.axes[2];
+  row.doubled[axis] += 2 * plan_.visits[axis].stride * (origin - row.ordinals[axis]);
+  row.ordinals[axis] = origin;
 }
 
 RowLine FrameWalk::line_of(const SampleRow& row) const {

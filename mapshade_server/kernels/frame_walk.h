@@ -65,7 +65,8 @@ class FrameWalk {
   void shade_segment(VisibleRows& rows);
   std::int64_t deliver(std::size_t max_packets, std::int64_t max_voxels, Batch& batch);
   Ordinals segment_at(std::int64_t ordinal, const VisibleRows& rows) const;
-  SampleRow sample_row(std::int64_t ordinal, std::int64_t origin) const;
+  SampleRow sample_row(std::int64_t on_line) const;
+  void count_from(std::int64_t origin, SampleRow& row) const;
   RowLine line_of(const SampleRow& row) const;
   Ordinals within_reach(const RowLine& line, const Ordinals& samples) const;
   std::size_t survivor(std::size_t n) const;
@@ -80,6 +81,7 @@ class FrameWalk {
   const PathKernels& kernels_;
   WalkPlan plan_;
   ShadingTables tables_;
+  Ordinals equal_blocks_;
   std::vector<VisibleRows> boxes_;
   RowShading shading_;
   std::optional<ClosedTiles> closed_tiles_;

@@ -4,6 +4,7 @@
 #include <cstring>
 
 #include "shading_tables.h"
+#include "tile_map.h"
 
 namespace volsplat {
 
@@ -65,8 +66,8 @@ Index3 size_of(const PacketArray& packets) {
 }
 
 void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
-  if (static_cast<std::int64_t>(tiles.shape(0)) != ClosedTiles::rows(plan.height) ||
-      static_cast<std::int64_t>(tiles.shape(1)) != ClosedTiles::words(plan.width)) {
+  if (static_cast<std::int64_t>(tiles.shape(0)) != tile_rows(plan.height) ||
+      static_cast<std::int64_t>(tiles.shape(1)) != tile_words(plan.width)) {
     throw nb::value_error("the map of closed tiles is not that of the image's size");
   }
 }

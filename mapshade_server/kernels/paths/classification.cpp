@@ -1,6 +1,6 @@
 // Finds the voxels that can be seen, by two bits each: one for its density, one for its strength. Most voxels of a
 // volume end here.
-#include "intrinsics.h"
+#include "kept_lanes.h"
 #include "path_functions.h"
 
 namespace volsplat::VOLSPLAT_PATH {
@@ -12,8 +12,6 @@ namespace {
 // Answers for 16 packets at once; the bits lie in registers.
 class Seen {
  public:
-  static constexpr int kLanes = 16;
-
   explicit Seen(const Visibility& visibility)
       : density_(_mm512_broadcast_i64x4(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(visibility.density)))),
         strength_(_mm512_broadcast_i64x4(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(visibility.strength)))) {}
@@ -39,8 +37,6 @@ class Seen {
 // Answers for 8 packets at once; the bits lie in registers.
 class Seen {
  public:
-  static constexpr int kLanes = 8;
-
   explicit Seen(const Visibility& visibility)
       : density_(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(visibility.density))),
         strength_(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(visibility.strength))) {}
@@ -69,8 +65,6 @@ class Seen {
 // Answers for 4 packets at once.
 class Seen {
  public:
-  static constexpr int kLanes = 4;
-
   explicit Seen(const Visibility& visibility) : visibility_(visibility) {}
 
   std::uint32_t operator()(const std::uint32_t* packets) const {
@@ -95,67 +89,11 @@ class Seen {
 template <int lanes>
 std::uint64_t seen_of(const Seen& seen, const std::uint32_t* packets) {
   std::uint64_t all = 0;
-  for (int lane = 0; lane < lanes; lane += Seen::kLanes) {
+  for (int lane = 0; lane < lanes; lane += kLanes) {
     all |= static_cast<std::uint64_t>(seen(packets + lane)) << lane;
   }
   return all;
 }
-
-#if defined(__AVX512F__)
-
-// Writes the packets whose bit is set next to each other; returns how many.
-unsigned keep(const std::uint32_t* row, std::size_t position, std::uint32_t bits, std::uint16_t* positions,
-              std::uint32_t* packets) {
-  const __m512i lanes = _mm512_setr_epi32(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15);
-  const __mmask16 kept = static_cast<__mmask16>(bits);
-  const __m512i position_lanes = _mm512_add_epi32(lanes, _mm512_set1_epi32(static_cast<int>(position)));
-  _mm256_storeu_si256(reinterpret_cast<__m256i*>(positions),
-                      _mm512_cvtepi32_epi16(_mm512_maskz_compress_epi32(kept, position_lanes)));
-  _mm512_storeu_si512(packets, _mm512_maskz_compress_epi32(kept, _mm512_loadu_si512(row)));
-  return static_cast<unsigned>(__builtin_popcount(bits));
-}
-
-#elif defined(__AVX2__)
-
-// For each mask of 8 lanes: the lane numbers whose bits are set, moved to the front.
-struct LaneOrders {
-  std::uint32_t of_mask[256][8];
-  constexpr LaneOrders() : of_mask{} {
-    for (int mask = 0; mask < 256; ++mask) {
-      int filled = 0;
-      for (int lane = 0; lane < 8; ++lane) {
-        if (mask >> lane & 1) of_mask[mask][filled++] = static_cast<std::uint32_t>(lane);
-      }
-    }
-  }
-};
-constexpr LaneOrders kLaneOrders;
-
-unsigned keep(const std::uint32_t* row, std::size_t position, std::uint32_t bits, std::uint16_t* positions,
-              std::uint32_t* packets) {
-  const __m256i order = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(kLaneOrders.of_mask[bits]));
-  const __m256i places = _mm256_add_epi32(order, _mm256_set1_epi32(static_cast<int>(position)));
-  const __m128i low = _mm256_castsi256_si128(places), high = _mm256_extracti128_si256(places, 1);
-  _mm_storeu_si128(reinterpret_cast<__m128i*>(positions), _mm_packus_epi32(low, high));
-  const __m256i packet = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(row));
-  _mm256_storeu_si256(reinterpret_cast<__m256i*>(packets), _mm256_permutevar8x32_epi32(packet, order));
-  return static_cast<unsigned>(__builtin_popcount(bits));
-}
-
-#else
-
-unsigned keep(const std::uint32_t* row, std::size_t position, std::uint32_t bits, std::uint16_t* positions,
-              std::uint32_t* packets) {
-  unsigned kept = 0;
-  for (int lane = 0; lane < Seen::kLanes; ++lane) {
-    positions[kept] = static_cast<std::uint16_t>(position + static_cast<std::size_t>(lane));
-    packets[kept] = row[lane];
-    kept += bits >> lane & 1;
-  }
-  return kept;
-}
-
-#endif
 
 }  // namespace
 
@@ -168,10 +106,10 @@ std::size_t classify_row(const std::uint32_t* row, std::size_t n, std::size_t fi
     std::uint64_t bits = seen_of<kTogether>(seen, row + at);
     if (n - at < kTogether) bits &= (std::uint64_t{1} << (n - at)) - 1;
     if (bits == 0) continue;
-    for (int lane = 0; lane < kTogether; lane += Seen::kLanes) {
-      const std::uint32_t here = static_cast<std::uint32_t>(bits >> lane) & ((1u << Seen::kLanes) - 1);
-      kept += keep(row + at + lane, first + at + static_cast<std::size_t>(lane), here, positions + kept,
-                   packets + kept);
+    for (int lane = 0; lane < kTogether; lane += kLanes) {
+      const std::uint32_t here = static_cast<std::uint32_t>(bits >> lane) & ((1u << kLanes) - 1);
+      const std::size_t from = at + static_cast<std::size_t>(lane);
+      kept += keep(positions_from(first + from), row + from, here, positions + kept, packets + kept);
     }
   }
   return kept;

@@ -9,6 +9,8 @@ std::size_t classify_row(const std::uint32_t* row, std::size_t n, std::size_t fi
                          std::uint16_t* positions, std::uint32_t* packets);
 void classify_columns(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
                       const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts);
+std::size_t leave_out_hidden(const VisibleVoxels& voxels, const HiddenMap& map, const RowLine& line,
+                             std::uint16_t* positions, std::uint32_t* packets);
 bool opacity_by_packet(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table, std::uint16_t* codes);
 bool opacity_by_indices(const TableIndices& opac, const TableIndices& modu, std::size_t n, const std::uint16_t* table,
                         std::uint16_t* codes);

@@ -98,6 +98,13 @@ struct RowLine {
   std::int64_t step_x, step_y;
 };
 
+// Of an image: bit x of row y tells that a sample is hidden if its reach begins at pixel (x, y).
+struct HiddenMap {
+  const std::uint32_t* words;
+  std::int32_t words_in_row;
+  std::int32_t last_column, last_row;
+};
+
 // Survivors first..first+count-1 that go into one row run, whose origin is in 1/64 pixel.
 struct RunSamples {
   std::size_t first, count;
@@ -128,6 +135,11 @@ struct PathKernels {
   // The rows l < kStripLanes made of source[n * stride + l], as far as their bit in `wanted` is set.
   void (*classify_columns)(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
                            const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts);
+
+  // Writes the voxels that are not hidden; returns how many. `line`, rounded down, is the first pixel that each of them
+  // reaches. Both outputs need voxels.count + kSpare elements.
+  std::size_t (*leave_out_hidden)(const VisibleVoxels& voxels, const HiddenMap& map, const RowLine& line,
+                                  std::uint16_t* positions, std::uint32_t* packets);
 
   // Opacity codes at density | strength << 8; tells whether none of them is 0. The table has spare elements.
   bool (*opacity_by_packet)(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table,

@@ -1,0 +1,14 @@
+// The shape of a map of closed tiles (protocol/closed_tiles.py): rows of tiles, 64 in a word.
+#pragma once
+
+#include <cstdint>
+
+namespace volsplat {
+
+constexpr int kTileSide = 4;  // pixels
+constexpr int kWordTiles = 64;
+
+constexpr std::int64_t tile_rows(std::int64_t height) { return (height - 1) / kTileSide + 1; }
+constexpr std::int64_t tile_words(std::int64_t width) { return (width - 1) / (kTileSide * kWordTiles) + 1; }
+
+}  // namespace volsplat
