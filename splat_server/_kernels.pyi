@@ -109,7 +109,7 @@ class SplatQueue:
         small: bool,
         batches: object,
     ) -> None:
-        """Combine the spans' samples with the image, after all that came before; waits while that is much.
+        """Combine the spans' samples with the image, after all that came before; helps with these while they are much.
 
         A `small` job is done at once where nothing is unfinished. `batches` holds the spans' memory until it is done.
         """

@@ -122,7 +122,7 @@ class FrameAssembly:
                 raise RemoteProtocolError(instruction.fault)
 
     def advance(self, max_packets: int = 1 << 17) -> Progress:
-        """Have splatted what is decided of the order, about `max_packets` of it; waits where much is undone.
+        """Have splatted what is decided of the order, about `max_packets` of it; splats where much is undone.
 
         Once the frame is complete all of it is splatted.
         """

@@ -47,7 +47,7 @@ class ImageBuffer:
     ) -> None:
         """Combine the spans' samples with the buffer, after those that came before.
 
-        With several threads that goes on after the return; only when much is undone, it is waited for. `batches` is
+        With several threads that goes on after the return; while much is undone, the caller helps. `batches` is
         kept until then: the spans' memory, which must not change. Without it the caller keeps that memory.
         `reach` is by columns if the buffer is (see pixel_reach). `pixels_per_packet` says what to thread.
         """
@@ -55,7 +55,7 @@ class ImageBuffer:
         self._queue.splat(spans, reach, order == Order.FRONT_TO_BACK, small, batches)
 
     def finish(self) -> None:
-        """Wait until all is combined."""
+        """Help until all is combined."""
         self._queue.finish()
 
     def hand_out(self) -> memoryview:

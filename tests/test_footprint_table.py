@@ -174,6 +174,15 @@ def test_a_slanted_flat_footprint_gets_offsets_for_its_narrow_side() -> None:
     assert FootprintTable.bytes_needed(Ellipse(1.0, 0.5, -0.49, 0.5, 14.2, 14.2), 6) > CACHE_BUDGET
 
 
+@given(st.data(), st.floats(0.25, 16000))
+def test_offsets_are_at_least_eight_a_pixel_unless_footprints_are_very_large(data: st.DataObject, width: float) -> None:
+    """The map/shade server relies on that (mapshade_server/kernels/closed_tiles.cpp) to tell what is hidden."""
+    height = data.draw(st.floats(0.25, 4095 / width))
+    qxx, qyy = (2 / width) ** 2, (2 / height) ** 2
+    shape = dataclasses.replace(shape_of(1.0), qxx=qxx, qxy=0.0, qyy=qyy, half_width=width, half_height=height)
+    assert offset_bits_for(shape) >= 3
+
+
 def test_a_huge_footprint_is_coarse_and_one_beyond_any_image_refused() -> None:
     huge = footprint_table(shape_of(256.0))
     assert huge.offset_bits < 3 and huge.width == 4 * 256

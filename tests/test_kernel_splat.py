@@ -130,6 +130,8 @@ TABLES = {
     "small": (1.4, 1.4, 0.7, 6),
     "of 8 x 8 pixels": (4.0, 4.0, 1.0, 5),
     "above 1, so that opacities are cut": (3.3, 4.7, 9.0, 4),
+    "of 11 pixels a row, some cut": (5.4, 3.1, 2.5, 3),
+    "of 12 pixels a row": (5.9, 6.0, 0.8, 4),
     "flat": (9.2, 2.1, 1.0, 3),
     "of two vectors a row": (7.6, 3.2, 0.9, 3),
     "wide": (8.9, 4.2, 1.1, 2),

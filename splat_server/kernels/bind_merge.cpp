@@ -26,7 +26,7 @@ void push(SortedBuffers& merge, int worker, std::uint64_t batch, const BatchMemo
           std::uint64_t reached_sheet, std::uint64_t reached_row, bool last) {
     merge.push(worker, batch, static_cast<const unsigned char*>(memory.runs.data()),
                bytes_of(memory.runs) / sizeof(RowRun), static_cast<const unsigned char*>(memory.packets.data()),
-               bytes_of(memory.packets) / 8, reached_sheet, reached_row, last);
+               bytes_of(memory.packets) / kPacketBytes, reached_sheet, reached_row, last);
 }
 
 nb::tuple advance(SortedBuffers& merge, std::uint64_t max_packets) {
@@ -56,7 +56,7 @@ void bind_merge(nb::module_& m) {
             new (self) BatchMemory(batch_memory(std::move(runs), std::move(packets)));
         }, "runs"_a, "packets"_a)
         .def_prop_ro("bytes", [](const BatchMemory& self) { return bytes_of(self.runs) + bytes_of(self.packets); })
-        .def_prop_ro("packet_count", [](const BatchMemory& self) { return bytes_of(self.packets) / 8; })
+        .def_prop_ro("packet_count", [](const BatchMemory& self) { return bytes_of(self.packets) / kPacketBytes; })
         .def_prop_ro("run_count", [](const BatchMemory& self) { return bytes_of(self.runs) / sizeof(RowRun); });
     nb::class_<SpanList>(m, "SpanList")
         .def_prop_ro("packets", [](const SpanList& self) { return self.packets; })

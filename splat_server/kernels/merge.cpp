@@ -1,19 +1,10 @@
 #include "merge.h"
 
-#include <cstring>
 #include <stdexcept>
 #include <string>
 
 namespace volsplat {
 namespace {
-
-constexpr std::uint64_t kPacketBytes = 8;
-
-RowRun run_at(const unsigned char* runs, std::uint64_t n) {
-    RowRun run;
-    std::memcpy(&run, runs + n * sizeof run, sizeof run);
-    return run;
-}
 
 std::string place(std::uint64_t sheet, std::uint64_t row, std::uint64_t first) {
     return "(sheet " + std::to_string(sheet) + ", row " + std::to_string(row) + ", sample " + std::to_string(first) +

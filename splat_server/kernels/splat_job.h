@@ -6,6 +6,7 @@
 namespace volsplat {
 
 constexpr int kSubpixelBits = 6;         // positions are multiples of 1/64 pixel (protocol/packet_layout.py)
+constexpr int kPacketBytes = 8;
 constexpr int kPositionBits = 14;
 constexpr int kPositionMask = (1 << kPositionBits) - 1;
 constexpr int kRunPixels = 1 << (kPositionBits - kSubpixelBits);  // a run's packets lie so near to its origin
@@ -30,10 +31,18 @@ struct RowRun {  // 24 bytes on the wire
     int32_t x0, y0;  // 1/64 pixel
 };
 
+// Static, so that each instruction set has its own.
+static inline RowRun run_at(const unsigned char* runs, uint64_t n) {
+    RowRun run;
+    __builtin_memcpy(&run, runs + n * sizeof run, sizeof run);
+    return run;
+}
+
 struct SpanView {  // consecutive runs of one batch; the addresses need no alignment
     const unsigned char* runs;
     const unsigned char* packets;
     uint64_t run_count;
+    bool whole = true;  // no packet reaches beyond the job's rows, as far as that is known or matters
 };
 
 struct RowSpan {  // pixels of a row, or rows
@@ -81,7 +90,6 @@ struct SplatJob {
     const float* opacities;  // of the 4096 codes
     const SpanView* spans;
     size_t span_count;
-    const RowSpan* run_rows;  // of each run, the rows of pixels it reaches; null where all runs are to be looked at
     Reach reach;
     bool front_to_back;
     FootprintView footprint;

@@ -9,7 +9,7 @@ namespace volsplat {
 namespace {
 
 // So many jobs may be unfinished: enough for stripes of unequal work, and little enough to be dropped soon.
-constexpr std::size_t kMostUnfinished = 3;
+constexpr std::size_t kMostUnfinished = 2;
 // From so many pixels on it is worth to wake threads for publishing.
 constexpr std::int64_t kSharedPixels = 1 << 16;
 
@@ -17,7 +17,7 @@ constexpr std::int64_t kSharedPixels = 1 << 16;
 
 SplatQueue::SplatQueue(ImageMemory& image, int threads) : image_(image), busy_lines_{0, image.lines()} {
     try {
-        for (int n = 0; n < threads && threads > 1; ++n) helpers_.emplace_back([this] { help(); });
+        for (int n = 1; n < threads; ++n) helpers_.emplace_back([this] { help(); });
     } catch (...) {
         close();
         throw;
@@ -29,6 +29,7 @@ void SplatQueue::begin(bool by_columns, RowSpan busy) {
     image_.clear(by_columns);
     busy_lines_ = busy;
     const std::lock_guard lock(mutex_);
+    lines_.clear();
     stripes_.clear();
 }
 
@@ -43,19 +44,17 @@ std::uint64_t SplatQueue::add(SplatJob job, bool small) {
         return first_ - 1;
     }
     lock.unlock();
-    StripedJob striped(job, static_cast<int>(stripes_.size()));
+    StripedJob striped(job, lines_);
     lock.lock();
-    done_.wait(lock, [this] { return jobs_.size() < kMostUnfinished; });
+    help_until(kMostUnfinished - 1, lock);
     append({std::move(striped), nullptr, stripes_.size()}, began);
     return first_ + jobs_.size() - 1;
 }
 
 void SplatQueue::make_stripes(const SplatJob& job) {
-    const int threads = std::max(static_cast<int>(helpers_.size()), 1);
-    std::vector<Stripe> stripes;
-    for (const RowSpan& lines : stripes_of(job.image.height, busy_lines_, job.footprint.height, threads))
-        stripes.push_back({lines, first_});
-    stripes_.swap(stripes);
+    const int threads = static_cast<int>(helpers_.size()) + 1;
+    lines_ = stripes_of(job.image.height, busy_lines_, job.footprint.height, threads);
+    stripes_.assign(lines_.size(), {first_});
 }
 
 // With the lock held.
@@ -69,10 +68,10 @@ void SplatQueue::append(Job job, Clock::time_point began) {
 void SplatQueue::splat_at_once(const SplatJob& job) {
     const Clock::time_point began = Clock::now();
     if (!helpers_.empty()) {
-        image_.note(StripedJob(job, 1).splat({0, job.image.height}));
+        image_.note(StripedJob(job, {{0, job.image.height}}).splat(0));
     } else {
-        const StripedJob striped(job, static_cast<int>(stripes_.size()));
-        for (const Stripe& stripe : stripes_) image_.note(striped.splat(stripe.lines));
+        const StripedJob striped(job, lines_);
+        for (std::size_t n = 0; n < lines_.size(); ++n) image_.note(striped.splat(n));
     }
     busy_ += Clock::now() - began;
 }
@@ -84,7 +83,7 @@ void SplatQueue::hand_out(float* target) {
     const bool large = std::int64_t(image_.width()) * image_.height() >= kSharedPixels;
     if (!helpers_.empty() && !stripes_.empty() && (large || !jobs_.empty())) {
         append({std::nullopt, target, stripes_.size()}, began);
-        done_.wait(lock, [this] { return jobs_.empty(); });
+        help_until(0, lock);
     } else {
         hand_out({0, image_.lines()}, target);
         busy_ += Clock::now() - began;
@@ -99,13 +98,13 @@ std::uint64_t SplatQueue::finished() {
 
 void SplatQueue::finish() {
     std::unique_lock lock(mutex_);
-    done_.wait(lock, [this] { return jobs_.empty(); });
+    help_until(0, lock);
 }
 
 void SplatQueue::cancel() {
     std::unique_lock lock(mutex_);
     dropping_ = true;
-    done_.wait(lock, [this] { return jobs_.empty(); });
+    help_until(0, lock);
     dropping_ = false;
 }
 
@@ -141,6 +140,14 @@ void SplatQueue::help() {
     }
 }
 
+// By the caller, until no more than so many jobs are unfinished.
+void SplatQueue::help_until(std::size_t jobs, std::unique_lock<std::mutex>& lock) {
+    while (jobs_.size() > jobs) {
+        if (Stripe* stripe = next_stripe()) do_next(*stripe, lock);
+        else done_.wait(lock);
+    }
+}
+
 // The one that is furthest behind of those that no thread is at.
 SplatQueue::Stripe* SplatQueue::next_stripe() {
     Stripe* next = nullptr;
@@ -154,9 +161,11 @@ void SplatQueue::do_next(Stripe& stripe, std::unique_lock<std::mutex>& lock) {
     if (!dropping_) {
         stripe.taken = true;
         lock.unlock();
-        SplatOutcome outcome{stripe.lines.end, stripe.lines.begin, 0};
-        if (job.splat) outcome = job.splat->splat(stripe.lines);
-        else hand_out(stripe.lines, job.target);
+        const std::size_t number = &stripe - stripes_.data();
+        const RowSpan lines = lines_[number];
+        SplatOutcome outcome{lines.end, lines.begin, 0};
+        if (job.splat) outcome = job.splat->splat(number);
+        else hand_out(lines, job.target);
         lock.lock();
         stripe.taken = false;
         image_.note(outcome);

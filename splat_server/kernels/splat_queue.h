@@ -18,22 +18,22 @@ namespace volsplat {
 // One thread at a time may call.
 class SplatQueue {
 public:
-    // Into an image that outlives this. With a single thread, whoever adds a job splats it.
-    // Throws std::system_error where one cannot be started.
+    // Into an image that outlives this. The caller is one of the threads: while it would wait, it splats.
+    // Throws std::system_error where another cannot be started.
     SplatQueue(ImageMemory& image, int threads);
     ~SplatQueue() { close(); }
 
     // Drops what is unfinished, and clears the image. What follows mostly reaches the `busy` lines of it.
     void begin(bool by_columns, RowSpan busy);
     // Adds a job, which says what and how; its image is filled in here. What it points to must stay until it is
-    // finished. Waits while several are unfinished; does a `small` one at once where none is. Returns its number.
+    // finished. Helps while several are unfinished; does a `small` one at once where none is. Returns its number.
     std::uint64_t add(SplatJob job, bool small);
     // Publishes the image as it is after all jobs, and empties it meanwhile: its lines are in the caches then.
     // `target` is height x width x 4.
     void hand_out(float* target);
     // Every job up to this number is finished or dropped.
     std::uint64_t finished();
-    // Waits until all of them are.
+    // Helps until all of them are.
     void finish();
     // Drops the jobs that are unfinished, and waits for the stripes that threads are at.
     void cancel();
@@ -53,8 +53,7 @@ private:
         std::size_t unfinished;           // stripes
     };
     struct Stripe {
-        RowSpan lines;
-        std::uint64_t next = 0;  // number of the job that it comes to next
+        std::uint64_t next;  // number of the job that it comes to next
         bool taken = false;
     };
 
@@ -62,6 +61,7 @@ private:
     void splat_at_once(const SplatJob& job);
     void append(Job job, Clock::time_point began);
     void help();
+    void help_until(std::size_t jobs, std::unique_lock<std::mutex>& lock);
     Stripe* next_stripe();
     void do_next(Stripe& stripe, std::unique_lock<std::mutex>& lock);
     void hand_out(RowSpan lines, float* target);
@@ -75,7 +75,8 @@ private:
     std::condition_variable added_, done_;
     std::deque<Job> jobs_;         // unfinished ones
     std::uint64_t first_ = 1;      // number of the first of them
-    std::vector<Stripe> stripes_;  // made for an image's first job
+    std::vector<RowSpan> lines_;   // of the stripes, which are made for an image's first job
+    std::vector<Stripe> stripes_;
     bool dropping_ = false, closed_ = false;
     Clock::time_point busy_since_, idle_since_;
     Clock::duration busy_{};

@@ -1,6 +1,7 @@
 #include "stripes.h"
 
 #include <algorithm>
+#include <cstdint>
 
 #include "splat.h"
 
@@ -21,6 +22,12 @@ int number_of_stripes(int lines, int footprint_height, int threads) {
     return std::max(for_threads, (lines - 1) / highest + 1);
 }
 
+std::size_t number_of_runs(const SplatJob& job) {
+    std::size_t runs = 0;
+    for (std::size_t s = 0; s < job.span_count; ++s) runs += job.spans[s].run_count;
+    return runs;
+}
+
 }  // namespace
 
 std::vector<RowSpan> stripes_of(int lines, RowSpan busy, int footprint_height, int threads) {
@@ -36,25 +43,50 @@ std::vector<RowSpan> stripes_of(int lines, RowSpan busy, int footprint_height, i
     return stripes;
 }
 
-StripedJob::StripedJob(const SplatJob& job, int stripes) : job_(job), reached_{0, job.image.height} {
-    if (stripes == 1) return;
-    std::size_t runs = 0;
-    for (std::size_t s = 0; s < job.span_count; ++s) runs += job.spans[s].run_count;
-    run_rows_.resize(runs);
-    find_run_rows(job, run_rows_.data());
-    reached_ = {job.image.height, 0};
-    for (const RowSpan& rows : run_rows_)
-        reached_ = {std::min(reached_.begin, rows.begin), std::max(reached_.end, rows.end)};
+StripedJob::StripedJob(const SplatJob& job, const std::vector<RowSpan>& stripes) : job_(job) {
+    for (const RowSpan& lines : stripes) parts_.push_back({lines, {}, nullptr});
+    if (stripes.size() == 1) {
+        parts_[0].spans.assign(job.spans, job.spans + job.span_count);
+        return;
+    }
+    const auto begins_before_end = [](std::int32_t line, const Part& part) { return line < part.lines.end; };
+    std::vector<RowSpan> rows(number_of_runs(job));
+    find_run_rows(job, rows.data());
+    auto reached = rows.begin();
+    for (std::size_t s = 0; s < job.span_count; ++s) {
+        SpanView run = job.spans[s];
+        run.run_count = 1;
+        for (std::uint64_t r = 0; r < job.spans[s].run_count; ++r, ++reached) {
+            const unsigned char* const packets_end = run.packets + std::size_t(run_at(run.runs, 0).count) * kPacketBytes;
+            auto part = std::upper_bound(parts_.begin(), parts_.end(), reached->begin, begins_before_end);
+            for (; part != parts_.end() && part->lines.begin < reached->end; ++part) {
+                run.whole = reached->begin >= part->lines.begin && reached->end <= part->lines.end;
+                part->add(run, packets_end);
+            }
+            run.packets = packets_end;
+            run.runs += sizeof(RowRun);
+        }
+    }
 }
 
-SplatOutcome StripedJob::splat(RowSpan stripe) const {
-    if (!reaches(stripe)) return {stripe.end, stripe.begin, 0};
+// Runs that follow each other, as their packets do, make one span.
+void StripedJob::Part::add(const SpanView& run, const unsigned char* run_packets_end) {
+    const SpanView* const last = spans.empty() ? nullptr : &spans.back();
+    if (last && last->whole == run.whole && last->runs + last->run_count * sizeof(RowRun) == run.runs &&
+        packets_end == run.packets)
+        ++spans.back().run_count;
+    else
+        spans.push_back(run);
+    packets_end = run_packets_end;
+}
+
+SplatOutcome StripedJob::splat(std::size_t stripe) const {
+    const Part& part = parts_[stripe];
+    if (part.spans.empty()) return {part.lines.end, part.lines.begin, 0};
     SplatJob job = job_;
-    job.run_rows = run_rows_.empty() ? nullptr : run_rows_.data();
-    job.row_begin = stripe.begin, job.row_end = stripe.end;
+    job.spans = part.spans.data(), job.span_count = part.spans.size();
+    job.row_begin = part.lines.begin, job.row_end = part.lines.end;
     return volsplat::splat(job);
 }
-
-bool StripedJob::reaches(RowSpan stripe) const { return reached_.begin < stripe.end && reached_.end > stripe.begin; }
 
 }  // namespace volsplat

@@ -9,20 +9,26 @@ namespace volsplat {
 // Stripes that hold all lines of an image; `busy` are the lines that most samples reach, to be shared evenly.
 std::vector<RowSpan> stripes_of(int lines, RowSpan busy, int footprint_height, int threads);
 
-// A job that stripes of its image pass through one by one, each at its own time.
+// A job that stripes of its image pass through one by one, each at its own time and looking at its own runs only.
 class StripedJob {
 public:
-    StripedJob(const SplatJob& job, int stripes);
+    // The stripes follow each other.
+    StripedJob(const SplatJob& job, const std::vector<RowSpan>& stripes);
 
-    // Into the lines of one stripe.
-    SplatOutcome splat(RowSpan stripe) const;
+    // Into the lines of one stripe, by its number.
+    SplatOutcome splat(std::size_t stripe) const;
 
 private:
-    bool reaches(RowSpan stripe) const;
+    struct Part {
+        RowSpan lines;
+        std::vector<SpanView> spans;       // that may reach them
+        const unsigned char* packets_end;  // of the last one
+
+        void add(const SpanView& run, const unsigned char* run_packets_end);
+    };
 
     SplatJob job_;
-    std::vector<RowSpan> run_rows_;  // of each run, unless there is but one stripe
-    RowSpan reached_;                // by any run
+    std::vector<Part> parts_;
 };
 
 }  // namespace volsplat

@@ -21,13 +21,12 @@ public:
 
     void run() {
         if (cells_.empty()) return;
-        size_t number = 0;
         for (size_t s = 0; s < job_.span_count; ++s) {
             const unsigned char* packets = job_.spans[s].packets;
             for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
                 const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
-                if (in_rows(job_, number++)) splat_run(run, packets);
-                packets += uint64_t(run.count) * 8;
+                splat_run(run, packets);
+                packets += uint64_t(run.count) * kPacketBytes;
             }
         }
     }
@@ -42,7 +41,7 @@ private:
     void splat_run(const RowRun& run, const unsigned char* packets) {
         cells_.enter_row(run.sheet, run.row);
         const int most_together = cells_.tells_ordinals() ? most_together_ : 1;
-        for (uint32_t n = 0; n < run.count; ++n, packets += 8) {
+        for (uint32_t n = 0; n < run.count; ++n, packets += kPacketBytes) {
             const ShadedSample sample = sample_at(packets, run, job_);
             const int64_t ordinal = cells_.ordinal_at(sample.x, sample.y);
             if (count_ == most_together || ordinal != first_ + way_ * count_) {

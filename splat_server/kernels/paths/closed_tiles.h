@@ -27,16 +27,23 @@ public:
         for (int top = row_begin; top < row_end; top += kTileSide) {
             const int middle = top + (image_.height - top < kTileSide ? 0 : kTileSide / 2);
             const float* const alphas = image_.pixels + middle * image_.pitch + 3 * image_.plane;
-            for (int left = 0; left < image_.width; left += kWidest)
-                if (any(load<Widest>(alphas + left) >= kFrozenAlpha)) look_at_some(top / kTileSide, left / kTileSide);
+            const uint64_t* const words = image_.closed_tiles + top / kTileSide * image_.tile_words;
+            for (int column = 0; column * kTileSide < image_.width; column += kTilesAtOnce) {
+                if ((words[column / 64] >> column % 64 & kAllAtOnce) == kAllAtOnce) continue;  // closed already
+                if (any(load<Widest>(alphas + column * kTileSide) >= kFrozenAlpha))
+                    look_at_some(top / kTileSide, column);
+            }
         }
     }
 
 private:
+    static constexpr int kTilesAtOnce = kWidest / kTileSide;
+    static constexpr uint64_t kAllAtOnce = (1 << kTilesAtOnce) - 1;
+
     // As many tiles as begin in one vector.
     __attribute__((noinline)) void look_at_some(int row, int column) const {
         const int tiles = (image_.width + kTileSide - 1) / kTileSide;
-        const int end = column + kWidest / kTileSide < tiles ? column + kWidest / kTileSide : tiles;
+        const int end = column + kTilesAtOnce < tiles ? column + kTilesAtOnce : tiles;
         for (; column < end; ++column) {
             uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
             const uint64_t bit = uint64_t(1) << column % 64;

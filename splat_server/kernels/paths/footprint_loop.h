@@ -1,7 +1,7 @@
 // Splats footprints: decode some packets, then for each find its box of pixels and their weights, and combine.
 #pragma once
 #include "closed_tiles.h"
-#include "four_boxes.h"
+#include "joined_boxes.h"
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
 
@@ -15,8 +15,8 @@ struct Samples {
     Integers entry;          // its first weight in the table
     Integers inside;         // all bits where the box and its tiles lie within the image
     Integers whole;          // and the box within the job's rows
-    Integers window;         // of each four the lesser `left` of the first and the last, as they lie on a line
-    Integers together;       // all bits where the box shares its rows with the four's first, and lies in the window
+    Integers window;         // of a few neighbours the lesser `left` of the first and the last, as they lie on a line
+    Integers together;       // all bits where the box shares its rows with the first of them, and lies in the window
     Numbers opacity, red, green, blue;
 };
 
@@ -38,21 +38,20 @@ public:
           greatest_top_(Integers{} + job.row_begin - table_.height) {}
 
     SplatOutcome run() {
-        size_t number = 0;
         for (size_t s = 0; s < job_.span_count; ++s) {
-            const unsigned char* packets = job_.spans[s].packets;
-            for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
-                const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
-                if (in_rows(job_, number) && near(run)) {
-                    const PacketRange range = within_rows(job_, number)
+            const SpanView& span = job_.spans[s];
+            const unsigned char* packets = span.packets;
+            for (uint64_t r = 0; r < span.run_count; ++r) {
+                const RowRun run = run_at(job_.image, span.runs, r);
+                if (near(run)) {
+                    const PacketRange range = span.whole
                                                   ? PacketRange{0, run.count}
                                                   : packets_in_rows(job_, run, packets, table_.height / 2 + 2);
-                    splat_packets(run, packets + range.begin * 8, range.end - range.begin);
+                    splat_packets(run, packets + range.begin * kPacketBytes, range.end - range.begin);
                     unseen_pixels_ += int64_t(range.end - range.begin) * table_.width * table_.height;
                     if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();
                 }
-                ++number;
-                packets += uint64_t(run.count) * 8;
+                packets += uint64_t(run.count) * kPacketBytes;
             }
         }
         if (kFrontToBack && unseen_pixels_ >= worth_looking_ / 4) look_for_closed_tiles();  // for the next job
@@ -61,7 +60,7 @@ public:
 
 private:
     typedef typename Fitting<4 * kFours>::Lanes Lanes;
-    typedef FourBoxes<kFrontToBack, kClamped, 4 * kFours> Together;
+    typedef JoinedBoxes<kFrontToBack, kClamped, 4 * kFours> Together;
     // For so many times the pixels of the job's rows it is worth to look for tiles that have become closed: that takes
     // a hundredth of the time.
     static constexpr int kWorthLooking = 4;
@@ -75,7 +74,7 @@ private:
     }
 
     void splat_packets(const RowRun& run, const unsigned char* packets, uint64_t count) {
-        for (; count >= kAtOnce; count -= kAtOnce, packets += kAtOnce * 8)
+        for (; count >= kAtOnce; count -= kAtOnce, packets += kAtOnce * kPacketBytes)
             splat_samples(decoded(packets_at(packets), run), kAtOnce);
         if (count == 0) return;
         const int last = static_cast<int>(count);
@@ -122,18 +121,26 @@ private:
     }
 
     void find_together(Samples& samples) const {
-        const Integers first = {0, 0, 0, 0, 4, 4, 4, 4}, last = {3, 3, 3, 3, 7, 7, 7, 7};
-        const Integers at_first = __builtin_shuffle(samples.left, first), at_last = __builtin_shuffle(samples.left, last);
+        constexpr int kOthers = Together::kSamples - 1;
+        const Integers lanes = {0, 1, 2, 3, 4, 5, 6, 7}, first = lanes & ~kOthers, last = lanes | kOthers;
+        const Integers at_first = __builtin_shuffle(samples.left, first);
+        const Integers at_last = __builtin_shuffle(samples.left, last);
         samples.window = at_first < at_last ? at_first : at_last;
         samples.together = samples.whole & (samples.top == __builtin_shuffle(samples.top, first)) &
-                           (samples.left >= samples.window) & (samples.left <= samples.window + 4 * kFours) &
+                           (samples.left >= samples.window) &
+                           (samples.left <= samples.window + (Together::kWindow - 4 * kFours)) &
                            (samples.window <= closed_windows_.last_left);
     }
 
     static bool stand_together(const Samples& samples, int n) {
-        FourBits together;
-        __builtin_memcpy(&together, reinterpret_cast<const int32_t*>(&samples.together) + n, sizeof together);
-        return !any(~together);
+        const int32_t* const together = reinterpret_cast<const int32_t*>(&samples.together) + n;
+        if constexpr (Together::kSamples == 2) {
+            return (together[0] & together[1]) != 0;
+        } else {
+            FourBits four;
+            __builtin_memcpy(&four, together, sizeof four);
+            return !any(~four);
+        }
     }
 
     __attribute__((always_inline)) void splat_together(const Samples& samples, int n) {

@@ -21,7 +21,7 @@ int64_t position_of(const unsigned char* packet, int shift) {
 }
 
 Extent extent_of(const unsigned char* packets, uint64_t count, int shift) {
-    const int64_t first = position_of(packets, shift), last = position_of(packets + (count - 1) * 8, shift);
+    const int64_t first = position_of(packets, shift), last = position_of(packets + (count - 1) * kPacketBytes, shift);
     return first < last ? Extent{first, last} : Extent{last, first};
 }
 
@@ -51,7 +51,7 @@ void find_run_rows(const SplatJob& job, RowSpan* rows) {
             const Extent extent = extent_of(packets, run.count, shift);
             *rows = {limited(((run.y0 + extent.least) >> kSubpixelBits) - around, job.image.height),
                      limited(((run.y0 + extent.greatest) >> kSubpixelBits) + around + 1, job.image.height)};
-            packets += uint64_t(run.count) * 8;
+            packets += uint64_t(run.count) * kPacketBytes;
         }
     }
 }

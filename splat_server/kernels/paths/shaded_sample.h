@@ -12,23 +12,12 @@ inline int y_shift(const ImageView& image) { return image.by_columns ? 0 : kPosi
 
 // A run with its origin on the image's axes.
 inline RowRun run_at(const ImageView& image, const unsigned char* runs, uint64_t n) {
-    RowRun run;
-    __builtin_memcpy(&run, runs + n * sizeof run, sizeof run);
+    RowRun run = volsplat::run_at(runs, n);
     if (image.by_columns) {
         const int32_t x0 = run.x0;
         run.x0 = run.y0, run.y0 = x0;
     }
     return run;
-}
-
-// Whether a run, by its number among all of the job, may reach the job's rows.
-inline bool in_rows(const SplatJob& job, size_t number) {
-    return !job.run_rows || (job.run_rows[number].begin < job.row_end && job.run_rows[number].end > job.row_begin);
-}
-
-// Whether no packet of a run reaches beyond the job's rows, as far as that is known or matters.
-inline bool within_rows(const SplatJob& job, size_t number) {
-    return !job.run_rows || (job.run_rows[number].begin >= job.row_begin && job.run_rows[number].end <= job.row_end);
 }
 
 // The packets of a run that may reach the job's rows, where each reaches so many rows up and down. The samples of a run
@@ -42,7 +31,7 @@ inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const
     const int shift = y_shift(job.image);
     const auto y_at = [&](uint64_t n) {
         uint64_t packet;
-        __builtin_memcpy(&packet, packets + n * 8, sizeof packet);
+        __builtin_memcpy(&packet, packets + n * kPacketBytes, sizeof packet);
         return int64_t(run.y0) + static_cast<int64_t>(packet >> shift & kPositionMask);
     };
     const int64_t least = (int64_t(job.row_begin) - reach) * (1 << kSubpixelBits);
@@ -120,7 +109,7 @@ inline Packets packets_at(const unsigned char* address) {
 // Fewer than eight, and zeros behind them.
 inline Packets last_packets_at(const unsigned char* address, int count) {
     Words words[2] = {};
-    __builtin_memcpy(words, address, count * 8);
+    __builtin_memcpy(words, address, count * kPacketBytes);
     return packets_of(words[0], words[1]);
 }
 

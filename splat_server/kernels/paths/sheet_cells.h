@@ -94,10 +94,18 @@ public:
         return numbers;
     }
 
-    // Narrows the spans of the rows from `y` on to the pixels with low <= coordinate < high.
+    // Whether the coordinate is the same all along a row.
+    bool level() const { return per_x_ == 0; }
+
+    // Of these rows, where it is level, those with low <= coordinate < high.
+    RowSpan rows_between(int64_t low, int64_t high, RowSpan rows) const {
+        const int32_t begin = first_row_beyond(per_y_ < 0 ? high : low, rows.begin, rows.end);
+        return {begin, first_row_beyond(per_y_ < 0 ? low : high, begin, rows.end)};
+    }
+
+    // Narrows the spans of the rows from `y` on to the pixels with low <= coordinate < high, where it is not level.
     void narrow(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
-        if (per_x_ == 0) narrow_level(y, low, high, spans);
-        else if (!narrow_if_certain(y, low, high, spans)) narrow_exactly(y, low, high, spans);
+        if (!narrow_if_certain(y, low, high, spans)) narrow_exactly(y, low, high, spans);
     }
 
 private:
@@ -123,14 +131,6 @@ private:
         return true;
     }
 
-    // Where the coordinate is the same all along a row: the row lies between the bounds or it does not.
-    void narrow_level(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
-        const Wide least = low * area_, bound = high * area_, step = Wide(per_y_) << 32;
-        Wide value = at(0, y);
-        for (int n = 0; n < kSpanRows; ++n, value += step)
-            if (value < least || value >= bound) spans.end[n] = spans.begin[n];
-    }
-
     void narrow_exactly(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
         for (int n = 0; n < kSpanRows; ++n) {
             const int32_t begin = spans.begin[n], end = spans.end[n];
@@ -151,9 +151,29 @@ private:
 
     // The first pixel of begin..end where a rising coordinate is no longer below `bound`, a falling one is, or `end`.
     int32_t first_beyond(int64_t bound, int64_t y, int32_t begin, int32_t end) const {
+        return first_of(begin, end, [&](int32_t x) {
+            return per_x_ < 0 ? at(x, y) < bound * area_ : at(x, y) >= bound * area_;
+        });
+    }
+
+    // The same of rows; floating point tells where to look.
+    int32_t first_row_beyond(int64_t bound, int32_t begin, int32_t end) const {
+        const auto is_beyond = [&](int32_t y) {
+            return per_y_ < 0 ? at(0, y) < bound * area_ : at(0, y) >= bound * area_;
+        };
+        const double place = (static_cast<double>(bound) - constant_) / slope_y_;
+        const int32_t near = place < begin ? begin : place > end ? end : static_cast<int32_t>(place);
+        const int32_t low = near - 1 > begin ? near - 1 : begin, high = near + 2 < end ? near + 2 : end;
+        if ((low > begin && is_beyond(low)) || (high < end && !is_beyond(high))) return first_of(begin, end, is_beyond);
+        return first_of(low, high, is_beyond);
+    }
+
+    // The first of begin..end from which on something is true, or `end`.
+    template <class IsTrue>
+    static int32_t first_of(int32_t begin, int32_t end, const IsTrue& is_true) {
         while (begin < end) {
             const int32_t middle = begin + (end - begin) / 2;
-            if (per_x_ < 0 ? at(middle, y) < bound * area_ : at(middle, y) >= bound * area_) end = middle;
+            if (is_true(middle)) end = middle;
             else begin = middle + 1;
         }
         return begin;
@@ -211,6 +231,7 @@ public:
         middle_x_ = static_cast<double>(origin_[0] + (low + high - 1) * row_x_);
         middle_y_ = static_cast<double>(origin_[1] + (low + high - 1) * row_y_);
         half_rows_ = static_cast<double>(high - low) * size_of(static_cast<double>(row_y_));
+        if (rows_.level()) image_rows_ = rows_.rows_between(u_low_, u_high_, {job_.row_begin, job_.row_end});
     }
 
     // The ordinal of the sample of this row that is nearest to a position in 1/64 pixel.
@@ -242,8 +263,15 @@ public:
         return samples_.block_numbers(x, y, least, greatest);
     }
 
-    // The image rows that cells of this row may touch: top <= y < bottom, within the job's.
+    // The image rows that cells of this row may touch, where a coordinate is level those that they do:
+    // top <= y < bottom, within the job's.
     void image_rows(int64_t v_low, int64_t v_high, int64_t& top, int64_t& bottom) const {
+        if (rows_.level() || samples_.level()) {
+            const RowSpan rows = rows_.level() ? image_rows_
+                                               : samples_.rows_between(v_low, v_high, {job_.row_begin, job_.row_end});
+            top = rows.begin, bottom = rows.end;
+            return;
+        }
         const double middle = middle_y_ + static_cast<double>(v_low + v_high) * half_sample_y_;
         const double reach = half_rows_ + static_cast<double>(v_high - v_low) * size_of(half_sample_y_);
         constexpr double kSpare = 1.0 / 1024;  // pixels, for rounding
@@ -254,11 +282,11 @@ public:
             greatest < job_.row_end ? floor_of(greatest > job_.row_begin ? greatest : job_.row_begin) : job_.row_end;
     }
 
-    // The pixels of the image rows from `y` on that lie in cells of this row.
+    // The pixels of the image rows from `y` on that lie in cells of this row, where `image_rows` has these.
     RowSpans spans(int64_t y, int64_t v_low, int64_t v_high) const {
         RowSpans spans{RowInts{}, RowInts{} + job_.image.width};
-        rows_.narrow(y, u_low_, u_high_, spans);
-        samples_.narrow(y, v_low, v_high, spans);
+        if (!rows_.level()) rows_.narrow(y, u_low_, u_high_, spans);
+        if (!samples_.level()) samples_.narrow(y, v_low, v_high, spans);
         return spans;
     }
 
@@ -288,6 +316,7 @@ private:
     int64_t origin_[2] = {0, 0};  // of the sheet
     double middle_x_ = 0, middle_y_ = 0;  // of the row of samples, where v is 0
     double half_rows_ = 0;  // how far its cells reach up and down from there
+    RowSpan image_rows_{0, 0};  // that its cells lie in, where its coordinate is level
     double half_sample_y_;
     int64_t u_low_ = 0, u_high_ = 0;
 };

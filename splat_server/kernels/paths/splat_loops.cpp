@@ -29,14 +29,12 @@ inline void combine_whole(const ImageView& image, int64_t x, int64_t y, const Sh
 
 template <bool kFrontToBack>
 void splat_nearest_pixels(const SplatJob& job) {
-    size_t number = 0;
     for (size_t s = 0; s < job.span_count; ++s) {
         const unsigned char* packets = job.spans[s].packets;
         for (uint64_t r = 0; r < job.spans[s].run_count; ++r) {
             const RowRun run = run_at(job.image, job.spans[s].runs, r);
-            const unsigned char* const end = packets + uint64_t(run.count) * 8;
-            if (!in_rows(job, number++)) packets = end;
-            for (; packets != end; packets += 8) {
+            const unsigned char* const end = packets + uint64_t(run.count) * kPacketBytes;
+            for (; packets != end; packets += kPacketBytes) {
                 const ShadedSample sample = sample_at(packets, run, job);
                 const int64_t half = 1 << (kSubpixelBits - 1);
                 const int64_t x = (sample.x + half) >> kSubpixelBits, y = (sample.y + half) >> kSubpixelBits;

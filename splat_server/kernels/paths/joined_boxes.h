@@ -1,4 +1,4 @@
-// Combines four samples whose boxes overlap in the same rows: every pixel is loaded and stored once for all of them.
+// Combines neighbouring samples whose boxes overlap in the same rows: every pixel is loaded and stored once for all.
 #pragma once
 #include "pixel_vectors.h"
 
@@ -29,15 +29,15 @@ inline Widest chosen(LaneChoice lanes, Widest values) { return (Widest)(lanes & 
 // A box of weights, kPixels a row, that lies `shift` pixels right of the window's first.
 struct ShiftedBox {
     const float* weights;
-    int shift;  // 0..kPixels
+    int shift;  // 0..kWindow - kPixels
 };
 
-// A window of twice a box's pixels holds the boxes of neighbouring samples. With wider boxes it would hold too few.
+// A window of pixels holds the boxes of so many neighbours, each a quarter of a box further than the one before.
 template <bool kFrontToBack, bool kClamped, int kPixels>
-class FourBoxes {
+class JoinedBoxes {
 public:
-    static constexpr int kSamples = 4, kWindow = 2 * kPixels;
-    static constexpr bool kFit = kPixels > 0 && kPixels <= 8 && kWindow <= kWidest;
+    static constexpr int kSamples = kPixels <= 8 ? 4 : 2, kWindow = kPixels <= 8 ? 2 * kPixels : kPixels + 4;
+    static constexpr bool kFit = kPixels > 0 && kWindow <= kWidest;
     typedef typename Fitting<kWindow>::Lanes Lanes;
 
     void set(int n, const ShiftedBox& box, const Point<Lanes>& point) {
