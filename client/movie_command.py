@@ -50,7 +50,7 @@ from volsplat.protocol.volume_name import check_is_there, volume_name
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
 @click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
 @memory_option
-@click.option("--single", is_flag=True, help="One process, no servers: the same images.")
+@click.option("--single", is_flag=True, help="One process on all cores, no servers: the same images.")
 def movie(
     volume: str,
     output: Path,

@@ -94,7 +94,8 @@ def opened_quietly(
     if servers.single:
         from volsplat.client.single import SingleProcess
 
-        with SingleProcess(volume, memory=servers.memory, on_progress=say) as single:
+        cores = os.cpu_count() or 1
+        with SingleProcess(volume, threads=cores, memory=servers.memory, on_progress=say) as single:
             yield single
         return
     token = servers.token or new_token()

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 @click.option("--bounds", metavar="I0:I1,J0:J1,K0:K1", help="Draw only this part of the grid.")
 @click.option("--edges/--no-edges", default=None, help="Draw the volume's boundary as white edges.")
 @memory_option
-@click.option("--single", is_flag=True, help="One process, no servers: the same image.")
+@click.option("--single", is_flag=True, help="One process on all cores, no servers: the same image.")
 @click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")

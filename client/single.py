@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 WORKER = 1  # the one map/shade "server"
+WALKED_APART_FROM = 4  # threads
 
 
 class Superseded(Exception):
@@ -54,12 +55,13 @@ class SingleProcess:
     ) -> None:
         """Read and survey the volume. Raises BadInput.
 
-        `threads` share out stripes of the image and splat; where there are several, one more walks ahead of them.
+        `threads` share out stripes of the image and splat; one of them walks and merges as well. From
+        WALKED_APART_FROM on another thread walks, since a third of a frame is too much for one of so many.
         `memory` is how many bytes of a prepared volume may be held; by default half of what the machine has left.
         """
         self._say = on_progress or (lambda text: None)
         self._threads = threads
-        self._walker = ThreadPoolExecutor(1, "walk") if threads > 1 else None
+        self._walker = ThreadPoolExecutor(1, "walk") if threads >= WALKED_APART_FROM else None
         self._held = HeldVolume()
         self._holding = VolumeHolding()
         self._carry_out(self._holding.begin(str(volume), {WORKER: "here"}, memory))
@@ -161,7 +163,7 @@ class SingleProcess:
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, outcome))
 
     def _batches(self, walk: FrameWalk, tally: FrameTally) -> Iterator[ShadedBatch]:
-        """The walk's batches; with several threads the next one is on its way while the last is splatted."""
+        """The walk's batches; where a thread walks apart, the next one is on its way while the last is splatted."""
 
         def next_batch() -> ShadedBatch | None:
             began = time.perf_counter()

@@ -85,7 +85,7 @@ def test_a_newer_frame_ends_the_refinement_that_runs(session: Session) -> None:
     assert list(refinement) == []
 
 
-@pytest.mark.parametrize("threads", [1, 2])
+@pytest.mark.parametrize("threads", [1, 2, 4])
 @pytest.mark.parametrize("partial_interval", [0.0, 1e9], ids=["within a step", "between two steps"])
 def test_a_frame_beside_a_refinement_of_the_single_process_ends_it_and_is_whole(
     head: Path, threads: int, partial_interval: float
