@@ -40,10 +40,10 @@ def kernels(size: int, splats: int, rounds: int, json: Path | None, markdown: Pa
     outputs.check()
     from volsplat.bench import _kernels
     from volsplat.bench.map_shade_rates import PackedVolume, share_times, walk_rates
-    from volsplat.bench.splat_rates import SIDES, splat_rates
+    from volsplat.bench.splat_rates import SIDES, Rows, splat_rates
 
     paths = len(_kernels.cpu_paths())
-    parts = rounds * (paths * (len(SIDES) + len(VOLUMES)) + 2)
+    parts = rounds * (paths * (len(SIDES) * len(Rows) + len(VOLUMES)) + 2)
     with shown_progress("rounds", parts) as step:
         copied = copy_rates(rounds, step)
         splatted = list(splat_rates(splats, rounds, step))
@@ -82,15 +82,16 @@ def copy_rates(rounds: int, on_round: Callable[[], None]) -> Figure:
 def splat_table(found: Sequence[SplatRates]) -> TextTable:
     table = TextTable(
         "Splat: million splats a second on one core",
-        ("pixels", "path", "btf", "ftb", "bare loop", "M pixels/s", "btf / bare", "ftb / bare"),
-        "Medians. btf: back to front; ftb: front to back. M pixels/s: of btf. Ratios: of what was measured in turns, "
-        "with half the width of their middle half.",
+        ("pixels", "rows", "path", "btf", "ftb", "bare loop", "M pixels/s", "btf / bare", "ftb / bare"),
+        "Medians. rows: on the screen they are level, as in views without roll, or lean by a tenth. btf: back to "
+        "front; ftb: front to back. M pixels/s: of btf. Ratios: of what was measured in turns, with half the width of "
+        "their middle half.",
     )
     for one in found:
         medians = [figure("", "", values).median for values in one.rates.values()]
         rates = (significant(rate / 1e6) for rate in (*medians, medians[0] * one.side**2))
         shares = (with_give_or_take(figure("", "", share), digits=2) for share in one.over_floor().values())
-        table.add(f"{one.side}x{one.side}", one.path, *rates, *shares)
+        table.add(f"{one.side}x{one.side}", one.rows.name.lower(), one.path, *rates, *shares)
     return table
 
 
@@ -113,12 +114,10 @@ def walk_table(found: Sequence[WalkRates], size: int) -> TextTable:
 def splat_figures(found: Sequence[SplatRates]) -> list[Figure]:
     figures = []
     for one in found:
-        for name, values in one.rates.items():
-            figures.append(figure(f"splat {one.side}x{one.side}, {one.path}, {name}", "1/s", values))
-        for order, share in one.over_floor().items():
-            figures.append(figure(f"splat {one.side}x{one.side}, {one.path}, {order} over bare", "", share))
-        pixels = [rate * one.side**2 for rate in one.rates["btf"]]
-        figures.append(figure(f"pixels of {one.side}x{one.side}, {one.path}, btf", "1/s", pixels))
+        what = f"{one.side}x{one.side}, {one.rows.name.lower()}, {one.path}"
+        figures += [figure(f"splat {what}, {name}", "1/s", values) for name, values in one.rates.items()]
+        figures += [figure(f"splat {what}, {order} over bare", "", share) for order, share in one.over_floor().items()]
+        figures.append(figure(f"pixels of {what}, btf", "1/s", [rate * one.side**2 for rate in one.rates["btf"]]))
     return figures
 
 
@@ -152,13 +151,17 @@ def share_words(found: Sequence[ShareTime], size: int) -> str:
 
 
 def splat_panel(found: Sequence[SplatRates]) -> Panel:
+    from volsplat.bench.splat_rates import Rows
+
     lines: dict[str, list[tuple[float | str, float]]] = {}
-    for one in found:
+    for one in (one for one in found if one.rows == Rows.LEVEL):
         for name, values in one.rates.items():
             if name != "ftb":
                 rate = figure("", "", values).median / 1e6
                 lines.setdefault(f"{one.path}, {name}", []).append((one.side, rate))
-    return Panel("splats a second on one core", "pixels on a footprint's side", "million a second", lines, True)
+    return Panel(
+        "splats a second on one core, level rows", "pixels on a footprint's side", "million a second", lines, True
+    )
 
 
 def share_panel(found: Sequence[ShareTime]) -> Panel:

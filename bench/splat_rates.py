@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from enum import Enum
 
 import torch
 from torch import Tensor
@@ -14,7 +16,14 @@ from volsplat.bench.cpu_paths import kernels_on
 from volsplat.bench.timing import interleaved, ratios, thread_seconds
 from volsplat.protocol.footprint_shape import footprint_shape
 from volsplat.protocol.frame_plan import FramePlan, plan_frame
-from volsplat.protocol.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN, opacity_of_code
+from volsplat.protocol.packet_layout import (
+    COLOUR_SHIFT,
+    OPACITY_SHIFT,
+    POSITION_BITS,
+    ROW_RUN,
+    SUBPIXEL_BITS,
+    opacity_of_code,
+)
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, ColourTable, Image, Order, ScalarTable, Scene, Step, Tables, View
 from volsplat.protocol.volume import Geometry
 from volsplat.splat_server import _kernels
@@ -31,11 +40,19 @@ WITHIN = 0.1  # relative, of the block's opacity: sheets' weights w A vary over 
 FLOOR = "bare loop"
 
 
+class Rows(Enum):
+    """How the block's rows lie on the screen; each is a view's rotation."""
+
+    LEVEL = (0.1, 0.0, 0.0, 1.0)  # as without roll: neighbours share their rows of pixels
+    LEAN = (0.1, 0.06, 0.05, 1.0)  # by a tenth: half of the neighbours do not
+
+
 @dataclass(frozen=True)
 class SplatRates:
     """Splats a second, round by round: of each order, and of the floor."""
 
     side: int
+    rows: Rows
     path: str
     rates: dict[str, list[float]]
 
@@ -45,21 +62,21 @@ class SplatRates:
 
 
 def splat_rates(splats: int, rounds: int, on_round: Callable[[], None]) -> Iterator[SplatRates]:
-    """For each footprint size and CPU path. Also checks each image."""
-    for side in SIDES:
-        block = Block(side, splats)
+    """For each footprint size, lie of the rows and CPU path. Also checks each image."""
+    for side, rows in itertools.product(SIDES, Rows):
+        block = Block(side, rows, splats)
         for path in floors.cpu_paths():
             with kernels_on(_kernels, path):
-                yield SplatRates(side, path, block.measured(path, rounds, on_round))
+                yield SplatRates(side, rows, path, block.measured(path, rounds, on_round))
 
 
 class Block:
     """A block of equal samples in the middle of the image, whose footprints are `side` pixels wide."""
 
-    def __init__(self, side: int, splats: int) -> None:
+    def __init__(self, side: int, rows: Rows, splats: int) -> None:
         zoom = side / PIXELS_A_VOXEL
-        scene = _scene(zoom)
-        runs, packets, self._counts = _sheets(scene, zoom, splats)
+        scene = _scene(rows, zoom)
+        runs, packets, positions, self._counts = _sheets(scene, zoom, splats)
         self._memory = _kernels.BatchMemory(runs, packets)
         buffers = _kernels.SortedBuffers(1, *self._counts)
         buffers.push(0, 0, self._memory, 0, 0, True)
@@ -69,7 +86,7 @@ class Block:
         )
         assert (self._table.width, self._table.height) == (side, side)
         self._image = ImageBuffer(SIZE, SIZE)
-        self._floor = _floor(side, self._spans.packets)
+        self._floor = _floor(side, positions)
 
     def measured(self, path: str, rounds: int, on_round: Callable[[], None]) -> dict[str, list[float]]:
         """Splats a second of each order and of the floor."""
@@ -97,33 +114,33 @@ class Block:
         assert worst < WITHIN, f"the block's opacity is off by {worst:.1%}"
 
 
-def _scene(zoom: float) -> Scene:
+def _scene(rows: Rows, zoom: float) -> Scene:
     tables = Tables(
         emit=ColourTable(points=((0.0, (1.0, 1.0, 1.0)),)),
         refl=ColourTable(points=((0.0, (0.0, 0.0, 0.0)),)),
         opac=ScalarTable(points=((0.0, 1.0),)),
     )
-    view = View(rotation=(0.1, 0.06, 0.05, 1.0), zoom=zoom)
-    return Scene(tables=tables, view=view, image=Image(width=SIZE, height=SIZE))
+    return Scene(tables=tables, view=View(rotation=rows.value, zoom=zoom), image=Image(width=SIZE, height=SIZE))
 
 
-def _sheets(scene: Scene, zoom: float, splats: int) -> tuple[bytes, Tensor, tuple[int, int, int]]:
-    """Row runs, packets and counts of whole sheets that cover the middle of the image."""
+def _sheets(scene: Scene, zoom: float, splats: int) -> tuple[bytes, Tensor, Tensor, tuple[int, int, int]]:
+    """Of whole sheets that cover the middle of the image: row runs, packets, positions (n, 2) x, y, and counts."""
     side = int(SIZE * 0.6 / zoom)
     deep = max(1, splats // side**2)
     plan = plan_frame(scene, Geometry((side, side, deep)), Step.F)
     along_row = min(side, int(200 / zoom))
-    runs, packets = [], []
+    runs, packets, positions = [], [], []
     for sheet in range(deep):
         for row in range(side):
             x, y = _positions(plan, sheet, row, side)
+            positions.append(torch.stack((x, y), dim=1))
             for first in range(0, side, along_row):
                 px, py = x[first : first + along_row], y[first : first + along_row]
                 x0, y0 = int(px.min()), int(py.min())
                 runs.append(ROW_RUN.pack(sheet, row, first, len(px), x0, y0))
                 packets.append(px - x0 | py - y0 << POSITION_BITS)
     colour = (COLOUR[0] | COLOUR[1] << 8 | COLOUR[2] << 16) << COLOUR_SHIFT | OPACITY_CODE << OPACITY_SHIFT
-    return b"".join(runs), torch.cat(packets) | colour, (deep, side, side)
+    return b"".join(runs), torch.cat(packets) | colour, torch.cat(positions), (deep, side, side)
 
 
 def _positions(plan: FramePlan, sheet: int, row: int, samples: int) -> tuple[Tensor, Tensor]:
@@ -141,12 +158,9 @@ def _positions(plan: FramePlan, sheet: int, row: int, samples: int) -> tuple[Ten
     return x, y
 
 
-def _floor(side: int, splats: int) -> floors.BareSplat:
-    """The same number of boxes, one after the other along rows, as far apart as the block's samples."""
-    step = side // PIXELS_A_VOXEL
+def _floor(side: int, positions: Tensor) -> floors.BareSplat:
+    """The boxes of pixels around these positions (n, 2), 1/64 pixel, in the same order, moved into the image."""
     image = torch.zeros((SIZE, PITCH, 4))
-    across = (SIZE - 2 * side) // step
-    n = torch.arange(splats)
-    corners = torch.stack((n % across * step, n // across * step % (SIZE - side)), dim=1).int().contiguous()
+    corners = ((positions - 32 * side >> SUBPIXEL_BITS) + 1).clamp(0, SIZE - side).int().contiguous()
     weights = torch.full((side, side, 4), 0.01)
     return floors.BareSplat(image, corners, weights, torch.tensor([*(channel / 255 for channel in COLOUR), 1.0]))

@@ -91,8 +91,9 @@ def test_kernels_are_measured_on_every_path_beside_their_floors(person: Person) 
     found, markdown, _ = measured(person, "kernels", *options, plot=True)
     names = {one.name for one in found.figures}
     for path in _kernels.cpu_paths():
-        assert {f"splat {side}x{side}, {path}, bare loop" for side in (4, 8, 12, 16)} <= names
-        assert {f"splat 8x8, {path}, {order} over bare" for order in ("btf", "ftb")} <= names
+        for rows in ("level", "lean"):
+            assert {f"splat {side}x{side}, {rows}, {path}, bare loop" for side in (4, 8, 12, 16)} <= names
+            assert {f"splat 8x8, {rows}, {path}, {order} over bare" for order in ("btf", "ftb")} <= names
         assert f"map/shade noise, {path}, every voxel along k" in names
     assert "memory copy" in names and "| 8x8 |" in markdown
 
