@@ -14,7 +14,12 @@ def colour_from_hex(text: str) -> Colour:
     return (int(text[1:3], 16) / 255, int(text[3:5], 16) / 255, int(text[5:7], 16) / 255)
 
 
+def nearest_hex(colour: Colour) -> str:
+    """ "#rrggbb" of the nearest such colour."""
+    return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
+
+
 def hex_of_colour(colour: Colour) -> str | None:
     """ "#rrggbb" where that is exactly this colour, otherwise None."""
-    text = "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
+    text = nearest_hex(colour)
     return text if colour_from_hex(text) == colour else None

@@ -22,22 +22,36 @@ class HeldAnswers:
 
     def press_ahead(self, key: str, heard: Callable[[], object]) -> None:
         """Press a key four times; what answers the first press, which `heard` waits for, comes before the last."""
-        self._holding = True
+        self.keep()
         self._page.keyboard.press(key)
         heard()
-        until(self._page, lambda: len(self._held) > 0)
-        late = len(self._held)
+        late = self.kept_until("")
         self._page.keyboard.press(key)
         self._page.keyboard.press(key)
-        self._let_pass(late)
+        self.let_pass(late)
         self._page.keyboard.press(key)
+        self.let_all_pass()
 
-    def _let_pass(self, count: int) -> None:
-        """Hand over the first answers that wait."""
+    def keep(self) -> None:
+        """From now on nothing comes."""
+        self._holding = True
+
+    def kept_until(self, text: str) -> int:
+        """Waits until something with this text is kept, and tells how many messages then are."""
+        until(self._page, lambda: any(text in str(message) for _, message in self._held))
+        return len(self._held)
+
+    def let_pass(self, count: int) -> None:
+        """Hand over the first messages that are kept."""
         for socket, message in self._held[:count]:
             socket.send(message)
         del self._held[:count]
         self._page.evaluate("() => new Promise(requestAnimationFrame)")  # so that the page has shown them
+
+    def let_all_pass(self) -> None:
+        """Hand over all that is kept, and keep nothing more."""
+        self._holding = False
+        self.let_pass(len(self._held))
 
     def _connect(self, socket: WebSocketRoute) -> None:
         def answered(message: str | bytes) -> None:

@@ -409,11 +409,43 @@ def test_the_image_has_a_fixed_size_or_follows_the_window(tab: Tab) -> None:
 def test_background_and_edges_are_set(tab: Tab) -> None:
     tab.types("background, #rrggbb", "#336699")
     tab.becomes(lambda scene: scene.image.background, (0x33 / 255, 0x66 / 255, 0x99 / 255))
-    tab.page.wait_for_function("""() => document.querySelector('[aria-label="background"]').value === "#336699" """)
+    tab.holds("background", "#336699")
     tab.field("background").fill("#ff0000")
     tab.becomes(lambda scene: scene.image.background, (1.0, 0.0, 0.0))
     tab.page.get_by_role("switch", name="white edges of the volume").click()
     tab.becomes(lambda scene: scene.image.edges, True)
+
+
+@pytest.fixture
+def late_black(browser_page: Page, url: str) -> tuple[Tab, HeldAnswers]:
+    """A tab that shows a background which is black by now, of which the tab has not heard."""
+    answers = HeldAnswers(browser_page)
+    tab = Tab(browser_page, url)
+    tab.types("background, #rrggbb", "#336699")
+    tab.holds("background", "#336699")
+    answers.keep()
+    assert browser_page.request.get(f"{url}/again").ok
+    answers.kept_until("#000000")
+    return tab, answers
+
+
+def test_what_is_typed_stays_where_the_server_tells_late_what_was_there(late_black: tuple[Tab, HeldAnswers]) -> None:
+    tab, answers = late_black
+    tab.field("background, #rrggbb").fill("#ff0000")
+    answers.let_all_pass()
+    tab.holds("background, #rrggbb", "#ff0000")
+    tab.field("background, #rrggbb").press("Enter")
+    tab.becomes(lambda scene: scene.image.background, (1.0, 0.0, 0.0))
+
+
+def test_a_picked_colour_stays_where_the_server_tells_late_what_was_there(late_black: tuple[Tab, HeldAnswers]) -> None:
+    tab, answers = late_black
+    late = answers.kept_until("#000000")
+    tab.field("background").fill("#ff0000")
+    answers.let_pass(late)
+    assert tab.field("background").input_value() == "#ff0000"
+    answers.let_all_pass()
+    tab.becomes(lambda scene: scene.image.background, (1.0, 0.0, 0.0))
 
 
 # -- bad input

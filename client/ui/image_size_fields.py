@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, whole_number_field
+from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor
 from volsplat.client.ui.image_size import ImageSize, sized
+from volsplat.client.ui.text_field import whole_number_field
 from volsplat.protocol.scene import Scene
 
 CHOICES = {True: "follows the window", False: "fixed"}

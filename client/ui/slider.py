@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal
 
-from nicegui.element import Element
-from nicegui.events import GenericEventArguments
-
-from volsplat.client.ui.fields import SceneEditor, show_prop
+from volsplat.client.ui.fields import SceneEditor
+from volsplat.client.ui.hand_led import HandLed
 from volsplat.protocol.scene import Scene
 
 
-class Slider(Element, component="slider_component.js"):
+class Slider(HandLed, component="slider_component.js"):
     """A slider for a number, or a range for {"min", "max"}; what it changes settles when it is let go.
 
     `get` gives its position in a scene; `put` makes a scene of it, and must take any position.
@@ -28,19 +26,15 @@ class Slider(Element, component="slider_component.js"):
         put: Callable[[Scene, Any], Scene],
         tag: Literal["q-slider", "q-range"] = "q-slider",
     ) -> None:
-        super().__init__()
+        super().__init__(get(editor.scene), self._slid)
         self.props.update({"tag": tag, "name": name, "min": span[0], "max": span[1], "step": step})
         self._editor = editor
         self._get = get
         self._put = put
-        self._moves = 0  # of the hand, that were heard of
         self._held = False
-        self.on("slide", self._slid)
         editor.follow(self._show)
 
-    def _slid(self, event: GenericEventArguments) -> None:
-        position, settled = event.args["position"], bool(event.args["settled"])
-        self._moves = event.args["moves"]
+    def _slid(self, position: Any, settled: bool) -> None:
         self._held = not settled
         self._editor.change(
             lambda scene: self._put(scene, position) if position != self._get(scene) else scene, settled=settled
@@ -49,4 +43,4 @@ class Slider(Element, component="slider_component.js"):
 
     def _show(self, scene: Scene) -> None:
         if not self._held:
-            show_prop(self, "told", {"position": self._get(scene), "moves": self._moves})
+            self.tell(self._get(scene))

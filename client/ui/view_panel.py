@@ -5,23 +5,21 @@ from __future__ import annotations
 import msgspec
 from nicegui import ui
 
-from volsplat.client.colours import colour_from_hex
+from volsplat.client.colours import colour_from_hex, nearest_hex
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.ui.colour_swatch import ColourSwatch
 from volsplat.client.ui.density_window_fields import density_window_fields
 from volsplat.client.ui.fields import (
     TOGGLE_PROPS,
     SceneEditor,
-    TextField,
     choose,
-    number_field,
     pressable,
     show_pressed,
-    show_prop,
-    whole_number_field,
 )
 from volsplat.client.ui.image_size_fields import image_size_fields
 from volsplat.client.ui.slider import Slider
 from volsplat.client.ui.steps_bar import ORDER_WORDS
+from volsplat.client.ui.text_field import TextField, number_field, whole_number_field
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.view_rotation import Quaternion, about, named_view, product
 from volsplat.protocol.footprint_shape import DEFAULT_RADIUS
@@ -304,32 +302,17 @@ def _directions(editor: SceneEditor) -> None:
 
 
 def _background(editor: SceneEditor) -> None:
-    """A swatch that opens the browser's own picker, and the colour as text."""
+    """A swatch, and the colour as text."""
 
-    def put(scene: Scene, text: str) -> Scene:
-        return _image(scene, background=colour_from_hex(text))
+    def coloured(scene: Scene, colour: Colour) -> Scene:
+        return _image(scene, background=colour)
 
     with ui.element("div").classes("vs-row"):
         ui.label("background").classes("vs-label")
-        swatch = ui.element("input").classes("vs-swatch").props('type=color aria-label="background"')
-        swatch.on(
-            "input",
-            lambda event: editor.change(lambda scene: put(scene, event.args), settled=False),
-            js_handler="(event) => emit(event.target.value)",
+        ColourSwatch(editor, "background", lambda scene: scene.image.background, coloured)
+        TextField(
+            editor,
+            "background, #rrggbb",
+            lambda scene: nearest_hex(scene.image.background),
+            lambda scene, text: coloured(scene, colour_from_hex(text)),
         )
-        swatch.on(
-            "change",
-            lambda event: editor.change(lambda scene: put(scene, event.args)),
-            js_handler="(event) => emit(event.target.value)",
-        )
-        TextField(editor, "background, #rrggbb", lambda scene: nearest_hex(scene.image.background), put)
-
-    def show(scene: Scene) -> None:
-        show_prop(swatch, "value", nearest_hex(scene.image.background))
-
-    editor.follow(show)
-
-
-def nearest_hex(colour: Colour) -> str:
-    """ "#rrggbb" of the nearest such colour."""
-    return "#" + "".join(f"{round(255 * channel):02x}" for channel in colour)
