@@ -104,12 +104,13 @@ class Listener:
             if self._closing.is_set():
                 return
             self._closing.set()
-            pending = list(self._pending.items())
         for way, thread in self._ways:
             with suppress(OSError):  # macOS has nothing to shut down here
                 way.shutdown(socket.SHUT_RDWR)  # wakes accept(); close() alone does not
             thread.join()
             way.close()
+        with self._lock:  # only now, when no more come
+            pending = list(self._pending.items())
         for connection, thread in pending:
             connection.close()
             thread.join()

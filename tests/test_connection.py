@@ -420,6 +420,30 @@ def test_closing_a_listener_ends_handshakes_and_wakes_accept(host: str) -> None:
         connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT, patience=0)
 
 
+class HeldUp(Listener):
+    """A listener whose thread is held up between a call and its handshake."""
+
+    def __init__(self, host: str) -> None:
+        self.called, self.goes_on = threading.Event(), threading.Event()
+        super().__init__(Role.CLIENT, TOKEN, host=host, handshake_seconds=2 * PATIENT)
+
+    def _begin(self, caller: socket.socket, address: Address) -> None:
+        self.called.set()
+        self.goes_on.wait(PATIENT)
+        super()._begin(caller, address)
+
+
+def test_closing_a_listener_ends_also_what_comes_at_that_moment(host: str) -> None:
+    listener = HeldUp(host)
+    with socket.create_connection(listener.address) as stranger:
+        assert listener.called.wait(PATIENT)
+        with in_thread(listener.close):
+            assert listener._closing.wait(PATIENT)
+            with listener._lock:
+                listener.goes_on.set()
+        assert silent(stranger)
+
+
 def test_a_port_in_use_is_one_clear_line(host: str) -> None:
     with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         port = listener.address.port
