@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from volsplat.client.colours import colour_from_hex, nearest_hex
-from volsplat.client.ui.fields import SceneEditor
+from volsplat.client.ui.controls import SceneEditor
 from volsplat.client.ui.hand_led import HandLed
 from volsplat.protocol.scene import Colour, Scene
 

@@ -9,7 +9,7 @@ from nicegui import ui
 
 from volsplat.client.density_histogram import window_of_shares
 from volsplat.client.surveyed_volume import SurveyedVolume
-from volsplat.client.ui.fields import SceneEditor, show_pressed
+from volsplat.client.ui.controls import SceneEditor, show_pressed
 from volsplat.client.ui.text_field import number_field
 from volsplat.protocol.scene import Scene
 

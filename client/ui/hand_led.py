@@ -11,7 +11,7 @@ from typing import Any
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from volsplat.client.ui.fields import show_prop
+from volsplat.client.ui.controls import show_prop
 
 
 class HandLed(Element):

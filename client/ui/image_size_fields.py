@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor
+from volsplat.client.ui.controls import TOGGLE_PROPS, SceneEditor
 from volsplat.client.ui.image_size import ImageSize, sized
 from volsplat.client.ui.text_field import whole_number_field
 from volsplat.protocol.scene import Scene

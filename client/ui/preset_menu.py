@@ -9,8 +9,8 @@ from nicegui import ui
 
 from volsplat.client.presets import PRESETS, fits, preset_scene
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.ui.controls import show_prop
 from volsplat.client.ui.field_histograms import density_counts
-from volsplat.client.ui.fields import show_prop
 from volsplat.client.ui.table_edits import value_at
 from volsplat.protocol.scene import ColourTable, Field, Quantise, Scene
 

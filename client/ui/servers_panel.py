@@ -10,7 +10,7 @@ from volsplat.client.bottleneck import bottleneck
 from volsplat.client.frame_report import report_of
 from volsplat.client.renderer import StepOutcome
 from volsplat.client.server_states import ServerState
-from volsplat.client.ui.fields import panel_style
+from volsplat.client.ui.controls import panel_style
 from volsplat.client.ui.frame_timeline import STAGES, lanes_of, stage_class, stages_of, time_text, timeline_svg
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.running_step import progress

@@ -8,7 +8,7 @@ from typing import Literal
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.ui.fields import TOGGLE_PROPS, SceneEditor, choose, show_prop
+from volsplat.client.ui.controls import TOGGLE_PROPS, SceneEditor, choose, show_prop
 from volsplat.client.ui.light_ball import LightBall
 from volsplat.client.ui.slider import Slider
 from volsplat.client.ui.text_field import number_field

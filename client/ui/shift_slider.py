@@ -7,7 +7,7 @@ from collections.abc import Callable
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
-from volsplat.client.ui.fields import show_prop
+from volsplat.client.ui.controls import show_prop
 
 
 class ShiftSlider(Element, component="shift_slider_component.js"):

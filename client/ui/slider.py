@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, Literal
 
-from volsplat.client.ui.fields import SceneEditor
+from volsplat.client.ui.controls import SceneEditor
 from volsplat.client.ui.hand_led import HandLed
 from volsplat.protocol.scene import Scene
 

@@ -9,7 +9,7 @@ from nicegui import context, ui
 from nicegui.element import Element
 
 from volsplat.client.frame_report import STEP_WORDS
-from volsplat.client.ui.fields import SceneEditor, show_pressed
+from volsplat.client.ui.controls import SceneEditor, show_pressed
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.running_step import progress
 from volsplat.client.ui.throttle import Throttle

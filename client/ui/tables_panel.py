@@ -11,8 +11,8 @@ import msgspec
 from nicegui import context, ui
 
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.ui.controls import SceneEditor
 from volsplat.client.ui.field_histograms import field_axis, field_histogram
-from volsplat.client.ui.fields import SceneEditor
 from volsplat.client.ui.preset_menu import OfferedPresets, PresetMenu
 from volsplat.client.ui.scene_model import SceneModel, SceneState
 from volsplat.client.ui.shift_slider import ShiftSlider

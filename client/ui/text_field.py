@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from volsplat.client.ui.fields import Edit, SceneEditor, show_prop
+from volsplat.client.ui.controls import Edit, SceneEditor, show_prop
 from volsplat.client.ui.hand_led import HandLed
 from volsplat.protocol.scene import Scene
 
@@ -34,11 +34,11 @@ class TextField(HandLed, component="text_field_component.js"):
         self.classes("vs-field")
         self.on("keydown.enter", self._commit)
         self.on("blur", self._leave)
-        self._complain("")
         editor.follow(self._show)
 
     def _show(self, scene: Scene) -> None:
         if self._typed is None:
+            self._complain("")
             self.tell(self._get(scene))
 
     def _complain(self, complaint: str) -> None:
@@ -67,7 +67,6 @@ class TextField(HandLed, component="text_field_component.js"):
         typed, self._typed = self._typed, None  # so that the field shows what becomes of it
         try:
             self._editor.change(edit, undoable=self._undoable)
-            self._complain("")
         except ValueError as error:
             self._typed = typed
             self._complain(str(error))
@@ -75,7 +74,6 @@ class TextField(HandLed, component="text_field_component.js"):
     def _leave(self) -> None:
         self._commit()
         self._typed = None
-        self._complain("")
         self._show(self._editor.scene)
 
 

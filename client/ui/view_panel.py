@@ -8,14 +8,14 @@ from nicegui import ui
 from volsplat.client.colours import colour_from_hex, nearest_hex
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.colour_swatch import ColourSwatch
-from volsplat.client.ui.density_window_fields import density_window_fields
-from volsplat.client.ui.fields import (
+from volsplat.client.ui.controls import (
     TOGGLE_PROPS,
     SceneEditor,
     choose,
     pressable,
     show_pressed,
 )
+from volsplat.client.ui.density_window_fields import density_window_fields
 from volsplat.client.ui.image_size_fields import image_size_fields
 from volsplat.client.ui.slider import Slider
 from volsplat.client.ui.steps_bar import ORDER_WORDS

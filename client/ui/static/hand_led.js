@@ -6,7 +6,7 @@ export const handLed = {
   props: { told: Object },
   emits: ["moved"],
   created() {
-    this.moves = 0;
+    this.moves = this.told.moves;
   },
   methods: {
     move(value, settled) {
