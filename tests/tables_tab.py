@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import FloatRect, Locator, Page
 
 PROGRAM = Path(__file__).parent / "tables_page.py"
-PATIENCE = 10_000  # milliseconds, for what the page is to show
+PATIENCE = 20_000  # milliseconds, for what the page is to show
 TITLES = {"emit": "Emitted", "refl": "Reflected", "opac": "Opacity", "modu": "Modulation"}
 
 

@@ -35,6 +35,7 @@ def port() -> Iterator[int]:
     """A guarded application on a port of this machine."""
     with socket.socket() as listening:
         listening.bind(("127.0.0.1", 0))
+        listening.listen()
         number = int(listening.getsockname()[1])
         application = Starlette(routes=[Route("/", secret), WebSocketRoute("/socket", secret_socket)])
         server = uvicorn.Server(uvicorn.Config(Gate(application, TOKEN, number), log_level="warning"))

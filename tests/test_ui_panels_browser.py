@@ -161,9 +161,11 @@ def test_arrow_keys_move_a_wire_along_its_row(tab: Tab) -> None:
 def test_a_switch_turns_a_part_of_the_shading_on_and_off(tab: Tab, part: str) -> None:
     name = part.replace("-", "_")
     before = getattr(tab.scene.shading, name)
+    switch = tab.page.get_by_role("switch", name=part, exact=True)
     for value in (not before, before):
-        tab.page.get_by_role("switch", name=part, exact=True).click()
+        switch.click()
         tab.becomes(lambda scene: getattr(scene.shading, name), value)
+        tab.shows(switch, "aria-checked", str(value).lower())
 
 
 def test_the_specular_power_is_typed_or_slid(tab: Tab) -> None:
@@ -318,6 +320,7 @@ def test_bounds_are_slid(tab: Tab) -> None:
 def test_the_order_is_chosen(tab: Tab, words: str, order: Order) -> None:
     tab.button(words, "refinement").click()
     tab.becomes(lambda scene: scene.order, order)
+    tab.shows(tab.button(words, "refinement"), "aria-pressed", "true")
     tab.button("fastest", "refinement").click()
     tab.becomes(lambda scene: scene.order, Order.FASTEST)
 
@@ -365,6 +368,7 @@ def test_the_code_of_directions_is_chosen(tab: Tab) -> None:
     for directions in ("paper", "octahedral"):
         tab.button(directions, "image").click()
         tab.becomes(lambda scene: scene.quantise.directions, directions)
+        tab.shows(tab.button(directions, "image"), "aria-pressed", "true")
 
 
 def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:

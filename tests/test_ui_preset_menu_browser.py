@@ -69,7 +69,7 @@ def marked(tab: Tab) -> list[str]:
 
 def strip(tab: Tab, name: str, position: float) -> Colour:
     """The colour on the screen at a position of a preset's strip."""
-    shot = tab.page.locator(".vs-preset", has_text=name).locator(".vs-preset-strip").screenshot()
+    shot = tab.page.locator(".vs-preset", has_text=name).locator(".vs-preset-strip").screenshot(animations="disabled")
     picture = Image.open(io.BytesIO(shot)).convert("RGB")
     colour = picture.getpixel((round(position * picture.width), picture.height // 2))
     assert isinstance(colour, tuple)

@@ -106,9 +106,14 @@ def test_control_drag_rolls(shown: ShownViewport) -> None:
 
 
 def test_the_wheel_zooms_to_the_pointer_and_settles_after_it(shown: ShownViewport) -> None:
-    shown.page.mouse.move(MIDDLE[0] + 100.5, MIDDLE[1] + 0.5)
-    for _ in range(3):
-        shown.page.mouse.wheel(0, -100)
+    shown.page.evaluate(  # at once: it settles after a pause
+        """([clientX, clientY]) => {
+            const wheel = { deltaY: -100, clientX, clientY, bubbles: true, cancelable: true };
+            for (let n = 0; n < 3; n++)
+                document.elementFromPoint(clientX, clientY).dispatchEvent(new WheelEvent("wheel", wheel));
+        }""",
+        [MIDDLE[0] + 100.5, MIDDLE[1] + 0.5],
+    )
     view = shown.process.wait_for_settled()
     assert [v["settled"] for v in shown.process.heard_of("view")].count(True) == 1
     assert view["zoom"] == pytest.approx(VIEW["zoom"] * 2 ** (300 / 400), rel=ROUNDING)
@@ -177,7 +182,7 @@ def test_number_keys_look_from_a_side(shown: ShownViewport, key: str, name: str)
     shown.canvas.focus()
     shown.page.keyboard.press("ArrowUp")
     shown.page.keyboard.press(key)
-    view = shown.process.wait_for_settled()
+    view = shown.wait_for_the_last_to_settle()
     assert view["rotation"] == pytest.approx(named_view(name), abs=ROUNDING)
     assert shown.process.heard_of("view")[0]["settled"] is False  # the arrow's; it settles where the number is late
 
@@ -232,7 +237,7 @@ def test_reset_and_fit_show_the_whole_volume(shown: ShownViewport, key: str) -> 
     shown.page.keyboard.press("+")
     shown.page.keyboard.press("Shift+ArrowUp")
     shown.page.keyboard.press(key)
-    view = shown.process.wait_for_settled()
+    view = shown.wait_for_the_last_to_settle()
     radius = math.hypot(32, 24, 40)
     assert view["zoom"] == pytest.approx(0.95 * SIZE[1] / (2 * radius / VOLUME["reference_spacing"]))
     assert view["center"] == VIEW["center"]

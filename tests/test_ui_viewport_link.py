@@ -38,7 +38,7 @@ def view(volume: Path) -> Iterator[Viewed]:
 def viewport(view: Viewed) -> Iterator[Viewport]:
     with view.viewport("a") as opened:
         opened.says("size", width=SIDE, height=SIDE)
-        opened.last_picture()
+        opened.last_picture(width=SIDE)
         yield opened
 
 
@@ -55,7 +55,7 @@ def pixels(picture: Shown) -> torch.Tensor:
 def test_a_still_image_refines_through_the_steps_to_a_lossless_one(view: Viewed, volume: Path) -> None:
     with view.viewport("steps") as viewport:
         viewport.says("size", width=SIDE + 7, height=SIDE)
-        shown = viewport.last_picture()
+        shown = viewport.last_picture(width=SIDE + 7)
     finished = [picture.header["step"] for picture in shown if picture.header["complete"]]
     assert finished == sorted(finished) and finished[-1] == "F"
     numbers = [picture.header["number"] for picture in shown]

@@ -86,8 +86,14 @@ def test_a_damaged_picture_is_told_of_and_acknowledged(shown: ShownViewport) -> 
 
 
 def test_the_size_of_the_element_is_asked_for_once_it_rests(shown: ShownViewport) -> None:
-    for width in (500, 450, 400):
-        shown.page.evaluate("(width) => { document.querySelector('#host').style.width = `${width}px` }", width)
+    shown.page.evaluate(
+        """async () => {
+            for (const width of [500, 450, 400]) {
+                document.querySelector("#host").style.width = `${width}px`;
+                await new Promise(requestAnimationFrame);
+            }
+        }"""
+    )
     said = shown.process.wait_for("size")
     assert (said["width"], said["height"]) == (400, SIZE[1])
     shown.show_and_wait()

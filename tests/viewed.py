@@ -72,6 +72,7 @@ def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
     watchdog.start()
     try:
         url = _address(process.stderr, said)
+        watchdog.cancel()
         assert url is not None, "".join(said)
         reading = threading.Thread(target=lambda: said.extend(process.stderr or []), daemon=True)
         reading.start()
@@ -141,11 +142,12 @@ class Viewport:
                     self.says("shown", number=heard.header["number"])
                 yield heard
 
-    def last_picture(self, event: int = 0) -> list[Shown]:
-        """All pictures up to the last one that contains this event."""
+    def last_picture(self, event: int = 0, width: int | None = None) -> list[Shown]:
+        """All pictures up to the last one that contains this event, and is so wide."""
         seen = []
         for picture in self.pictures():
             seen.append(picture)
-            if picture.header["last"] and picture.header["event"] >= event:
+            wanted = picture.header["event"] >= event and width in (None, picture.header["width"])
+            if picture.header["last"] and wanted:
                 return seen
         raise AssertionError("pictures never end")

@@ -218,6 +218,12 @@ class ShownViewport:
         numbers: list[int] = self.page.evaluate("volsplatViewport.log.map(({ number }) => number)")
         return numbers
 
+    def wait_for_the_last_to_settle(self) -> Message:
+        """The settled view that ends all that the person has done."""
+        self.frames(2)  # within which it is sent
+        event: int = self.page.evaluate("volsplatViewport.sent.at(-1).event")
+        return self.process.wait_for_settled_after(event - 1)
+
     def frames(self, count: int) -> None:
         """Let the page draw that many animation frames."""
         self.page.evaluate(
