@@ -5,19 +5,7 @@ export default {
   mixins: [handLed],
   template: `
     <component :is="tag" dense :min="min" :max="max" :step="step" :disable="disable" :aria-label="name"
-      :model-value="position" @update:model-value="slide($event, false)" @change="slide($event, true)"
+      :model-value="value" @update:model-value="move($event, false)" @change="move($event, true)"
     ><slot></slot></component>`,
   props: { tag: String, name: String, min: Number, max: Number, step: Number, disable: Boolean },
-  data() {
-    return { position: this.told.value };
-  },
-  methods: {
-    show(position) {
-      this.position = position;
-    },
-    slide(position, settled) {
-      this.position = position;
-      this.move(position, settled);
-    },
-  },
 };
