@@ -105,7 +105,7 @@ def test_nrrd_spacings_alone_place_nothing_in_a_patient(tmp_path: Path) -> None:
     path = nrrd(tmp_path / "volume.nrrd", values_of("uint8"), 'spacings: 1 2 nan\nunits: "um" "um" "um"')
     description = open_volume(str(path)).describe()
     assert description.geometry.spacing == (1.0, 2.0, 1.0)
-    assert not description.anatomical and description.unit == "um"
+    assert not description.anatomical and description.unit == "µm"
 
 
 def nrrd(path: Path, values: Voxels, fields: str, encoding: str = "raw", data: bytes | None = None) -> Path:

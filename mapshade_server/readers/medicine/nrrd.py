@@ -12,8 +12,9 @@ from typing import Literal
 import numpy as np
 
 from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader, header_of_file
+from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.simple_itk import (
-    checked_geometry,
     extracted,
     header_of,
     refuse_other_dimensions,
@@ -22,11 +23,7 @@ from volsplat.mapshade_server.readers.simple_itk import (
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import IDENTITY, Matrix, Vector, transposed
-from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
-
-LONGEST_HEADER = 1 << 20
-LONGEST_LINE = 1 << 16
+from volsplat.protocol.volume import Box, Index, VolumeDescription
 
 _SCALAR_TYPES = {
     "int8": "signed char, int8, int8_t",
@@ -52,65 +49,12 @@ PACKINGS = {
 BYTE_ORDERS: dict[str, Literal["<", ">"]] = {"little": "<", "big": ">"}
 TEXT_ENCODINGS = ("txt", "text", "ascii", "hex")
 
-# Signs that turn an anatomical space into left, posterior, superior.
-ANATOMICAL_SPACES: dict[str, Vector] = {
-    "right-anterior-superior": (-1.0, -1.0, 1.0),
-    "ras": (-1.0, -1.0, 1.0),
-    "left-anterior-superior": (1.0, -1.0, 1.0),
-    "las": (1.0, -1.0, 1.0),
-    "left-posterior-superior": (1.0, 1.0, 1.0),
-    "lps": (1.0, 1.0, 1.0),
-}
 SPATIAL_KINDS = ("domain", "space")
 FRAME_KINDS = ("list", "time", "none", "???", "")  # of an axis along which there are volumes, not components
 
 
 def recognises(head: bytes) -> bool:
     return head.startswith(b"NRRD000")
-
-
-@dataclass(frozen=True)
-class _Header:
-    """The fields by their lower-case names, and where the header ends in the file."""
-
-    path: Path
-    fields: dict[str, str]
-    file_list: tuple[str, ...]
-    end: int
-
-    def wrong(self, name: str, why: str) -> BadInput:
-        return BadInput(f'{self.path}: the header\'s "{name}: {self.fields.get(name, "")}" {why}; correct the header')
-
-    def integers(self, name: str) -> tuple[int, ...]:
-        try:
-            return tuple(int(word) for word in self.fields.get(name, "").split())
-        except ValueError:
-            raise self.wrong(name, "is not a list of whole numbers") from None
-
-    def numbers(self, name: str, count: int) -> list[float]:
-        try:
-            values = [float(word) for word in self.fields[name].split()]
-        except ValueError:
-            raise self.wrong(name, "is not a list of numbers") from None
-        if len(values) != count:
-            raise self.wrong(name, f"should have {count} values")
-        return values
-
-    def vectors(self, name: str) -> list[Vector | None]:
-        """Vectors of three components, or None for an axis that leads nowhere in space: none, or along time only."""
-        found: list[Vector | None] = []
-        for match in re.finditer(r"none|\(([^()]*)\)", self.fields[name]):
-            try:
-                values = [float(word) for word in (match[1] or "").split(",") if word.strip()]
-            except ValueError:
-                raise self.wrong(name, "is not a list of vectors") from None
-            if match[0] == "none" or len(values) > 3 and not any(values[:3]) and any(values[3:]):
-                found.append(None)
-            elif len(values) < 3 or any(values[3:]):
-                raise self.wrong(name, "should have three components in each vector")
-            else:
-                found.append((values[0], values[1], values[2]))
-        return found
 
 
 @dataclass(frozen=True)
@@ -179,7 +123,7 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
 
     Raises BadInput where the header cannot be used or the data is missing.
     """
-    header = _header_of(path)
+    header = header_of_file(path)
     axes = _axes(header)
     if axes.frames > 1 and not part and axes.kind not in FRAME_KINDS:
         what = f"{axes.frames} components a voxel, of kind {axes.kind}"
@@ -189,15 +133,17 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
     if scalar_type is None:
         raise header.wrong("type", "is not a type of number that volsplat reads")
     encoding = header.fields.get("encoding", "").lower()
-    geometry, anatomical = _geometry(header, axes)
+    place = place_of(header, axes.of_volume, axes.dims)
     why_whole = "" if encoding == "raw" else f"the voxels are stored as {encoding}"
     description = VolumeDescription(
         name=f"{path.name}#{frame}" if axes.frames > 1 else path.name,
         format="NRRD",
-        geometry=geometry,
+        geometry=place.geometry,
         scalar_type=scalar_type,
-        unit=_unit(header, anatomical),
-        anatomical=anatomical,
+        unit=place.unit,
+        value_unit=header.fields.get("sample units", "").strip('"'),
+        anatomical=place.anatomical,
+        warnings=place.warnings,
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )
@@ -220,24 +166,7 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
     return NrrdReader(description, voxels, axes, frame)
 
 
-def _header_of(path: Path) -> _Header:
-    fields: dict[str, str] = {}
-    file_list: list[str] = []
-    with path.open("rb") as file:
-        file.readline(LONGEST_LINE)  # the magic, which was recognised
-        while (line := file.readline(LONGEST_LINE)).strip():
-            text = line.decode("utf-8", "replace").strip()
-            if fields.get("data file", "").upper().startswith("LIST"):
-                file_list.append(text)
-            elif not text.startswith("#") and ":=" not in text and ":" in text:
-                name, _, value = text.partition(":")
-                fields["data file" if name == "datafile" else name.strip().lower()] = value.strip()
-            if file.tell() > LONGEST_HEADER:
-                raise BadInput(f"{path}: the NRRD header does not end; correct the file")
-        return _Header(path, fields, tuple(file_list), file.tell())
-
-
-def _axes(header: _Header) -> _Axes:
+def _axes(header: NrrdHeader) -> _Axes:
     sizes = header.integers("sizes")
     if not sizes or min(sizes) < 1 or header.integers("dimension") != (len(sizes),):
         raise header.wrong("sizes", "does not fit the dimension")
@@ -260,11 +189,11 @@ def _axes(header: _Header) -> _Axes:
     return _Axes(sizes, of_volume, sizes[along[0]], kind, along == [0])
 
 
-def _kinds(header: _Header) -> list[str]:
+def _kinds(header: NrrdHeader) -> list[str]:
     return header.fields.get("kinds", "").lower().split()
 
 
-def _spatial(header: _Header, count: int) -> list[bool]:
+def _spatial(header: NrrdHeader, count: int) -> list[bool]:
     """Which axes lead through space, as the kinds have it or else the directions."""
     kinds = _kinds(header)
     if len(kinds) == count:
@@ -273,56 +202,7 @@ def _spatial(header: _Header, count: int) -> list[bool]:
     return [direction is not None for direction in directions] if len(directions) == count else [True] * count
 
 
-def _geometry(header: _Header, axes: _Axes) -> tuple[Geometry, bool]:
-    """The place in space, with physical axes turned to LPS where the file names an anatomical space."""
-    space = header.fields.get("space", "").lower().removesuffix("-time")
-    anatomical = space in ANATOMICAL_SPACES
-    signs = ANATOMICAL_SPACES.get(space, (1.0, 1.0, 1.0))
-    count = len(axes.sizes)
-    matrix: Matrix = IDENTITY
-    origin: Vector = (0.0, 0.0, 0.0)
-    if "space directions" in header.fields:
-        directions = header.vectors("space directions")
-        steps = [directions[axis] for axis in axes.of_volume] if len(directions) == count else []
-        if len(steps) != 3 or None in steps:
-            raise header.wrong("space directions", "does not give a vector for each axis of the volume")
-        matrix = transposed((steps[0] or origin, steps[1] or origin, steps[2] or origin))
-    else:
-        lengths, starts = _axis_positions(header, axes)
-        matrix = ((lengths[0], 0.0, 0.0), (0.0, lengths[1], 0.0), (0.0, 0.0, lengths[2]))
-        origin = (starts[0], starts[1], starts[2])
-        anatomical = False  # spacings alone place nothing in the space
-        signs = (1.0, 1.0, 1.0)
-    if "space origin" in header.fields:
-        origins = header.vectors("space origin")
-        if len(origins) != 1 or origins[0] is None:
-            raise header.wrong("space origin", "is not one vector")
-        origin = origins[0]
-    turned = tuple(tuple(sign * x for x in row) for sign, row in zip(signs, matrix, strict=True))
-    placed = tuple(sign * x for sign, x in zip(signs, origin, strict=True))
-    return checked_geometry(header.path, axes.dims, turned, placed), anatomical  # type: ignore[arg-type]
-
-
-def _axis_positions(header: _Header, axes: _Axes) -> tuple[list[float], list[float]]:
-    """Spacing and start of each axis from spacings and axis mins, which say nothing (NaN) or are 1 and 0."""
-    lengths, starts = [1.0] * 3, [0.0] * 3
-    for name, values in (("spacings", lengths), ("axis mins", starts)):
-        if name in header.fields:
-            given = header.numbers(name, len(axes.sizes))
-            for n, axis in enumerate(axes.of_volume):
-                if given[axis] == given[axis]:
-                    values[n] = given[axis]
-    return lengths, starts
-
-
-def _unit(header: _Header, anatomical: bool) -> str:
-    units = re.findall(r'"([^"]*)"', header.fields.get("space units", header.fields.get("units", "")))
-    if units:
-        return str(units[0])
-    return "mm" if anatomical else ""  # what all writers of anatomical spaces mean
-
-
-def _pieces(header: _Header, dims: Index, item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
+def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
     """The files that hold the voxels, in the order of their sheets."""
     names = _data_files(header)
     paths = [header.path.parent / name for name in names] or [header.path]
@@ -346,7 +226,7 @@ def _pieces(header: _Header, dims: Index, item_bytes: int, packing: Packing) -> 
     return tuple(pieces)
 
 
-def _data_files(header: _Header) -> list[str]:
+def _data_files(header: NrrdHeader) -> list[str]:
     """The names of a detached header's data files: one, a list, or a numbered pattern. Empty if attached."""
     value = header.fields.get("data file", "")
     if header.file_list or value.upper().startswith("LIST"):

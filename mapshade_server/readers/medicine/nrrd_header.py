@@ -1,0 +1,91 @@
+"""The header of an NRRD file: its fields by their names, and the numbers and vectors in them."""
+
+import math
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.matrices import Vector
+
+LONGEST_HEADER = 1 << 20
+LONGEST_LINE = 1 << 16
+
+# Other spellings of fields, in lower case.
+FIELDS = {
+    "axismins": "axis mins",
+    "axismaxs": "axis maxs",
+    "centerings": "centers",
+    "datafile": "data file",
+    "lineskip": "line skip",
+    "byteskip": "byte skip",
+    "sampleunits": "sample units",
+}
+
+
+@dataclass(frozen=True)
+class NrrdHeader:
+    """The fields by their lower-case names, and where the header ends in the file."""
+
+    path: Path
+    fields: dict[str, str]
+    file_list: tuple[str, ...]
+    end: int
+
+    def wrong(self, name: str, why: str) -> BadInput:
+        return BadInput(f'{self.path}: the header\'s "{name}: {self.fields.get(name, "")}" {why}; correct the header')
+
+    def quoted(self, name: str) -> list[str]:
+        """The texts between quotation marks, none where the field is not there."""
+        return re.findall(r'"([^"]*)"', self.fields.get(name, ""))
+
+    def integers(self, name: str) -> tuple[int, ...]:
+        try:
+            return tuple(int(word) for word in self.fields.get(name, "").split())
+        except ValueError:
+            raise self.wrong(name, "is not a list of whole numbers") from None
+
+    def numbers(self, name: str, count: int) -> list[float]:
+        try:
+            values = [float(word) for word in self.fields[name].split()]
+        except ValueError:
+            raise self.wrong(name, "is not a list of numbers") from None
+        if len(values) != count:
+            raise self.wrong(name, f"should have {count} values")
+        return values
+
+    def vectors(self, name: str) -> list[Vector | None]:
+        """Vectors of three components, or None for an axis that leads nowhere in space: none, or along time only."""
+        found: list[Vector | None] = []
+        for match in re.finditer(r"none|\(([^()]*)\)", self.fields[name]):
+            try:
+                values = [float(word) for word in (match[1] or "").split(",") if word.strip()]
+            except ValueError:
+                raise self.wrong(name, "is not a list of vectors") from None
+            nowhere = match[0] == "none" or all(math.isnan(value) for value in values)
+            if nowhere or len(values) > 3 and not any(values[:3]) and any(values[3:]):
+                found.append(None)
+            elif len(values) < 3 or any(values[3:]):
+                raise self.wrong(name, "should have three components in each vector")
+            else:
+                found.append((values[0], values[1], values[2]))
+        return found
+
+
+def header_of_file(path: Path) -> NrrdHeader:
+    """The header of a file that begins as NRRD does. Raises BadInput where it does not end."""
+    fields: dict[str, str] = {}
+    file_list: list[str] = []
+    with path.open("rb") as file:
+        file.readline(LONGEST_LINE)  # the magic, which was recognised
+        while (line := file.readline(LONGEST_LINE)).strip():
+            text = line.decode("utf-8", "replace").strip()
+            if fields.get("data file", "").upper().startswith("LIST"):
+                file_list.append(text)
+            elif not text.startswith("#") and ":=" not in text and ":" in text:
+                name, _, value = text.partition(":")
+                name = name.strip().lower()
+                fields[FIELDS.get(name, name)] = value.strip()
+            if file.tell() > LONGEST_HEADER:
+                raise BadInput(f"{path}: the NRRD header does not end; correct the file")
+        return NrrdHeader(path, fields, tuple(file_list), file.tell())
