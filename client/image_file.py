@@ -16,6 +16,7 @@ import OpenImageIO as oiio
 import torch
 from torch import Tensor
 
+from volsplat.client.arguments import checked_scene
 from volsplat.client.image_formats import DEPTHS, Depth, check_writable
 from volsplat.client.temporary_name import temporary_name
 from volsplat.protocol.errors import BadInput
@@ -45,6 +46,7 @@ def write_image(
     The scene's background is put under the image, except in EXR, which keeps alpha. `properties` are stored beside
     the scene. Raises BadInput where the file cannot be written; an older file of that name then stays as it was.
     """
+    scene = checked_scene(scene)
     background = None if path.suffix.lower() == ".exr" else scene.image.background
     stored = {"scene": msgspec.json.encode(scene).decode(), **(properties or {})}
     _write(path, image, background, stored, depth, jpeg_quality)

@@ -18,6 +18,7 @@ from typing import IO
 import torch
 from torch import Tensor
 
+from volsplat.client.arguments import checked_scene
 from volsplat.client.image_file import over_background, write_image
 from volsplat.client.image_properties import image_properties
 from volsplat.client.interrupts import interrupts_held
@@ -54,6 +55,7 @@ def write_movie(
     scene does not fit the volume, VolsplatError where ffmpeg or the servers fail, and MovieCancelled at most one
     frame after `cancelled` says so; nothing is left behind then.
     """
+    scenes = [checked_scene(scene) for scene in scenes]
     width, height = _size_of_all(scenes)
     check_movie_writable(path)
     encoder = video_encoder(path)

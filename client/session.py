@@ -22,6 +22,14 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from volsplat.client.arguments import (
+    checked_address,
+    checked_count,
+    checked_number,
+    checked_scene,
+    checked_step,
+    checked_volume,
+)
 from volsplat.client.coordinator import Coordinator
 from volsplat.client.coordinator_events import (
     AbortAsked,
@@ -59,9 +67,10 @@ from volsplat.protocol import messages
 from volsplat.protocol.addresses import LOOPBACK, Address
 from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.connection import Connection, ConnectionClosed
-from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.errors import BadInput, LocalProtocolError, PeerLost, VolsplatError
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.listener import IdCounter, Listener
+from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.tokens import Token, new_token
@@ -89,6 +98,9 @@ class Session:
     are started by hand and join at `listen`. `memory` is how many bytes each map/shade server may hold of a prepared
     volume; by default half of what its machine has left, shared with the others there. `on_progress` gets one line
     for each thing that takes time, on a thread of the session.
+
+    Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
+    is none, as all methods do, and the session goes on.
     """
 
     def __init__(
@@ -102,6 +114,11 @@ class Session:
         memory: int | None = None,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
+        name = checked_volume(volume)
+        listen = checked_address(listen, "listen")
+        memory = None if memory is None else checked_count(memory, "memory")
+        if workers is not None:
+            workers = checked_count(workers, "workers")
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
@@ -116,8 +133,6 @@ class Session:
         self._volume_known = threading.Event()  # set when _volume or _failure is
         self._closed = False
 
-        if workers is not None and workers < 1:
-            raise BadInput(f"{workers} map/shade servers cannot hold a volume; start one or more")
         token = token or new_token()
         self._listener = Listener(
             Role.CLIENT,
@@ -138,7 +153,7 @@ class Session:
                 self._servers.start(Program.SPLAT_SERVER, address, token)
                 for _ in range(wanted):
                     self._servers.start(Program.MAPSHADE_SERVER, address, token)
-            self._events.put(VolumeAsked(absolute_name(str(volume)) if spawn else str(volume), wanted, memory))
+            self._events.put(VolumeAsked(absolute_name(name) if spawn else name, wanted, memory))
         except BaseException:
             self.close()
             raise
@@ -182,6 +197,7 @@ class Session:
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
+        scene, step = checked_scene(scene), checked_step(step)
         frame, answers = self._ask(scene, step, whole=True)
         *_, finished = self._drawn(frame, answers, step, partial_interval=None)
         return finished
@@ -201,6 +217,11 @@ class Session:
         Goes on where a map/shade server is lost while others hold parts of the volume: then the outcome of each
         finished image tells what is missing from it. Raises PeerLost where nothing can be drawn any more.
         """
+        scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
+        interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
+        return self._refined(scene, first, last, interval)
+
+    def _refined(self, scene: Scene, first: Step, last: Step, partial_interval: float) -> Iterator[Refinement]:
         asked: list[int] = []  # the newest frame of this refinement
 
         def drawn(step: Step) -> Iterator[Refinement]:
@@ -247,6 +268,7 @@ class Session:
         be drawn, and a frame that runs goes on.
         Raises BadInput where the scene does not fit the volume, and PeerLost where nothing can be drawn any more.
         """
+        scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
         self.volume  # noqa: B018  until it is known there is nothing to be seen
         probe, answer = self._probe_answers.ask()
         self._events.put(ProbeAsked(probe, scene, x, y))
@@ -382,6 +404,9 @@ class Session:
             connection.send(message, *payload)
         except ConnectionClosed:
             return  # by this side, at the end
+        except LocalProtocolError as error:  # nothing of it went out: as if the server had refused it
+            refused = refusal(message, error)
+            self._events.put(MessageReceived(server, refused, memoryview(b""), time.perf_counter()))
         except VolsplatError as error:
             self._events.put(ServerLost(server, str(error)))
 

@@ -12,6 +12,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
 
+from volsplat.client.arguments import (
+    checked_count,
+    checked_number,
+    checked_scene,
+    checked_step,
+    checked_volume,
+)
 from volsplat.client.coordinator_events import FrameOutcome, Instruction, ReportProgress, Send
 from volsplat.client.packing import Packing
 from volsplat.client.published_image import PublishedImage
@@ -59,12 +66,15 @@ class SingleProcess:
         WALKED_APART_FROM on another thread walks, since a third of a frame is too much for one of so many.
         `memory` is how many bytes of a prepared volume may be held; by default half of what the machine has left.
         """
+        name = checked_volume(volume)
+        memory = None if memory is None else checked_count(memory, "memory")
+        threads = checked_count(threads, "threads")
         self._say = on_progress or (lambda text: None)
         self._threads = threads
         self._walker = ThreadPoolExecutor(1, "walk") if threads >= WALKED_APART_FROM else None
         self._held = HeldVolume()
         self._holding = VolumeHolding()
-        self._carry_out(self._holding.begin(str(volume), {WORKER: "here"}, memory))
+        self._carry_out(self._holding.begin(name, {WORKER: "here"}, memory))
         self._image: ImageBuffer | None = None
         self._frame = 0
         self._ahead: Future[ShadedBatch | None] | None = None  # the batch that the walker is at
@@ -81,6 +91,7 @@ class SingleProcess:
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
+        scene, step = checked_scene(scene), checked_step(step)
         *_, finished = self._drawn(scene, step, partial_interval=float("inf"))
         return finished
 
@@ -95,6 +106,11 @@ class SingleProcess:
 
         Ends early, without an error, when something else is drawn meanwhile.
         """
+        scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
+        interval = checked_number(partial_interval, "partial_interval", least=0.0)
+        return self._refined(scene, first, last, interval)
+
+    def _refined(self, scene: Scene, first: Step, last: Step, partial_interval: float) -> Iterator[Refinement]:
         newest = 0  # frame of this refinement
 
         def drawn(step: Step) -> Iterator[Refinement]:
@@ -111,6 +127,7 @@ class SingleProcess:
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
+        scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
         geometry = self.volume.description.geometry
         packing = self._packed(scene, Step.F)
         resolution = self._holding.finest()

@@ -191,9 +191,9 @@ class View(Part, frozen=True):
         _check_finite("rotation", self.rotation)
         if not any(self.rotation):
             raise ValueError("rotation must not be all zeros")
-        if self.zoom != "fit" and not LEAST_ZOOM <= self.zoom <= GREATEST_ZOOM:
+        if not isinstance(self.zoom, str) and not LEAST_ZOOM <= self.zoom <= GREATEST_ZOOM:
             raise ValueError(f'zoom must be 1/64 to 256 pixels per voxel or "fit", not {self.zoom}')
-        if self.center != "middle":
+        if not isinstance(self.center, str):
             _check_finite("center", self.center)
 
 
@@ -218,7 +218,7 @@ class Reconstruction(Part, frozen=True):
     radius: float | Literal["default"] = "default"  # where the kernel is cut, in voxels
 
     def __post_init__(self) -> None:
-        if self.radius != "default" and not 1.0 <= self.radius <= 4.0:
+        if not isinstance(self.radius, str) and not 1.0 <= self.radius <= 4.0:
             raise ValueError(f'radius must be 1 to 4 voxels or "default", not {self.radius}')
 
 
@@ -256,7 +256,7 @@ class Quantise(Part, frozen=True):
     directions: Literal["octahedral", "paper"] = "octahedral"
 
     def __post_init__(self) -> None:
-        if self.window != "auto":
+        if not isinstance(self.window, str):
             _check_finite("window", self.window)
             if self.window[0] >= self.window[1]:
                 raise ValueError(f"window must rise, not {list(self.window)}")

@@ -195,5 +195,5 @@ def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Ses
 
 
 def test_no_workers_are_bad_input(head: Path) -> None:
-    with pytest.raises(BadInput, match="0 map/shade servers"):
+    with pytest.raises(BadInput, match="workers must be 1 or more, not 0"):
         Session(head, workers=0)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 import traitlets
 
@@ -17,6 +18,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.ui.notebook_widget import VolumeWidget, modules_from
 from volsplat.client.volume_writer import write_volume
+from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Scene
 
 VIEW = "a view"
@@ -86,9 +88,17 @@ def test_the_trait_takes_scenes_only(tmp_path: Path) -> None:
         before: Scene = notebook.widget.scene
         with pytest.raises(traitlets.TraitError):
             notebook.widget.set_trait("scene", {"order": "btf"})
+        with pytest.raises(BadInput, match="zoom"):
+            notebook.widget.scene = with_zoom(before, "near")
         assert notebook.widget.scene == before
+        notebook.widget.scene = with_zoom(before, np.float64(3.0))
+        assert type(notebook.widget.scene.view.zoom) is float
 
     in_notebook(tmp_path, use)
+
+
+def with_zoom(scene: Scene, zoom: Any) -> Scene:
+    return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom))
 
 
 def test_each_module_comes_after_all_that_it_imports() -> None:

@@ -11,6 +11,7 @@ import anywidget
 import msgspec
 import traitlets
 
+from volsplat.client.arguments import checked_scene
 from volsplat.client.session import Session
 from volsplat.client.ui.opened_viewing import opened_viewing
 from volsplat.client.ui.scene_model import SceneState
@@ -45,11 +46,11 @@ class VolumeWidget(anywidget.AnyWidget):
     _css = (STATIC / "theme.css").read_text(encoding="utf-8") + (STATIC / "viewport.css").read_text(encoding="utf-8")
     modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
     height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)
-    scene = traitlets.Instance(Scene, help="what is shown; set it, and it is drawn")
+    scene = traitlets.Instance(Scene, help="what is shown; set it, and it is drawn; BadInput for what is no scene")
 
     def __init__(self, session: Session, scene: Scene | None = None, height: int = HEIGHT) -> None:
         """Raises RuntimeError outside an event loop; a notebook has one."""
-        first = scene or session.default_scene()
+        first = session.default_scene() if scene is None else checked_scene(scene)
         super().__init__(modules=modules_from(START), height=height, scene=first)
         self._viewing = opened_viewing(session, first, "")
         self._viewing.pictures.attach(asyncio.get_running_loop())
@@ -59,6 +60,10 @@ class VolumeWidget(anywidget.AnyWidget):
         self.observe(self._on_scene_set, names="scene")
         self.on_msg(self._heard)
         self._viewing.loop.start()
+
+    @traitlets.validate("scene")
+    def _checked_scene(self, proposal: Any) -> Scene:
+        return checked_scene(proposal["value"])
 
     def close(self) -> None:
         """End the drawing; the session goes on."""
