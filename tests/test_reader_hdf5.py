@@ -329,7 +329,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
         "",
         "HDF5 cannot read it",
     ),
-    "gzip": (lambda p: zipped(one(p, NOISE)), "", "compressed by gzip as a whole"),
+    "gzip": (lambda p: zipped(one(p, NOISE)), "", "is a gzip of"),
     "no arrays": (lambda p: written(p, lambda file: file.create_group("a")), "", "it holds nothing"),
     "a list": (lambda p: one(p, NOISE[0, 0]), "", "no dataset with three axes of numbers; it holds /entry/data (20)"),
     "a flat dataset": (lambda p: one(p, NOISE[0]), "#/entry/data", "a 2-D image, volsplat needs a volume"),

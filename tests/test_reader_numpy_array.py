@@ -180,7 +180,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
         "voxels of several fields (r, g)",
     ),
     "text": (lambda d: saved(d / "v.npy", np.full((2, 2, 2), "a")), "voxels of type str"),
-    "gzip": (lambda d: zipped(saved(d / "v.npy", NOISE)), "compressed by gzip as a whole"),
+    "gzip": (lambda d: zipped(saved(d / "v.npy", NOISE)), "is a gzip of"),
     "flat": (lambda d: saved(d / "v.npy", NOISE[0]), "a 2-D image, volsplat needs a volume"),
     "colour": (lambda d: saved(d / "v.npy", np.zeros((5, 6, 7, 3), np.uint8)), "choose an index of axis3"),
     "empty": (lambda d: saved(d / "v.npy", np.zeros((5, 0, 7))), "holds no voxels"),

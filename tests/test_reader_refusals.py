@@ -88,7 +88,10 @@ FRAMES = np.zeros((3, 5, 6, 7), np.uint8)
 REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "missing file": (lambda d: d / "nowhere.nrrd", "no such file"),
     "empty file": (empty_file, "empty"),
-    "unknown format": (text_file, "volumes are read from NRRD"),
+    "unknown format": (
+        text_file,
+        "it begins with “no volume at all”; raw voxels",
+    ),
     "empty folder": (empty_folder, "without DICOM"),
     "2-D NRRD": (lambda d: image(d, "flat.nrrd", SQUARE, False), "a 2-D image, volsplat needs a volume"),
     "2-D MetaImage": (lambda d: image(d, "flat.mha", SQUARE, False), "a 2-D image, volsplat needs a volume"),

@@ -250,7 +250,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "zip bomb": (zip_bomb, "cannot be unpacked"),
     "LZ4": (lambda d: plain(d, "appended LZ4"), "compressed by vtkLZ4DataCompressor, which is not read; save it"),
-    "gzip": (lambda d: zipped(plain(d)), "compressed by gzip as a whole"),
+    "gzip": (lambda d: zipped(plain(d)), "is a gzip of"),
     "entities": (billion_laughs, "document type declaration"),
     "zero spacing": (lambda d: spacing(d, b"1 0 1"), "do not span space"),
     "spacing that is no number": (lambda d: spacing(d, b"nan nan nan"), "cannot be used"),

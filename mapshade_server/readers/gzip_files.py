@@ -23,9 +23,3 @@ def first_bytes(path: Path, count: int) -> bytes:
             return file.read(count)
         except (OSError, EOFError, zlib.error):
             raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
-
-
-def check_not_gzip(path: Path) -> None:
-    """For formats that are read in place. Raises BadInput where the file is compressed as a whole."""
-    if is_gzip(path):
-        raise BadInput(f"{path}: is compressed by gzip as a whole and cannot be read in place; unpack it by gunzip")

@@ -9,6 +9,7 @@ from urllib.parse import unquote
 
 from volsplat.mapshade_server.readers.arrays import hdf5_dataset, numpy_array, raw_voxels, vtk_image, zarr_store
 from volsplat.mapshade_server.readers.astronomy import fits_cube
+from volsplat.mapshade_server.readers.file_marks import check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.geology import segy
 from volsplat.mapshade_server.readers.gzip_files import GZIP_MAGIC
 from volsplat.mapshade_server.readers.medicine import (
@@ -27,6 +28,7 @@ from volsplat.protocol.volume_name import volume_name
 
 HEAD_BYTES = 4096
 LOCAL_URL = "file://"
+SHORT_EXAMPLE = "dims=256x256x113,type=uint16"  # of raw voxels
 
 
 Open = Callable[[Path, str], VolumeReader]  # given the part that is named, "" for none
@@ -43,6 +45,7 @@ class VolumeFormat:
     open: Open
     recognises: Callable[[bytes], bool] = lambda head: False
     extensions: tuple[str, ...] = ()
+    gzip: bool = False  # read also where gzip has packed the file as a whole
 
 
 @dataclass(frozen=True)
@@ -57,22 +60,29 @@ class FolderFormat:
 FORMATS = (
     VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises),
     VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises),
-    VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises),
-    VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises),
-    VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",)),
+    VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises, gzip=True),
+    VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises, gzip=True),
+    VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",), gzip=True),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
-    VolumeFormat("PDB coordinates (.pdb, .ent)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS),
-    VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS),
-    VolumeFormat("MTZ structure factors (.mtz)", structure_factors.open_mtz, structure_factors.recognises),
+    VolumeFormat("PDB coordinates (.pdb, .ent)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS, gzip=True),
+    VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS, gzip=True),
+    VolumeFormat("MTZ structure factors (.mtz)", structure_factors.open_mtz, structure_factors.recognises, gzip=True),
     VolumeFormat(
-        "CCP4/MRC map (.map, .mrc)", density_map.open_density_map, density_map.recognises, density_map.EXTENSIONS
+        "CCP4/MRC map (.map, .mrc)",
+        density_map.open_density_map,
+        density_map.recognises,
+        density_map.EXTENSIONS,
+        gzip=True,
     ),
-    VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises),
+    VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises, gzip=True),
     VolumeFormat("SEG-Y survey (.sgy, .segy)", segy.open_segy, extensions=(".sgy", ".segy")),
     VolumeFormat(
-        "Gaussian cube (.cube)", gaussian_cube.open_gaussian_cube, extensions=(".cube", ".cub", ".cube.gz", ".cub.gz")
+        "Gaussian cube (.cube)",
+        gaussian_cube.open_gaussian_cube,
+        extensions=(".cube", ".cub", ".cube.gz", ".cub.gz"),
+        gzip=True,
     ),
     VolumeFormat("HDF5 dataset (.h5, .nxs)", hdf5_dataset.open_hdf5, hdf5_dataset.recognises),
     VolumeFormat("NetCDF-4 (.nc)", hdf5_dataset.open_netcdf_3, hdf5_dataset.recognises_netcdf_3),
@@ -80,7 +90,7 @@ FORMATS = (
     VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
     VolumeFormat("VTK image (.vti)", vtk_image.open_vtk_image, vtk_image.recognises),
     VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, zarr_store.ZIP_EXTENSIONS),
-    VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS),
+    VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS, gzip=True),
 )
 
 FOLDER_FORMATS = (
@@ -111,30 +121,34 @@ def open_volume(name: str) -> VolumeReader:
 
 
 def _opened(path: Path, part: str) -> VolumeReader:
+    check_is_file(path)
     if path.is_dir():
         return next(one for one in FOLDER_FORMATS if one.recognises(path)).open(path, part)
-    head = _head(path)
+    packed, head = _head(path)
     if not head:
         raise BadInput(f"{path}: the file is empty; fetch or export the volume again")
     by_content = (one for one in FORMATS if one.recognises(head))
     by_extension = (one for one in FORMATS if path.name.lower().endswith(one.extensions))
     if found := next(by_content, None) or next(by_extension, None):
+        if packed and not found.gzip:
+            raise BadInput(f"{path}: is a gzip of {found.name}, which is not read packed; unpack it by gunzip")
         return found.open(path, part)
     if raw_voxels.describes(path, part):
         return raw_voxels.open_raw_voxels(path, part)
-    known = ", ".join(volume_format.name for volume_format in FORMATS)
-    raise BadInput(
-        f"{path}: its format is not known; volumes are read from {known}; "
-        f"raw voxels in a file of any name are described as in {path}#{raw_voxels.EXAMPLE}"
-    )
+    mark, a_gzip = mark_of(head), "a gzip of " if packed else ""
+    if mark is not None:
+        raise BadInput(f"{path}: is {a_gzip}{mark.what}, which is not read; {mark.cure}")
+    described = f"raw voxels are described as in {path.name}#{SHORT_EXAMPLE}"
+    raise BadInput(f"{path}: is {a_gzip}no format that is known, it begins with {told_head(head)}; {described}")
 
 
-def _head(path: Path) -> bytes:
+def _head(path: Path) -> tuple[bool, bytes]:
+    """Whether the file is gzip, and its first bytes, unzipped if they can be."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)
     if head.startswith(GZIP_MAGIC):
         try:
-            return zlib.decompressobj(zlib.MAX_WBITS | 16).decompress(head, HEAD_BYTES)
+            return True, zlib.decompressobj(zlib.MAX_WBITS | 16).decompress(head, HEAD_BYTES)
         except zlib.error:
-            return head
-    return head
+            return False, head
+    return False, head

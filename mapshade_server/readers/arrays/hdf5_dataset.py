@@ -19,7 +19,6 @@ from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxi
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
-from volsplat.mapshade_server.readers.gzip_files import check_not_gzip
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -66,7 +65,6 @@ def open_netcdf_3(path: Path, part: str) -> OpenedVolume:
 
 def open_hdf5(path: Path, part: str) -> OpenedVolume:
     """The reader for a dataset. Raises BadInput where none is a volume, or the person must choose one."""
-    check_not_gzip(path)
     chosen, h5py = array_part(path, part), _h5py()
     with _opened(h5py, path) as file:
         dataset = _dataset(h5py, chosen, file)

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, plain_values
-from volsplat.mapshade_server.readers.gzip_files import check_not_gzip
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -60,7 +59,6 @@ class NumpyArrayReader:
 
 def open_npy(path: Path, part: str) -> NumpyArrayReader:
     """The reader for a .npy file. Raises BadInput where it holds no volume or is truncated."""
-    check_not_gzip(path)
     chosen = array_part(path, part)
     if chosen.path:
         raise BadInput(f"{path}: holds one array, it has no part “{chosen.path}”; leave out #{chosen.path}")

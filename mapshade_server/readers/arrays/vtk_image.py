@@ -21,7 +21,6 @@ from volsplat.mapshade_server.readers.arrays.vtk_arrays import (
     VtkArray,
     stored_voxels,
 )
-from volsplat.mapshade_server.readers.gzip_files import check_not_gzip
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume
 from volsplat.protocol.errors import BadInput
@@ -177,7 +176,6 @@ class _Parsing:
 
 def _xml(path: Path) -> _Xml:
     """What the XML says. Raises BadInput where it is damaged or tells of no image in one piece."""
-    check_not_gzip(path)
     xml = _Parsing(path).run()
     kind = xml.file.get("type", "")
     if kind != "ImageData":
