@@ -66,7 +66,7 @@ FORMATS = (
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
-    VolumeFormat("PDB coordinates (.pdb, .ent)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS, gzip=True),
+    VolumeFormat("PDB or PQR coordinates (.pdb, .pqr)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS, gzip=True),
     VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS, gzip=True),
     VolumeFormat("MTZ structure factors (.mtz)", structure_factors.open_mtz, structure_factors.recognises, gzip=True),
     VolumeFormat(

@@ -1,4 +1,4 @@
-"""Molecules by the coordinates of their atoms, in PDB files (.pdb, .ent, also gzip) and in mmCIF, through gemmi.
+"""Molecules by the coordinates of their atoms, in PDB files (.pdb, .ent, also gzip), PQR and mmCIF, through gemmi.
 
 They become voxels by atom_density, in the coordinates' own axes and Å, so that a map of the same molecule lies in the
 same place. After `#`, parted by commas: `density` (if nothing is said) or `elements`; the spacing of the grid in Å;
@@ -24,6 +24,7 @@ from volsplat.mapshade_server.readers.molecules.atom_density import (
     grid_around,
 )
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
+from volsplat.mapshade_server.readers.molecules.pqr import is_pqr, pqr_structure
 from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_text
 from volsplat.mapshade_server.readers.part_options import part_options
 from volsplat.mapshade_server.readers.volume_reader import Voxels
@@ -31,7 +32,7 @@ from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 
 KINDS = ("density", "elements")
-EXTENSIONS = tuple(name + packed for name in (".pdb", ".ent") for packed in ("", ".gz"))
+EXTENSIONS = tuple(name + packed for name in (".pdb", ".ent", ".pqr") for packed in ("", ".gz"))
 MOST_VOXELS_ASIDE = 4096
 
 _RECORDS = (
@@ -64,8 +65,11 @@ class AtomReader:
 
 
 def open_pdb(path: Path, part: str) -> AtomReader:
-    """The reader for a PDB file. Raises BadInput."""
+    """The reader for a PDB or PQR file. Raises BadInput."""
     text = unzipped_text(path)
+    if is_pqr(path, text):
+        told = ["the charges and radii of PQR are not drawn: atoms are drawn by their elements, told by their names"]
+        return open_structure(path, part, "PQR", pqr_structure(path, text), told)
     if broken := _BROKEN_ATOM.search(text):  # gemmi would take what is no number for 0
         line = text.count("\n", 0, broken.start()) + 1
         raise BadInput(f"{path}: line {line} has no three coordinates where a PDB file has them; fetch it again")
