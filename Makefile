@@ -1,25 +1,49 @@
-# Two commands do everything: `make demo` and `make test`. Each sets up .venv by itself.
+# `make install` sets up .venv for use, `make demo` draws with it, `make test` sets it up for work and tests everything.
 
 PYTHON ?= python3
+TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 VENV := .venv
 BIN := $(VENV)/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
 BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(wildcard */kernels/*.cpp */kernels/*.h */kernels/paths/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check bench clean
+.PHONY: help install demo test bench clean
 
 help: ## list the targets
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
-# torch comes first and through the constraints file: its newest build on PyPI pulls in gigabytes of CUDA.
-$(READY): $(BUILD_INPUTS)
+# torch comes first: packaging/cpu_torch.py finds its CPU build, where pip alone would load gigabytes of CUDA.
+$(VENV)/bin/python:
+	@echo "1 of 3: a virtual environment in $(VENV)"
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt torch
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt --editable '.[dev]'
+
+TORCH := $(VENV)/.torch
+$(TORCH): constraints.txt packaging/cpu_torch.py | $(VENV)/bin/python
+	@echo "2 of 3: torch, about 200 MB"
+	$(BIN)/python packaging/cpu_torch.py --index $(TORCH_INDEX)
 	@touch $@
 
-demo: $(READY) ## render the head phantom with two map/shade servers and a splat server, six steps
+COMPILING := 3 of 3: volsplat and what it needs; compiling its kernels takes a minute or two
+
+$(INSTALLED): $(BUILD_INPUTS) $(TORCH)
+	@echo "$(COMPILING)"
+	$(PIP) install -c constraints.txt '.[ui,formats]'
+	@touch $@
+
+$(READY): $(BUILD_INPUTS) $(TORCH)
+	@echo "$(COMPILING)"
+	$(PIP) install -c constraints.txt --editable '.[dev]'
+	@touch $@
+
+# A .venv that is set up for work serves for use as well.
+USABLE := $(if $(wildcard $(READY)),$(READY),$(INSTALLED))
+
+install: $(USABLE) ## set up .venv for use: the commands, the page, every file format
+
+demo: $(USABLE) ## render the head phantom with two map/shade servers and a splat server, six steps
 	$(BIN)/volsplat demo --output demo
 
 # What holds of every image; any machine of a lab may be without AVX, so all of it must hold on the baseline path.

@@ -4,18 +4,21 @@ import logging
 import os
 from importlib import import_module
 from importlib.metadata import version
+from importlib.util import find_spec
 from typing import NamedTuple
 
 import click
 
 from volsplat.client.interrupts import interrupts_held
 from volsplat.deploy.server_command import Program, server_command
+from volsplat.protocol.errors import BadInput
 
 
 class Entry(NamedTuple):
     summary: str
     module: str = ""  # with a command of the entry's name
     program: Program | None = None  # that the command becomes
+    images: bool = True  # it makes images or volumes, by torch
 
 
 ENTRIES = {
@@ -24,8 +27,8 @@ ENTRIES = {
     "movie": Entry("Turn a volume around, or fly through it, into a movie.", "volsplat.client.movie_command"),
     "demo": Entry("Draw the head phantom, step by step, into a folder.", "volsplat.client.demo_command"),
     "gallery": Entry("Draw the paper's sixteen images on four plates.", "volsplat.client.gallery_command"),
-    "info": Entry("Tell what a volume is, with its histogram.", "volsplat.client.info_command"),
-    "scene": Entry("Print a complete scene file to start from.", "volsplat.client.scene_command"),
+    "info": Entry("Tell what a volume is, with its histogram.", "volsplat.client.info_command", images=False),
+    "scene": Entry("Print a complete scene file to start from.", "volsplat.client.scene_command", images=False),
     "phantom": Entry("Write a volume that volsplat makes itself.", "volsplat.client.phantom_command"),
     "prepare": Entry("Turn a volume of any size into a packet store on disk.", program=Program.PREPARE),
     "bench": Entry("Measure volsplat: its paper, its floors, its peers.", "volsplat.bench.command"),
@@ -46,6 +49,8 @@ class Commands(click.Group):
             return None
         if entry.program is not None:
             return _becoming(name, entry.program)
+        if entry.images:
+            _need_torch(name)
         with interrupts_held():
             command: click.Command = getattr(import_module(entry.module), name)
         return command
@@ -53,6 +58,12 @@ class Commands(click.Group):
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
         with formatter.section("Commands"):
             formatter.write_dl([(name, entry.summary) for name, entry in ENTRIES.items()])
+
+
+def _need_torch(command: str) -> None:
+    """Raises BadInput if torch is not installed, as on a machine that only works for others."""
+    if find_spec("torch") is None:
+        raise BadInput(f"{command} needs torch, which is not installed: pip install 'volsplat[client]'")
 
 
 def _becoming(name: str, program: Program) -> click.Command:
