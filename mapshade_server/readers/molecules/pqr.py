@@ -16,7 +16,7 @@ EXTENSIONS = (".pqr", ".pqr.gz")
 
 _REMARK = re.compile(r"^REMARK.*\bPQR\b", re.MULTILINE)
 _ATOM = re.compile(r"^(ATOM|HETATM)(.*)$", re.MULTILINE)
-_NEGATIVE_OCCUPANCY = re.compile(r"^(?:ATOM  |HETATM).{48} *-[0-9]*\.?[0-9]*[1-9]", re.MULTILINE)
+_NEGATIVE_OCCUPANCY = re.compile(r"^(?:ATOM|HETATM).*[ 0-9]-[0-9.]+ +[0-9]+\.[0-9]+ *\r?$", re.MULTILINE)
 _CHARGE_SIGN = re.compile(r"[0-9]*[+-]?$")
 _TWO_LETTERS = ("BR", "CL", "CU", "FE", "MG", "MN", "SE", "ZN")  # no atom of carbon, nitrogen, ... is called so
 
@@ -59,24 +59,28 @@ def pqr_structure(path: Path, text: str) -> Any:
 def _atom(line: str, fields: str) -> PqrAtom | None:
     """The atom of a line with these fields behind its first word, None where that is none."""
     words = fields.split()
+    numbers = _numbers(words[-5:])
+    if numbers and len(words) in (9, 10):
+        return _placed(words[1], words[2], words[3] if len(words) == 10 else "", words[-6], numbers)
+    numbers = _numbers([line[30:38], line[38:46], line[46:54], *line[54:].split()])
+    return _placed(line[12:16], line[17:20], line[21:22], line[22:27], numbers) if numbers else None
+
+
+def _numbers(words: list[str]) -> list[float]:
+    """A place, a charge and a radius, [] where the words are not these."""
     try:
-        numbers = [float(word) for word in words[-5:]]
-        if len(words) in (9, 10) and all(map(math.isfinite, numbers)):
-            chain = words[3] if len(words) == 10 else ""
-            return _placed(words[1], words[2], chain, words[-6], numbers)
-        columns = ((30, 38), (38, 46), (46, 54))
-        numbers = [float(line[low:high]) for low, high in columns] + [float(word) for word in line[54:].split()]
+        numbers = [float(word) for word in words]
     except ValueError:
-        return None
-    if len(numbers) != 5 or not all(map(math.isfinite, numbers)):
-        return None
-    return _placed(line[12:16].strip(), line[17:20].strip(), line[21].strip(), line[22:27].strip(), numbers)
+        return []
+    return numbers if len(numbers) == 5 and all(map(math.isfinite, numbers)) else []
 
 
 def _placed(name: str, residue: str, chain: str, number: str, numbers: list[float]) -> PqrAtom:
     x, y, z, charge, radius = numbers
-    digits = re.match(r"-?[0-9]+", number)
-    return PqrAtom(name, residue, chain, int(digits[0]) if digits else 0, (x, y, z), charge, radius)
+    digits = re.match(r"\s*-?[0-9]+", number)
+    return PqrAtom(
+        name.strip(), residue.strip(), chain.strip(), int(digits[0]) if digits else 0, (x, y, z), charge, radius
+    )
 
 
 def _residue(gemmi: Any, atom: PqrAtom) -> Any:
