@@ -12,7 +12,6 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.console import Console
 
 from volsplat.bench.outputs import Outputs, output_options
 from volsplat.bench.progress import shown_progress
@@ -22,6 +21,7 @@ from volsplat.bench.subject import subject_of, volume_file, volume_words
 from volsplat.bench.text_table import TextTable, significant
 from volsplat.bench.timing import wall_seconds
 from volsplat.client.session import FrameAborted, Session
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Image, Scene, View
 
 GOAL_SECONDS = 0.050  # at the 95th percentile
@@ -50,7 +50,7 @@ def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None
     )
     figures = []
     chance = random.Random(1)
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         with local_session(path, workers, status.update) as session:
             known = session.volume

@@ -8,6 +8,7 @@ from volsplat.bench.outputs import machine_words
 from volsplat.bench.record import Figure, Record, read_record
 from volsplat.bench.text_table import TextTable, significant, with_unit
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 
 MOVED, STAYED, UNKNOWN = "moved", "", "spread unknown"
 
@@ -21,15 +22,14 @@ def compare(old: Path, new: Path) -> None:
     The ratio is NEW over OLD, with what the bounds of both middle halves allow. A figure moved where its two medians
     lie outside each other's middle half. Of one sample each, the spread is unknown.
     """
-    from rich.console import Console
 
     before, after = read_record(old), read_record(new)
     table = comparison(before, after)
-    console = Console()
+    console = PlainConsole()
     console.print(table.rich())
     if before.machine != after.machine:
         both = f"{machine_words(before.machine)} and {machine_words(after.machine)}"
-        console.print(f"Two machines: {both}.", highlight=False, soft_wrap=True)
+        console.say(f"Two machines: {both}.")
 
 
 def comparison(old: Record, new: Record) -> TextTable:

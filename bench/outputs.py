@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import click
-from rich.console import Console
 
 from volsplat.bench.plot import Panel, check_plot, write_plot
 from volsplat.bench.record import Record, write_record, write_text
 from volsplat.bench.text_table import TextTable
 from volsplat.client.frame_report import Machine
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -38,11 +38,11 @@ class Outputs:
 
     def deliver(self, found: Record, tables: Sequence[TextTable], panels: Sequence[Panel] = ()) -> None:
         """Print the tables and write the files."""
-        console = Console()
+        console = PlainConsole()
         for table in tables:
             console.print(table.rich())
         for name, fact in found.facts.items():
-            console.print(f"{name}: {fact}", highlight=False, soft_wrap=True)
+            console.say(f"{name}: {fact}")
         if self.json is not None:
             write_record(self.json, found)
         if self.markdown is not None:

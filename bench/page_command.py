@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import click
-from rich.console import Console
 
 from volsplat.bench.extra import need
 from volsplat.bench.outputs import Outputs, output_options
@@ -27,6 +26,7 @@ from volsplat.bench.slow_link import slow_link
 from volsplat.bench.subject import subject_of, volume_file
 from volsplat.bench.text_table import TextTable, significant
 from volsplat.protocol.errors import BadInput, VolsplatError
+from volsplat.protocol.plain_console import PlainConsole
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
@@ -96,7 +96,7 @@ def page(
     need("nicegui", "the page")
     line = _link(link) if link else None
     subject = subject_of(volume, phantom, None, None, None)
-    with Console(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:
+    with PlainConsole(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:
         with _viewed(path, workers) as address, _slowed(address, line) as reached, _opened(reached) as tab:
             status.update("dragging, to warm up")
             dragged(tab, WARM_UP_MOVES)

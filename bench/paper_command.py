@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from volsplat.bench.option_lists import whole_numbers
 from volsplat.bench.outputs import Outputs, machine_words, output_options
@@ -20,6 +19,7 @@ from volsplat.bench.timing import interleaved
 from volsplat.bench.views import around, seen
 from volsplat.client.frame_report import PAPER_SECONDS, STEP_WORDS, this_machine
 from volsplat.client.render_options import size_from_option
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Scene, Step
 
 # Rows of the paper whose ratio tells what more machines brought: above, below.
@@ -60,7 +60,7 @@ def paper(
     pixels, counts = size_from_option(size), whole_numbers("--workers", workers, most=256)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         with opened_rows(path, counts, status.update) as rows:
             status.stop()

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 
 from volsplat.bench.extra import need
 from volsplat.bench.option_lists import fractions, whole_numbers
@@ -22,6 +21,7 @@ from volsplat.bench.views import around, seen
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.renderer import Renderer
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Scene
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def peers(
     with interrupts_held():
         from volsplat.bench.peers.contenders import opened_contenders
 
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         with opened_contenders(path, lambda r: subject.scene_of(r.volume), counts, steps, status.update) as opened:
             status.stop()

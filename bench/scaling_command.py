@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from volsplat.bench.option_lists import fractions, whole_numbers
 from volsplat.bench.outputs import Outputs, output_options
@@ -21,6 +20,7 @@ from volsplat.client.bottleneck import bottleneck
 from volsplat.client.frame_report import this_machine
 from volsplat.client.opened_volume import Servers, memory_option, opened, servers_from_options
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Scene
 
 PACKED_VOXEL_BYTES = 4
@@ -71,7 +71,7 @@ def scaling(
     servers = servers_from_options(counts[0], listen, token_file, memory=memory)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
         if spawns:
             source = opened_rows(path, counts, status.update, servers.memory)
@@ -107,7 +107,7 @@ def scaling(
 
 
 @contextmanager
-def opened_cluster(path: str, servers: Servers, console: Console) -> Iterator[list[Row]]:
+def opened_cluster(path: str, servers: Servers, console: PlainConsole) -> Iterator[list[Row]]:
     """The cluster whose servers join; and the single process, where the volume is seen from here."""
     with opened(path, servers, False, console) as cluster:
         assert cluster.volume, "wait until its servers have read the volume"

@@ -47,5 +47,7 @@ def _terminate(signal_number: int, frame: object) -> NoReturn:
 
 
 def _end(line: str, status: int) -> NoReturn:
-    print(f"volsplat: {line}", file=sys.stderr)
+    from volsplat.protocol.printable import one_line
+
+    print(f"volsplat: {one_line(line)}", file=sys.stderr)
     sys.exit(status)

@@ -12,6 +12,7 @@ import click
 from volsplat.client.interrupts import interrupts_held
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.log_lines import log_to_stderr
 
 
 class Entry(NamedTuple):
@@ -88,4 +89,4 @@ def _becoming(name: str, program: Program) -> click.Command:
 def volsplat(verbose: int) -> None:
     """Distributed, interactive volume rendering by splatting."""
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
-    logging.basicConfig(level=level, format="volsplat: %(message)s")
+    log_to_stderr("volsplat", level)

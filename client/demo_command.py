@@ -4,7 +4,6 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.console import Console
 
 from volsplat.client.contact_sheet import StepPicture, write_contact_sheet
 from volsplat.client.frame_report import report_of, step_table, write_report
@@ -19,6 +18,7 @@ from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.view_rotation import rotation_from_angles
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Scene, View
 
 DEMO_WORKERS = 2
@@ -38,7 +38,7 @@ def demo(output: Path) -> None:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise BadInput(f"{output}: cannot make this folder: {error.strerror}; name another with --output") from error
-    console = Console()
+    console = PlainConsole()
     volume = output / "head.nrrd"
     with console.status("making the head phantom") as status:
         write_volume(volume, *make_phantom("head"))
@@ -54,7 +54,7 @@ def demo(output: Path) -> None:
     write_contact_sheet(output / SHEET, pictures, title="volsplat: successive refinement of the head phantom")
     write_report(output / "report.json", report)
     console.print(step_table(report))
-    console.print(f"Look at {output / SHEET}; the six images beside it are step-A.png to step-F.png.", soft_wrap=True)
+    console.say(f"Look at {output / SHEET}; the six images beside it are step-A.png to step-F.png.")
 
 
 def demo_scene(volume: SurveyedVolume) -> Scene:

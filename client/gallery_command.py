@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.opened_volume import opened_quietly, servers_from_options
 from volsplat.client.progress_bar import shown_progress
 from volsplat.client.renderer import Renderer
+from volsplat.protocol.plain_console import PlainConsole
 
 
 @click.command()
@@ -33,7 +33,7 @@ def gallery(out: Path, data: Path | None, workers: int, size: int) -> None:
     that folder where it has them; volsplat makes all others itself.
     """
     servers = servers_from_options(workers, None, None)
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     began = time.perf_counter()
     with interrupts_held():
         from volsplat.client.gallery.drawing import check_places, draw_gallery
@@ -45,9 +45,9 @@ def gallery(out: Path, data: Path | None, workers: int, size: int) -> None:
         def opened(volume: str) -> Iterator[Renderer]:
             with opened_quietly(volume, servers, True, say, console) as renderer:
                 for warning in renderer.volume.description.warnings:
-                    console.print(f"note: {warning}", highlight=False, markup=False, soft_wrap=True)
+                    console.say(f"note: {warning}")
                 yield renderer
 
         draw_gallery(out, data, size, opened, say, done)
     seconds = time.perf_counter() - began
-    console.print(f"{out}: {len(IMAGES)} images and {len(PLATES)} plates, {seconds:.1f} s", highlight=False)
+    console.say(f"{out}: {len(IMAGES)} images and {len(PLATES)} plates, {seconds:.1f} s")

@@ -1,10 +1,10 @@
 """`volsplat info`: what a volume is, as a map/shade server tells it."""
 
 import click
-from rich.console import Console
 
 from volsplat.client.session import Session
 from volsplat.client.volume_info import info_text
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.volume_name import check_is_there
 
 
@@ -13,10 +13,10 @@ from volsplat.protocol.volume_name import check_is_there
 def info(volume: str) -> None:
     """Print dimensions, spacing, orientation, type, range and histogram of VOLUME."""
     check_is_there(volume)
-    with Console(stderr=True).status("reading") as status:
+    with PlainConsole(stderr=True).status("reading") as status:
         with Session(volume, workers=1, on_progress=status.update) as session:
             known = session.volume
     told = info_text(
         known.description, known.survey, known.density_counts, known.automatic_window, prepared=known.prepared
     )
-    Console().print(told)
+    PlainConsole().print(told)

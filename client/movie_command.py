@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import get_args
 
 import click
-from rich.console import Console
 
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.key_frames import TurningAxis, check_key_count, key_framed, turntable
@@ -19,6 +18,7 @@ from volsplat.client.progress_bar import shown_progress
 from volsplat.client.render_options import SceneOptions, size_from_option
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
 
@@ -93,7 +93,7 @@ def movie(
             return key_framed(options.key_scenes(known, keys), geometry, frames)
         return turntable(options.scene_of(known), geometry, frames, axis or "screen-y")
 
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     began = time.perf_counter()
     with shown_progress(frames, console) as (say, done):
         with opened_quietly(volume, servers, True, say, console) as renderer:
@@ -103,4 +103,4 @@ def movie(
             write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step))
     image = scenes[0].image
     seconds = time.perf_counter() - began
-    console.print(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s", highlight=False)
+    console.say(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s")

@@ -11,12 +11,12 @@ from ipaddress import ip_address
 from pathlib import Path
 
 import click
-from rich.console import Console
 
 from volsplat.client.renderer import Renderer
 from volsplat.client.session import ANY_LOOPBACK_PORT, Session
 from volsplat.protocol.addresses import Address, parse_address
 from volsplat.protocol.byte_sizes import bytes_from_option
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.tokens import TOKEN_VARIABLE, Token, find_token, new_token
 
 
@@ -67,7 +67,7 @@ def opened(
     volume: str,
     servers: Servers,
     spawns: bool,
-    console: Console,
+    console: PlainConsole,
     also_say: Callable[[str], None] = ignored,
 ) -> Iterator[Renderer]:
     """The volume, ready to be drawn, with a line on the terminal that says what is going on, and elsewhere as well."""
@@ -77,18 +77,18 @@ def opened(
             status.update(text)
             also_say(text)
             if not console.is_terminal and text.startswith("waiting for servers") and not spawns:
-                console.print(text, highlight=False)
+                console.say(text)
 
         with opened_quietly(volume, servers, spawns, say, console) as renderer:
             renderer.volume.check_has_values()
             for warning in (*renderer.volume.description.warnings, *renderer.volume.notes()):
-                console.print(f"note: {warning}", highlight=False, markup=False, soft_wrap=True)
+                console.say(f"note: {warning}")
             yield renderer
 
 
 @contextmanager
 def opened_quietly(
-    volume: str, servers: Servers, spawns: bool, say: Callable[[str], None], console: Console
+    volume: str, servers: Servers, spawns: bool, say: Callable[[str], None], console: PlainConsole
 ) -> Iterator[Renderer]:
     """As `opened`, with whatever `say` does with the words for what is going on."""
     if servers.single:
@@ -113,7 +113,7 @@ def opened_quietly(
         yield session
 
 
-def tell_how_to_join(session: Session, token: Token, known: bool, console: Console) -> None:
+def tell_how_to_join(session: Session, token: Token, known: bool, console: PlainConsole) -> None:
     """Print the commands that start servers by hand."""
     address = session.address
     secret = "" if known else f"{TOKEN_VARIABLE}={token.key.decode()} "
@@ -122,4 +122,4 @@ def tell_how_to_join(session: Session, token: Token, known: bool, console: Conso
     # Servers on other machines must reach the splat server as well, which by itself listens on its own alone.
     opened = "" if ip_address(address.host).is_loopback else " --listen 0.0.0.0:0"
     for command in (f"splat-server --connect {joined}{opened}", f"mapshade-server --connect {joined}"):
-        console.print(f"{secret}volsplat {command}", soft_wrap=True, highlight=False)
+        console.say(f"{secret}volsplat {command}")

@@ -7,6 +7,7 @@ import click
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
 from volsplat.client.render_options import triple_from_option
 from volsplat.client.volume_writer import NRRD, check_volume_writable, extension_of, write_nrrd, write_volume
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.volume import Index
 
 
@@ -33,7 +34,7 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
     else:
         write_volume(output, *made.whole())
     ni, nj, nk = made.geometry.dims
-    click.echo(f"{output}: {name}, {ni} x {nj} x {nk} voxels", err=True)
+    PlainConsole(stderr=True).say(f"{output}: {name}, {ni} x {nj} x {nk} voxels")
 
 
 def size_of_grid(text: str) -> Index:

@@ -3,14 +3,15 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from volsplat.protocol.plain_console import PlainConsole, task_words
 
 
 @contextmanager
-def shown_progress(images: int, console: Console) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+def shown_progress(images: int, console: PlainConsole) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
     """Gives what to call with words, and what to call with the number of images that are done."""
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    columns = (task_words(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task("starting", total=images)
         yield (

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
-from rich.console import Console
 
 from volsplat.client.empty_image import why_empty
 from volsplat.client.frame_report import report_of, write_report
@@ -24,6 +23,7 @@ from volsplat.client.render_options import (
 from volsplat.client.render_outputs import Outputs, step_image_path
 from volsplat.client.renderer import Refinement, Renderer, finished_whole
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Order, Scene, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
 
@@ -105,12 +105,12 @@ def render(
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
     servers = servers_from_options(workers, listen, token_file, single, memory)
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with opened(volume, servers, spawns, console) as renderer:
         draw(renderer, scene_options, Step(step), outputs, console)
 
 
-def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: Console) -> None:
+def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: PlainConsole) -> None:
     """Draw the last step, or all up to it where each is wanted, and write the files."""
     scene = options.scene_of(renderer.volume)
     properties = image_properties(renderer.volume.description, scene)
@@ -128,23 +128,23 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
     if outputs.image is not None:
         write_image(outputs.image, finished[-1].image, scene, properties)
         tell_if_empty(finished[-1].image, scene, console)
-        console.print(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}", highlight=False)
+        console.say(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}")
     if outputs.steps_dir is not None:
-        console.print(f"{outputs.steps_dir}: steps A to {last}", highlight=False)
+        console.say(f"{outputs.steps_dir}: steps A to {last}")
     if outputs.report is not None:
         write_report(outputs.report, report_of(renderer.volume, scene, [r.outcome for r in finished if r.outcome]))
 
 
-def tell_if_empty(image: Tensor, scene: Scene, console: Console) -> None:
+def tell_if_empty(image: Tensor, scene: Scene, console: PlainConsole) -> None:
     """Say so where nothing is to be seen, and why."""
     if why := why_empty(image, scene):
-        console.print(f"note: {why}", highlight=False, soft_wrap=True)
+        console.say(f"note: {why}")
 
 
-def tell_level(drawn: Refinement, console: Console) -> None:
+def tell_level(drawn: Refinement, console: PlainConsole) -> None:
     """Which level of a prepared volume the image shows, and why."""
     if drawn.outcome is not None and drawn.outcome.servers.why_level:
-        console.print(drawn.outcome.servers.why_level, highlight=False, soft_wrap=True)
+        console.say(drawn.outcome.servers.why_level)
 
 
 def _size(scene: Scene) -> str:

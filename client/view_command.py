@@ -10,7 +10,6 @@ from pathlib import Path
 
 import click
 import msgspec
-from rich.console import Console
 
 from volsplat.client.import_ahead import imported_ahead
 from volsplat.client.interrupts import interrupts_held
@@ -22,6 +21,7 @@ from volsplat.client.ui.browser_tab import BrowserTab
 from volsplat.client.ui.page_address import PageAddress
 from volsplat.protocol.addresses import LOOPBACK
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Refine, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
 
@@ -72,7 +72,7 @@ def view(
     if listen is None:
         check_is_there(volume)
     servers = servers_from_options(workers, listen, token_file, memory=memory)
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     with _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE):
         address = PageAddress(bound)
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
@@ -87,7 +87,7 @@ def _serve(
     address: PageAddress,
     grace: float,
     tab: BrowserTab | None,
-    console: Console,
+    console: PlainConsole,
 ) -> None:
     with interrupts_held():
         from volsplat.client.ui.application import Application
@@ -101,9 +101,8 @@ def _serve(
     application = Application(viewing, page, address, grace)
 
     def ready() -> None:
-        console.print(
-            f"{session.volume.description.name} is at\n\n    {address.url}\n", soft_wrap=True, highlight=False
-        )
+        for line in (f"{session.volume.description.name} is at", "", f"    {address.url}", ""):
+            console.say(line)
         if tab is not None:
             tab.open()
 
@@ -111,7 +110,7 @@ def _serve(
         tab.make_room()
     application.run(ready)
     if application.ended_by_grace:
-        console.print(f"no page was open for {grace:g} s: everything has ended", highlight=False)
+        console.say(f"no page was open for {grace:g} s: everything has ended")
 
 
 def _need_extra() -> None:

@@ -1,5 +1,6 @@
 """`volsplat mapshade-server`: joins a client and serves it until its session ends."""
 
+import logging
 import os
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from volsplat.protocol.addresses import Address
 from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.log_lines import log_to_stderr
 from volsplat.protocol.roles import Role
-from volsplat.protocol.server_process import address_option, log_to_stderr, process_name, run_server
+from volsplat.protocol.server_process import address_option, process_name, run_server
 from volsplat.protocol.tokens import need_token
 
 
@@ -22,7 +24,7 @@ from volsplat.protocol.tokens import need_token
 @click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
 def mapshade_server(client: Address, token_file: Path | None, patience: float, verbose: bool) -> None:
     """Join the client at HOST:PORT, hold a sub-cube of its volume, and map and shade it for each frame."""
-    log_to_stderr("mapshade-server", verbose)
+    log_to_stderr("mapshade-server", logging.INFO if verbose else logging.WARNING)
     token = need_token(os.environ, token_file)
     hello = new_hello(Role.MAPSHADE_SERVER, name=process_name())
     connection = connect(client, hello, token, Role.CLIENT, patience=patience, allocate=BufferPool())

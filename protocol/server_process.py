@@ -1,6 +1,5 @@
 """What the two server programs share as processes: their options, their name, how errors end them."""
 
-import logging
 import os
 import socket
 import sys
@@ -11,6 +10,7 @@ import click
 from volsplat.protocol.addresses import Address, parse_address
 from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+from volsplat.protocol.printable import one_line
 
 
 def address_option(context: click.Context, parameter: click.Parameter, value: str) -> Address:
@@ -21,10 +21,6 @@ def address_option(context: click.Context, parameter: click.Parameter, value: st
 def process_name() -> str:
     """What other processes call this one in messages: its host and process id."""
     return f"{socket.gethostname()}, process {os.getpid()}"
-
-
-def log_to_stderr(title: str, verbose: bool) -> None:
-    logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format=f"{title}: %(message)s")
 
 
 def run_server(command: click.Command, title: str) -> NoReturn:
@@ -43,5 +39,5 @@ def run_server(command: click.Command, title: str) -> NoReturn:
 
 
 def _end(title: str, line: str, status: int) -> NoReturn:
-    print(f"{title}: {line}", file=sys.stderr)
+    print(f"{title}: {one_line(line)}", file=sys.stderr)
     sys.exit(status)

@@ -1,5 +1,6 @@
 """`volsplat splat-server`: joins a client and draws for it until its session ends."""
 
+import logging
 import os
 from pathlib import Path
 
@@ -10,8 +11,9 @@ from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
+from volsplat.protocol.log_lines import log_to_stderr
 from volsplat.protocol.roles import Role
-from volsplat.protocol.server_process import address_option, log_to_stderr, process_name, run_server
+from volsplat.protocol.server_process import address_option, process_name, run_server
 from volsplat.protocol.tokens import need_token
 from volsplat.splat_server.server import SplatServer
 
@@ -35,7 +37,7 @@ def splat_server(
     client: Address, listen: Address, token_file: Path | None, patience: float, threads: int, verbose: bool
 ) -> None:
     """Join the client at HOST:PORT, merge and splat what its map/shade servers send, and hand out the image."""
-    log_to_stderr("splat-server", verbose)
+    log_to_stderr("splat-server", logging.INFO if verbose else logging.WARNING)
     token = need_token(os.environ, token_file)
     with Listener(Role.SPLAT_SERVER, token, host=listen.host, port=listen.port, allocate=BufferPool()) as data_links:
         # An address that means "every interface" is no address to dial: the client then names the one it sees.

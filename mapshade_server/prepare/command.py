@@ -5,12 +5,12 @@ from pathlib import Path
 from typing import Literal
 
 import click
-from rich.console import Console
 
 from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
 from volsplat.protocol.byte_sizes import bytes_from_option
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.plain_console import PlainConsole
 
 
 @click.command("volsplat prepare")
@@ -38,14 +38,14 @@ def prepare_command(
         memory=bytes_from_option("--memory", memory),
         verify=verify,
     )
-    console = Console(stderr=True)
+    console = PlainConsole(stderr=True)
     try:
         with ProgressBar(console) as progress:
             prepared = prepare(volume, out, options, progress)
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise BadInput(f"{out}: cannot be written ({reason}); see to it, then run the same command again") from None
-    console.print(outcome(out, prepared), highlight=False, markup=False, soft_wrap=True)
+    console.say(outcome(out, prepared))
 
 
 def outcome(out: Path, prepared: Prepared) -> str:

@@ -3,16 +3,16 @@
 import signal
 from types import FrameType, TracebackType
 
-from rich.console import Console
 from rich.progress import (
     BarColumn,
     Progress,
     TaskID,
     TaskProgressColumn,
-    TextColumn,
     TimeRemainingColumn,
     TransferSpeedColumn,
 )
+
+from volsplat.protocol.plain_console import PlainConsole, task_words
 
 
 class ProgressBar:
@@ -21,12 +21,12 @@ class ProgressBar:
     Ctrl-C is raised between two blocks, where nothing is half done; the second one at once.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: PlainConsole) -> None:
         self._console = console
         self._task: TaskID | None = None
         self._stopping = False
         self._bar = Progress(
-            TextColumn("{task.description}"),
+            task_words(),
             BarColumn(),
             TaskProgressColumn(),
             TransferSpeedColumn(),
@@ -48,7 +48,7 @@ class ProgressBar:
             self._bar.stop()
 
     def note(self, text: str) -> None:
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        self._console.say(text)
 
     def begin(self, stage: str, total: int) -> None:
         self._task = self._bar.add_task(stage, total=total)
