@@ -8,6 +8,7 @@ from rich.text import Text
 
 from volsplat.protocol import matrices
 from volsplat.protocol.index_rules import Survey, percentile
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.levels import Prepared
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import VolumeDescription
@@ -58,6 +59,7 @@ def _rows(
     no_data = f"{survey.no_data} of {survey.voxels} voxels ({survey.no_data / max(survey.voxels, 1):.2%}), never drawn"
     rows = [
         ("volume", f"{description.name} ({description.format})"),
+        *_kind_rows(description),
         ("dimensions", " x ".join(str(n) for n in geometry.dims) + f" = {math.prod(geometry.dims)} voxels"),
         ("spacing", " x ".join(f"{step:.6g}" for step in geometry.spacing) + unit),
         ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
@@ -94,6 +96,20 @@ def _reading_text(description: VolumeDescription, prepared: Prepared | None) -> 
         return f"one of them the whole file, and the others get their sub-cubes from it{why}"
     note = f"; {description.why_whole}" if description.why_whole else ""
     return f"only their sub-cube and its halo{note}"
+
+
+def _kind_rows(description: VolumeDescription) -> list[tuple[str, str]]:
+    """The kind of data, what states it, and its classes."""
+    if description.kind == Kind.UNKNOWN:
+        return [("kind", "not stated by the file; its histogram decides how it is shown")]
+    rows = [("kind", f"{description.kind}, by {description.kind_from}")]
+    if description.bands:
+        told = (
+            f"{band.name} {band.low:g}" + (f" to {band.high:g}" if band.high > band.low else "")
+            for band in description.bands
+        )
+        rows.append(("classes", ", ".join(told)))
+    return rows
 
 
 def _axis_rows(description: VolumeDescription) -> list[tuple[str, str]]:

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import msgspec
 
 from volsplat.protocol import matrices
+from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.printable import printable
 
@@ -118,6 +119,9 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     axes: tuple[GridAxis, GridAxis, GridAxis] | None = None  # of i, j, k, where the file names them
     warnings: tuple[str, ...] = ()  # what the reader had to change, for the person to know
     anatomical: bool = False  # physical axes are left, posterior, superior
+    kind: Kind = Kind.UNKNOWN
+    kind_from: str = ""  # what in the file states the kind; "" where nothing does
+    bands: tuple[Band, ...] = ()  # what the values mean, where they are classes; they do not overlap
     density_name: str = "density"  # what the packet's first byte holds
     strength_name: str = "gradient strength"  # what its second byte holds
     second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
@@ -134,4 +138,14 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
                 raise ValueError(f"the second scalar needs a range, not {low} to {high}")
 
 
-_TEXTS = ("name", "format", "scalar_type", "unit", "value_unit", "density_name", "strength_name", "why_whole")
+_TEXTS = (
+    "name",
+    "format",
+    "scalar_type",
+    "unit",
+    "value_unit",
+    "kind_from",
+    "density_name",
+    "strength_name",
+    "why_whole",
+)

@@ -14,6 +14,7 @@ from scenes import scenes
 from volsplat.protocol import greetings, messages
 from volsplat.protocol.framing import HEADER, MAGIC
 from volsplat.protocol.index_rules import Quantisation, Survey
+from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.levels import Prepared, Resolution
 from volsplat.protocol.message_rules import RULES, Phase, Speech, encode_control
 from volsplat.protocol.messages import Message
@@ -27,7 +28,15 @@ RECORDED = Path(__file__).parent / "recorded" / f"protocol-{SPOKEN.newest}"
 
 GEOMETRY = Geometry((4, 5, 6), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)), (1.0, -2.0, 3.0))
 DESCRIPTION = VolumeDescription(
-    name="head", format="NRRD", geometry=GEOMETRY, scalar_type="int16", unit="mm", anatomical=True
+    name="head",
+    format="NRRD",
+    geometry=GEOMETRY,
+    scalar_type="int16",
+    unit="mm",
+    anatomical=True,
+    kind=Kind.LABELS,
+    kind_from="the segments in its header",
+    bands=(Band("bone", 1.0, 1.0, (1.0, 0.5, 0.25)), Band("air", 2.0, 4.0)),
 )
 QUANTISATION = Quantisation(window=(-1000.0, 2000.0), strength_scale=0.25)
 SCENE = Scene(
@@ -139,6 +148,9 @@ descriptions = st.builds(
     geometry=geometries(),
     scalar_type=lines,
     unit=lines,
+    kind=st.sampled_from(Kind),
+    kind_from=lines,
+    bands=st.lists(st.builds(Band, lines, st.just(1.0), st.floats(1.0, 9.0)), max_size=3).map(tuple),
     second_scalar=st.none() | st.just((-180.0, 180.0)),
 )
 _voxel = st.tuples(*[st.integers(0, 100)] * 3)

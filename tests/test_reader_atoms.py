@@ -66,7 +66,8 @@ def test_elements_have_their_bands_at_real_atoms(shared_data: Path) -> None:
     path = shared_data / "hemoglobin/4HHB.pdb"
     description = open_volume(f"{path}#elements").describe()
     assert description.scalar_type == "uint8" and description.density_name == "element"
-    assert "C 64-95, N 96-127, O 128-159" in description.format
+    bands = {band.name: (band.low, band.high) for band in description.bands}
+    assert bands["C"] == (64, 95) and bands["N"] == (96, 127) and bands["O"] == (128, 159)
     geometry, values = read_whole(f"{path}#elements")
     model = gemmi.read_structure(str(path))[0]
     model.remove_waters()

@@ -15,6 +15,7 @@ from volsplat.client.volume_info import (
     orientation_text,
 )
 from volsplat.protocol.index_rules import Survey
+from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.matrices import IDENTITY, Matrix
 from volsplat.protocol.volume import Geometry, VolumeDescription
 
@@ -47,6 +48,16 @@ def test_it_tells_all_that_is_known() -> None:
         assert part in text
     assert "density: -500 becomes 0, 700 becomes 255" in text
     assert "gradient strength" in text and "only their sub-cube" in text and "█" in text
+
+
+def test_it_tells_the_kind_what_states_it_and_what_the_classes_are() -> None:
+    bands = (Band("liver", 1, 1), Band("C", 64, 95))
+    told = printed(description(kind=Kind.LABELS, kind_from="the segments in its header", bands=bands))
+    assert "labels, by the segments in its header" in told and "liver 1, C 64 to 95" in told
+
+
+def test_a_kind_that_nothing_states_is_told() -> None:
+    assert "not stated by the file; its histogram decides" in printed(description())
 
 
 def test_it_tells_why_a_file_is_read_whole() -> None:

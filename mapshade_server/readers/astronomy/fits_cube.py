@@ -22,6 +22,7 @@ from volsplat.mapshade_server.readers.simple_itk import refuse_other_dimensions,
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.volume import Box, Index, VolumeDescription
 
 STORED_TYPES = {8: ">u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8"}  # by BITPIX
@@ -85,6 +86,8 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
         value_unit=texts["BUNIT"],
         axes=place.axes,
         warnings=place.warnings,
+        kind=Kind.SPECTRAL_CUBE if place.spectral else Kind.UNKNOWN,
+        kind_from=f"its axis {place.spectral}" if place.spectral else "",
         density_name=texts["BTYPE"].lower() or "intensity",
         reads_sub_cubes=not zipped,
         why_whole="the file is compressed by gzip" if zipped else "",

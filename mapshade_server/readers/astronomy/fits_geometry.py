@@ -50,6 +50,7 @@ class Placed(NamedTuple):
     unit: str
     axes: tuple[GridAxis, GridAxis, GridAxis] | None
     warnings: tuple[str, ...]
+    spectral: str = ""  # the CTYPE of the third axis, if the others lie on the sky and it is of a spectrum
 
 
 def placed(path: Path, header: Any, hdus: Any, dims: Index, axes: Index, picked: Mapping[int, int]) -> Placed:
@@ -168,7 +169,9 @@ def _on_the_sky(path: Path, cube: _Cube) -> Placed:
     if extent > FLAT_SKY:
         warnings.append("the sky is drawn flat, true to scale in the middle of the cube alone")
     told = [third if n == cube.third else _sky_axis(cube, n, columns[n], factor, unit) for n in range(3)]
-    return Placed(_centred(path, cube.dims, matrix), unit, (told[0], told[1], told[2]), tuple(warnings))
+    return Placed(
+        _centred(path, cube.dims, matrix), unit, (told[0], told[1], told[2]), tuple(warnings), _spectral(cube)
+    )
 
 
 def _in_space(path: Path, cube: _Cube) -> Placed:
@@ -219,6 +222,15 @@ def _sky_axis(cube: _Cube, axis: int, column: Vector, factor: float, unit: str) 
     middle = cube.world(cube.middle)[world_axis]
     first = (middle % 360.0 if is_longitude else middle) - cube.middle[axis] * step
     return GridAxis(_SKY_NAMES.get(label, label), "deg", first, step)
+
+
+def _spectral(cube: _Cube) -> str:
+    """The CTYPE of the axis beside the sky, where that or its unit is of a spectrum."""
+    axis = cube.axes[cube.third]
+    unit = cube.unit(axis)
+    if axis == cube.wcs.wcs.spec or any(unit.is_equivalent(told) for _, told, _ in _THIRD_AXES):
+        return cube.name(axis) or str(unit)
+    return ""
 
 
 def _third_axis(cube: _Cube) -> tuple[GridAxis, bool]:

@@ -25,6 +25,7 @@ from volsplat.mapshade_server.readers.geology.survey_geometry import DEFAULT_VEL
 from volsplat.mapshade_server.readers.part_options import part_options
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.volume import Box, GridAxis, VolumeDescription
 
 OPTIONS = ("il", "xl", "velocity", "domain")
@@ -133,6 +134,8 @@ def open_segy(path: Path, part: str) -> SegyReader:
             GridAxis("inline", "", inlines.first, inlines.step),
         ),
         warnings=(*place.warnings, *notes),
+        kind=Kind.SEISMIC,
+        kind_from="its format",
         density_name="amplitude",
     )
     return SegyReader(description, source, grid)

@@ -21,6 +21,7 @@ from volsplat.mapshade_server.readers.medicine.dicom_file import (
     recognises_old,
 )
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
+from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.part_options import PartOptions, part_options
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
@@ -220,6 +221,7 @@ def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[st
     name, frames = _chosen_group(source, groups, said)
     first = series.files[0]
     stack = dicom_stack.stacked(source, frames, first)
+    kind, kind_from = kind_of_modality(first.modality)
     values = ",".join([*([said.word] if said.word else []), *(f"{key}={value}" for key, value in name)])
     description = VolumeDescription(
         name=f"{source.resolve().name}#{values}" if values else source.resolve().name,
@@ -229,6 +231,8 @@ def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[st
         unit=stack.unit,
         value_unit=first.value_unit,
         anatomical=stack.anatomical,
+        kind=kind,
+        kind_from=kind_from,
         warnings=(*warnings, *stack.warnings),
     )
     return DicomReader(description, stack)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.simple_itk import (
     extracted,
     geometry_of,
@@ -40,6 +41,8 @@ SCALAR_TYPES = {
     "MET_FLOAT": "float32",
     "MET_DOUBLE": "float64",
 }
+
+MODALITIES = {"MET_MOD_CT": "CT", "MET_MOD_MR": "MR", "MET_MOD_NM": "NM", "MET_MOD_US": "US"}  # by DICOM's words
 
 
 def recognises(head: bytes) -> bool:
@@ -95,6 +98,7 @@ def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
     why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
     # SimpleITK's physical axes are LPS; the field tells that they are a patient's.
     anatomical = re.fullmatch("[RLAPSI]{3}", fields.get("AnatomicalOrientation", "").upper()) is not None
+    kind, kind_from = kind_of_modality(MODALITIES.get(fields.get("Modality", ""), ""))
     description = VolumeDescription(
         name=f"{path.name}#{frame}" if frames > 1 else path.name,
         format="MetaImage",
@@ -102,6 +106,8 @@ def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
         scalar_type=scalar_type_of(path, reader),
         unit="mm" if anatomical else "",
         anatomical=anatomical,
+        kind=kind,
+        kind_from=kind_from,
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )

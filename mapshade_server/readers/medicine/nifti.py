@@ -13,11 +13,13 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.frames import chosen_frame
 from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
+from volsplat.mapshade_server.readers.medicine.modality import kind_beside
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.volume import Box, Index, VolumeDescription
 
@@ -36,11 +38,14 @@ SCALAR_TYPES = {
     1024: "int64",
     1280: "uint64",
 }
+INTENT_LABEL = 1002
+INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlation to the logarithm of a p-value
 BYTE_ORDERS: tuple[Literal["<", ">"], ...] = ("<", ">")
 MILLIMETRES_PER_UNIT = {1: 1000.0, 2: 1.0, 3: 0.001}
 
 _NIFTI_1 = {
     "dim": (40, "i2", 8),
+    "intent": (68, "i2", 1),
     "datatype": (70, "i2", 1),
     "pixdim": (76, "f4", 8),
     "vox_offset": (108, "f4", 1),
@@ -57,6 +62,7 @@ _NIFTI_2 = {
     "vox_offset": (168, "i8", 1),
     "scl": (176, "f8", 2),
     "units": (500, "i4", 1),
+    "intent": (504, "i4", 1),
     "codes": (344, "i4", 2),
     "quatern": (352, "f8", 6),
     "srow": (400, "f8", 12),
@@ -132,6 +138,7 @@ def open_nifti(path: Path, part: str = "") -> NiftiReader:
     voxels.check_files()
     matrix, origin, anatomical = _place(header)
     unit_code = int(header.values("units")[0]) & 7
+    kind, kind_from = _kind(path, header)
     to_millimetres = MILLIMETRES_PER_UNIT.get(unit_code, 1.0)
     description = VolumeDescription(
         name=f"{path.name}#{frame}" if frames > 1 else path.name,
@@ -142,10 +149,21 @@ def open_nifti(path: Path, part: str = "") -> NiftiReader:
         scalar_type=scaled_type if scaled else stored_type.name,
         unit="mm" if unit_code in MILLIMETRES_PER_UNIT else "",
         anatomical=anatomical,
+        kind=kind,
+        kind_from=kind_from,
         reads_sub_cubes=raw,
         why_whole="" if raw else "the file is compressed by gzip",
     )
     return NiftiReader(description, voxels, slope, intercept)
+
+
+def _kind(path: Path, header: _Header) -> tuple[Kind, str]:
+    intent = int(header.values("intent")[0])
+    if intent == INTENT_LABEL:
+        return Kind.LABELS, f"its intent {intent}, labels"
+    if intent in INTENT_STATISTICS:
+        return Kind.STATISTIC_MAP, f"its intent {intent}, a test's statistic"
+    return kind_beside(path)
 
 
 def _header_of(path: Path) -> _Header:

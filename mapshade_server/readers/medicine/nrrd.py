@@ -13,6 +13,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.frames import chosen_frame
 from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader, header_of_file
+from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse_flat_colours
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.simple_itk import (
     extracted,
@@ -134,6 +135,7 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
         raise header.wrong("type", "is not a type of number that volsplat reads")
     encoding = header.fields.get("encoding", "").lower()
     place = place_of(header, axes.of_volume, axes.dims)
+    kind, kind_from, bands = kind_of(path, header.pairs, frame)
     why_whole = "" if encoding == "raw" else f"the voxels are stored as {encoding}"
     description = VolumeDescription(
         name=f"{path.name}#{frame}" if axes.frames > 1 else path.name,
@@ -144,6 +146,9 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
         value_unit=header.fields.get("sample units", "").strip('"'),
         anatomical=place.anatomical,
         warnings=place.warnings,
+        kind=kind,
+        kind_from=kind_from,
+        bands=bands,
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )
@@ -170,6 +175,7 @@ def _axes(header: NrrdHeader) -> _Axes:
     sizes = header.integers("sizes")
     if not sizes or min(sizes) < 1 or header.integers("dimension") != (len(sizes),):
         raise header.wrong("sizes", "does not fit the dimension")
+    refuse_flat_colours(header.path, sizes, _kinds(header), placed="space directions" in header.fields)
     spatial = _spatial(header, len(sizes))
     all_axes = range(len(sizes))
     # Axes of several values that lead nowhere in space.

@@ -29,6 +29,7 @@ class NrrdHeader:
 
     path: Path
     fields: dict[str, str]
+    pairs: dict[str, str]  # of keys and values, which mean something to those who wrote them
     file_list: tuple[str, ...]
     end: int
 
@@ -75,6 +76,7 @@ class NrrdHeader:
 def header_of_file(path: Path) -> NrrdHeader:
     """The header of a file that begins as NRRD does. Raises BadInput where it does not end."""
     fields: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     file_list: list[str] = []
     with path.open("rb") as file:
         file.readline(LONGEST_LINE)  # the magic, which was recognised
@@ -82,10 +84,13 @@ def header_of_file(path: Path) -> NrrdHeader:
             text = line.decode("utf-8", "replace").strip()
             if fields.get("data file", "").upper().startswith("LIST"):
                 file_list.append(text)
-            elif not text.startswith("#") and ":=" not in text and ":" in text:
+            elif not text.startswith("#") and ":=" in text:
+                key, _, value = text.partition(":=")
+                pairs[key] = value
+            elif not text.startswith("#") and ":" in text:
                 name, _, value = text.partition(":")
                 name = name.strip().lower()
                 fields[FIELDS.get(name, name)] = value.strip()
             if file.tell() > LONGEST_HEADER:
                 raise BadInput(f"{path}: the NRRD header does not end; correct the file")
-        return NrrdHeader(path, fields, tuple(file_list), file.tell())
+        return NrrdHeader(path, fields, pairs, tuple(file_list), file.tell())

@@ -29,6 +29,7 @@ from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_te
 from volsplat.mapshade_server.readers.part_options import part_options
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 
 KINDS = ("density", "elements")
@@ -42,7 +43,7 @@ _RECORDS = (
 _FIRST_RECORD = re.compile(rf"\s*({_RECORDS})[ 0-9]".encode())
 _BROKEN_ATOM = re.compile(r"^(?:ATOM  |HETATM)(?!.{24}(?: *-?[0-9]+\.[0-9]* *){3}).*", re.MULTILINE)
 _END = re.compile(r"^END *\r?$", re.MULTILINE)
-_BANDS = ", ".join(f"{name} {max(n * BAND, 1)}-{(n + 1) * BAND - 1}" for n, name in enumerate(CLASSES))
+_BANDS = tuple(Band(name, max(n * BAND, 1), (n + 1) * BAND - 1) for n, name in enumerate(CLASSES))
 
 
 def recognises(head: bytes) -> bool:
@@ -94,13 +95,16 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
     atoms = _atoms(path, model, warnings)
     geometry = _geometry(path, atoms, chosen_spacing(atoms) if spacing is None else spacing)
     elements = kind == "elements"
-    drawn = f"by element: {_BANDS}" if elements else "as a synthetic electron density"
+    drawn = "by element" if elements else "as a synthetic electron density"
     description = VolumeDescription(
         name=path.name,
         format=f"{name}, {len(atoms.radii)} atoms {drawn}",
         geometry=geometry,
         scalar_type="uint8" if elements else "float32",
         unit="Å",
+        kind=Kind.ELEMENTS if elements else Kind.ATOM_DENSITY,
+        kind_from="it is made of atoms",
+        bands=_BANDS if elements else (),
         density_name="element" if elements else "synthetic density",
         warnings=tuple(warnings),
         why_whole="the list of atoms is read whole, but only a sub-cube's own voxels are made of it",

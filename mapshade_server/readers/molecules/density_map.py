@@ -16,11 +16,13 @@ import numpy as np
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.frames import chosen_frame
 from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
+from volsplat.mapshade_server.readers.molecules.map_kinds import is_difference, kind_of_names
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import IDENTITY, Matrix
 from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
 
@@ -32,6 +34,8 @@ EXTENSIONS = tuple(name + packed for name in (".mrc", ".mrcs", ".map", ".ccp4") 
 # Words of four bytes, counted from 1 as the format's documents do.
 SIZES, MODE, STARTS, INTERVALS, LENGTHS, ANGLES, AXES, LEAST, GREATEST = 1, 4, 5, 8, 11, 14, 17, 20, 21
 SPACE_GROUP, EXTENDED_BYTES, SKEWED, IMOD_STAMP, IMOD_FLAGS, ORIGIN, MACHINE_STAMP = 23, 24, 25, 39, 40, 50, 54
+MEAN, DEVIATION, LABELS = 22, 55, 57
+LABEL_BYTES = 80
 
 SCALAR_TYPES = {0: "int8", 1: "int16", 2: "float32", 6: "uint16", 12: "float16"}
 COLOUR_MODES = (16,)
@@ -68,6 +72,13 @@ class _Header:
     def numbers(self, word: int, count: int = 3) -> tuple[float, ...]:
         return struct.unpack_from(f"{self.order}{count}f", self.raw, 4 * (word - 1))
 
+    @property
+    def labels(self) -> list[str]:
+        """What programs wrote about the map."""
+        raw = self.raw[4 * (LABELS - 1) :]
+        texts = (raw[at : at + LABEL_BYTES].partition(b"\0")[0] for at in range(0, len(raw), LABEL_BYTES))
+        return [text for text in (one.decode("latin-1").strip() for one in texts) if text]
+
     def wrong(self, what: str, values: tuple[float, ...]) -> BadInput:
         shown = " ".join(f"{value:g}" for value in values)
         return BadInput(f"{self.path}: the map's {what} ({shown}) cannot be used; correct the header")
@@ -92,6 +103,7 @@ def open_density_map(path: Path, part: str) -> OpenedVolume:
     )
     voxels.check_files()
     geometry, unit, warnings = _place(header, dims)
+    kind, kind_from = _kind(header)
     description = VolumeDescription(
         name=path.name,
         format="CCP4/MRC map" + (f", volume {part} of a stack" if part else ""),
@@ -99,6 +111,8 @@ def open_density_map(path: Path, part: str) -> OpenedVolume:
         scalar_type="float32" if stored_type.kind == "f" else stored_type.name,
         unit=unit,
         warnings=warnings,
+        kind=kind,
+        kind_from=kind_from,
         reads_sub_cubes=raw,
         why_whole="" if raw else "the file is compressed by gzip",
     )
@@ -159,6 +173,20 @@ def _has_unsigned_bytes(header: _Header) -> bool:
         return not header.integer(IMOD_FLAGS) & IMOD_SIGNED
     least, greatest = header.numbers(LEAST, 2)
     return least >= 0 and 127 < greatest <= 255
+
+
+def _kind(header: _Header) -> tuple[Kind, str]:
+    """What the map is of, and what states it: its label or name, else its space group and statistics."""
+    kind, name = kind_of_names([*header.labels, header.path.name])
+    if kind != Kind.UNKNOWN:
+        return kind, f"“{name}”"
+    group = header.integer(SPACE_GROUP)
+    if group <= 1 or group in VOLUME_STACKS:
+        return Kind.EM_MAP, f"its space group {group}, that of a single particle"
+    statistics = (*header.numbers(LEAST, 2), *header.numbers(MEAN, 1), *header.numbers(DEVIATION, 1))
+    if is_difference(*statistics):
+        return Kind.DIFFERENCE_MAP, f"its header: {statistics[0]:.3g} to {statistics[1]:.3g}, as deep as high"
+    return Kind.CRYSTAL_MAP, f"its space group {group}"
 
 
 def _place(header: _Header, dims: Index) -> tuple[Geometry, str, tuple[str, ...]]:

@@ -22,6 +22,7 @@ from volsplat.mapshade_server.readers.stored_voxels import MOST_GROWTH, Packing
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.volume import Box, Index, VolumeDescription
 
@@ -34,6 +35,10 @@ LEAST_BYTES_A_VALUE = 2  # a digit and what parts it from the next
 # Fortran leaves the letter out where an exponent has three digits: 1.23456-100.
 _BARE_EXPONENT = re.compile(rb"(?<=[\d.])(?=[+-]\d)")
 
+_ORBITAL = re.compile(r"\b(MO|HOMO|LUMO|SOMO|orbitals?|wave ?function)\b", re.IGNORECASE)
+_OF_BOTH_SIGNS = re.compile(rf"{_ORBITAL.pattern}|\b(spin|differen|potential|laplacian|gradient)", re.IGNORECASE)
+_DENSITY = re.compile(r"\bdensity\b", re.IGNORECASE)
+
 
 @dataclass(frozen=True)
 class _Header:
@@ -41,6 +46,7 @@ class _Header:
 
     path: Path
     title: str
+    comment: str
     dims: Index
     matrix: Matrix
     origin: Vector
@@ -78,17 +84,32 @@ def open_gaussian_cube(path: Path, part: str) -> GaussianCubeReader:
     _check_size(header)
     value = _chosen(header, part)
     density_name = "wave function" if header.of_orbitals else "density"
+    kind, kind_from = _kind(header)
     description = VolumeDescription(
         name=path.name,
         format="Gaussian cube" + (f" ({header.title})" if header.title else ""),
         geometry=checked_geometry(path, header.dims, header.matrix, header.origin),
         scalar_type="float32",
         unit="Å",
+        kind=kind,
+        kind_from=kind_from,
         density_name=f"{density_name} {header.labels[value]}" if len(header.labels) > 1 else density_name,
         reads_sub_cubes=False,
         why_whole="its voxels are written as text",
     )
     return GaussianCubeReader(description, header, value)
+
+
+def _kind(header: _Header) -> tuple[Kind, str]:
+    """What the file holds by its list of orbitals, else by its two lines of text."""
+    if header.of_orbitals:
+        return Kind.WAVE_FUNCTION, "its list of orbitals"
+    for line in (header.comment, header.title):
+        if _OF_BOTH_SIGNS.search(line):  # as a wave function is shown
+            return (Kind.WAVE_FUNCTION, f"“{line}”") if _ORBITAL.search(line) else (Kind.UNKNOWN, "")
+        if _DENSITY.search(line):
+            return Kind.ELECTRON_DENSITY, f"“{line}”"
+    return Kind.UNKNOWN, ""
 
 
 @contextmanager
@@ -128,8 +149,7 @@ class _Lines:
 
 def _header_of(path: Path, file: BufferedIOBase) -> _Header:
     lines = _Lines(path, file)
-    title = lines.text()
-    lines.text()
+    title, comment = lines.text(), lines.text()
     atoms, *origin = lines.numbers("number of atoms and origin", 4)
     axes = [lines.numbers("number of voxels and step of an axis", 4) for _ in range(3)]
     counts = [axis[0] for axis in axes]
@@ -146,6 +166,7 @@ def _header_of(path: Path, file: BufferedIOBase) -> _Header:
     return _Header(
         path=path,
         title=title,
+        comment=comment,
         dims=tuple(abs(int(count)) for count in counts),  # type: ignore[arg-type]
         matrix=matrices.times(matrices.transposed(steps), to_angstrom),
         origin=matrices.scaled((origin[0], origin[1], origin[2]), to_angstrom),

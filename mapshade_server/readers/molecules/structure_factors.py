@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.molecules.map_kinds import kind_of_names
 from volsplat.mapshade_server.readers.molecules.reflections import (
     MEASURED,
     Floats,
@@ -34,6 +35,7 @@ from volsplat.mapshade_server.readers.simple_itk import checked_geometry
 from volsplat.mapshade_server.readers.volume_reader import VolumeReader, Voxels
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.volume import Box, GridAxis, Index, VolumeDescription
 
@@ -109,6 +111,7 @@ class _Factors:
     """The structure factors that a volume is made of, and what it says of them."""
 
     reflections: Reflections
+    made_from: str  # the labels of the columns
     made_of: str
     indices: Integers
     amplitudes: Floats
@@ -149,13 +152,15 @@ def _opened(reflections: Reflections, name: str, word: str) -> VolumeReader:
         label, indices, amplitudes = _amplitudes(reflections, kind, labels, warnings)
         phases = np.zeros_like(amplitudes)
     made_of = f"{name}, {len(indices)} reflections, {kind} of {label}"
-    factors = _Factors(reflections, made_of, indices, amplitudes, phases, tuple(warnings))
+    factors = _Factors(reflections, label, made_of, indices, amplitudes, phases, tuple(warnings))
     if kind == "map":
-        return _map(factors, "density", reflections.space_group)
+        named, _ = kind_of_names([label])
+        shown = Kind.DIFFERENCE_MAP if named == Kind.DIFFERENCE_MAP else Kind.CRYSTAL_MAP
+        return _map(factors, "density", reflections.space_group, shown)
     if kind == "patterson":
         whole = factors.expanded()
         squares = replace(whole, amplitudes=whole.amplitudes**2, phases=np.zeros_like(whole.phases))
-        return _map(squares, "Patterson function", library("gemmi", name).SpaceGroup("P 1"))
+        return _map(squares, "Patterson function", library("gemmi", name).SpaceGroup("P 1"), Kind.PATTERSON)
     return _frequency(factors.expanded(), with_phases=kind == "frequency")
 
 
@@ -198,7 +203,7 @@ def _there(reflections: Reflections, there: NDArray[np.bool_]) -> NDArray[np.boo
     return there
 
 
-def _map(factors: _Factors, density_name: str, space_group: Any) -> MapReader:
+def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> MapReader:
     path, cell = factors.reflections.path, factors.reflections.cell
     if not (greatest := float(np.abs(factors.amplitudes).max())) < GREATEST_AMPLITUDE:
         raise BadInput(
@@ -217,6 +222,8 @@ def _map(factors: _Factors, density_name: str, space_group: Any) -> MapReader:
         geometry=checked_geometry(path, dims, matrices.transposed((i, j, k)), (0.0, 0.0, 0.0)),
         scalar_type="float32",
         unit="Å",
+        kind=kind,
+        kind_from=f"it is made of {factors.made_from}",
         density_name=density_name,
         warnings=factors.warnings,
         reads_sub_cubes=False,
@@ -243,6 +250,8 @@ def _frequency(factors: _Factors, with_phases: bool) -> VolumeReader:
         scalar_type="float32",
         unit="1/Å",
         axes=(h, k, l),
+        kind=Kind.STRUCTURE_FACTORS,
+        kind_from=f"it is made of {factors.made_from}",
         density_name="amplitude",
         strength_name="phase" if with_phases else "gradient strength",
         second_scalar=PHASES if with_phases else None,
