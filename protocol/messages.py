@@ -113,6 +113,7 @@ class Part(Detail, frozen=True):
     """Values of a volume on their way to the server that is to hold them.
 
     They are a box of a sub-cube: of the halo as well where they are the volume's first scalar, whose gradients need it.
+    Those of one scalar come in order, i fastest: whole sheets, or whole rows of a sheet, or samples of a row.
     """
 
     server: ServerId

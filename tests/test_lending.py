@@ -162,6 +162,26 @@ def test_a_part_that_nobody_awaits_is_refused() -> None:
             awaited.take(Part(2, sub_cube, scalar, "uint8", box), memoryview(bytearray(1)))
 
 
+SHEET, TWO_SHEETS, CORNER = Box((0, 0, 0), (9, 5, 1)), Box((0, 0, 0), (9, 5, 2)), Box((0, 0, 1), (2, 2, 3))
+
+
+@pytest.mark.parametrize(
+    "parts",
+    [[SHEET, SHEET], [TWO_SHEETS, Box((0, 0, 1), (9, 5, 3))], [Box((0, 0, 1), (9, 5, 2))], [SHEET, CORNER]],
+    ids=["twice", "overlapping", "one missing before it", "in several pieces"],
+)
+def test_no_voxel_is_counted_twice_nor_left_out(parts: list[Box]) -> None:
+    """What is drawn before all voxels are there would be whatever lay in memory."""
+    described = VolumeDescription(name="one", format="memory", geometry=Geometry((9, 8, 7)), scalar_type="uint8")
+    awaited = AwaitedParts(AwaitParts(1, described, [Box((0, 0, 0), (9, 4, 7))]))
+    *right, wrong = [Part(2, 0, 0, "uint8", box) for box in parts]
+    for part in right:
+        awaited.take(part, memoryview(bytearray(part.box.voxels)))
+    with pytest.raises(BadInput, match="not the next one|not awaited"):
+        awaited.take(wrong, memoryview(bytearray(wrong.box.voxels)))
+    assert not awaited.complete
+
+
 @given(st.tuples(*[st.integers(1, 12)] * 3), st.integers(1, 300))
 def test_slabs_partition_a_box_and_keep_the_limit(size: tuple[int, int, int], limit: int) -> None:
     box = Box((1, 2, 3), (1 + size[0], 2 + size[1], 3 + size[2]))
