@@ -8,6 +8,7 @@ import threading
 import time
 from collections import defaultdict
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from volsplat.protocol import messages
 from volsplat.protocol.connection import Connection
@@ -23,6 +24,29 @@ log = logging.getLogger(__name__)
 UNREAD_SECONDS = 25.0  # a worker reads at once; one that has not taken what was sent for this long is gone
 
 
+@dataclass
+class _Came:
+    """What has come over one link of the newest frame that it carries."""
+
+    frame: int = 0
+    batches: int = 0
+    nbytes: int = 0
+
+    def count(self, batch: messages.Batch, nbytes: int) -> None:
+        """Raises RemoteProtocolError where a batch is missing, comes twice, or belongs to an older frame."""
+        if batch.frame < self.frame:
+            raise RemoteProtocolError(f"a batch of frame {batch.frame} came after one of frame {self.frame}")
+        if batch.frame > self.frame:
+            self.frame, self.batches, self.nbytes = batch.frame, 0, 0
+        if batch.sequence != self.batches:
+            raise RemoteProtocolError(
+                f"Batch.sequence is {batch.sequence}, but {self.batches} is due in frame {batch.frame}: a batch is "
+                "missing or repeated"
+            )
+        self.batches += 1
+        self.nbytes += nbytes
+
+
 class DataLinks:
     """Takes links and their batches until it is closed."""
 
@@ -35,9 +59,7 @@ class DataLinks:
         self._changed = changed
         self._on_news = on_news
         self._links: dict[int, Connection] = {}  # by worker, the newest of each
-        self._newest_frame = 0
-        self._next_sequence: defaultdict[tuple[int, int], int] = defaultdict(int)  # by frame and worker
-        self._received: defaultdict[int, int] = defaultdict(int)  # bytes of each frame
+        self._came: dict[int, _Came] = {}  # by worker, over its newest link
         self._held_back: defaultdict[int, float] = defaultdict(float)  # seconds since the frame began, by worker
         threading.Thread(target=self._accept, name="accept data links", daemon=True).start()
 
@@ -45,23 +67,20 @@ class DataLinks:
         self._listener.close()
         with self._changed:
             links = list(self._links.values())
+            self._links.clear()
+            self._changed.notify_all()  # threads that hold back
         for link in links:
             link.close()
 
-    def begin_frame(self, frame: int) -> None:
-        """Forget older frames' counts."""
+    def begin_frame(self) -> None:
+        """Forget for how long workers were held back before."""
         with self._changed:
-            self._newest_frame = max(self._newest_frame, frame)
-            for old in [key for key in self._next_sequence if key[0] < frame]:
-                del self._next_sequence[old]
-            for old_frame in [received for received in self._received if received < frame]:
-                del self._received[old_frame]
             self._held_back.clear()
 
     def received(self, frame: int) -> int:
         """Bytes of the frame's batches."""
         with self._changed:
-            return self._received[frame]
+            return sum(came.nbytes for came in self._came.values() if came.frame == frame)
 
     def held_back(self) -> dict[int, float]:
         """For how many seconds since the frame began each worker was not read; only those that waited."""
@@ -75,19 +94,22 @@ class DataLinks:
 
     def cut_off(self, refusal: RefuseBatch) -> None:
         """Close the link of a worker that broke the rules; its thread then tells the merge of the loss."""
-        log.warning("%s; its connection is closed", refusal.fault)
         with self._changed:
             link = self._links.get(refusal.worker)
         if link is not None:
+            log.warning("%s; the connection is closed", _broken(link, refusal.fault))
             link.close()
+            with self._changed:
+                self._changed.notify_all()  # its thread may hold back
 
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
             link.lose_after(UNREAD_SECONDS)
             with self._changed:
                 replaced = self._links.get(link.peer.id)
-                self._links[link.peer.id] = link
+                self._links[link.peer.id], self._came[link.peer.id] = link, _Came()
                 self._merge.handle(WorkerLinked(link.peer.id))
+                self._changed.notify_all()  # the thread of the one that it replaces may hold back
             if replaced is not None:
                 replaced.close()
             threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True).start()
@@ -110,48 +132,47 @@ class DataLinks:
                 self._on_news()
 
     def _receive(self, link: Connection) -> None:
-        while True:
-            self._hold_back(link.peer.id)
+        while self._hold_back(link):
             received = link.receive()
             if received is None:
                 return
-            assert isinstance(received.message, messages.Batch)
-            self._take(received.message, received.payload)
+            assert isinstance(received.message, messages.Batch), "message_rules lets nothing else through"
+            self._take(link, received.message, received.payload)
 
-    def _hold_back(self, worker: int) -> None:
-        """Wait while the worker's buffers are full."""
+    def _hold_back(self, link: Connection) -> bool:
+        """Wait while the worker's buffers are full. False where the link is out of use."""
+        worker = link.peer.id
         with self._changed:
-            if self._merge.may_read(worker):
-                return
-            began = time.perf_counter()
-            self._changed.wait_for(lambda: self._merge.may_read(worker))
-            self._held_back[worker] += time.perf_counter() - began
+            if not self._merge.may_read(worker):
+                began = time.perf_counter()
+                self._changed.wait_for(lambda: self._merge.may_read(worker) or not self._in_use(link))
+                self._held_back[worker] += time.perf_counter() - began
+            return self._in_use(link)
 
-    def _take(self, message: messages.Batch, payload: memoryview) -> None:
+    def _in_use(self, link: Connection) -> bool:
+        return self._links.get(link.peer.id) is link and not link.closed
+
+    def _take(self, link: Connection, message: messages.Batch, payload: memoryview) -> None:
         """Hand a batch to the merge. Raises RemoteProtocolError where it breaks the rules."""
         runs = payload[: message.run_count * ROW_RUN_BYTES]
         try:
             memory = BatchMemory(runs, payload[len(runs) :])
         except ValueError as fault:
-            raise RemoteProtocolError(f"frame {message.frame}, worker {message.worker}: {fault}") from fault
+            raise _broken(link, f"frame {message.frame}: {fault}") from fault
         batch = Batch(memory, (message.reached_sheet, message.reached_row), message.last)
         with self._changed:
-            self._count(message, len(payload))
+            if not self._in_use(link):
+                return
+            try:
+                self._came[message.worker].count(message, len(payload))
+            except RemoteProtocolError as error:
+                raise _broken(link, str(error)) from error
             instructions = self._merge.handle(BatchArrived(message.worker, message.frame, batch))
             self._on_news()
         for instruction in instructions:
             if isinstance(instruction, RefuseBatch):
-                raise RemoteProtocolError(instruction.fault)
+                raise _broken(link, instruction.fault)
 
-    def _count(self, message: messages.Batch, nbytes: int) -> None:
-        """Raises RemoteProtocolError where a batch is missing or comes twice."""
-        if message.frame < self._newest_frame:
-            return  # the merge discards it
-        key = (message.frame, message.worker)
-        if message.sequence != self._next_sequence[key]:
-            raise RemoteProtocolError(
-                f"frame {message.frame}, worker {message.worker}: Batch.sequence is {message.sequence}, but "
-                f"{self._next_sequence[key]} is due: a batch is missing or repeated"
-            )
-        self._next_sequence[key] += 1
-        self._received[message.frame] += nbytes
+
+def _broken(link: Connection, fault: str) -> RemoteProtocolError:
+    return RemoteProtocolError(f"{link} broke the protocol: {fault}")

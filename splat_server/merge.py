@@ -2,7 +2,8 @@
 
 All workers' batches become one sequence through the kernel's sorted linked list of buffers (paper: "Parallel
 Implementation"). One frame runs at a time, and frame ids rise: batches of older frames are discarded, those of
-newer ones held until their frame starts.
+newer ones held until their frame starts. A worker never goes back to an older frame; what it sent for a frame that
+it has left before that started is of no use any more.
 """
 
 from dataclasses import dataclass
@@ -41,14 +42,22 @@ class _RunningFrame:
     lost: set[WorkerId]
 
 
+@dataclass
+class _Held:
+    """Batches of one worker for a frame that has not started."""
+
+    frame: FrameId
+    batches: list[Batch]
+
+
 class Merge:
     """State of the merge over all frames. `handle` takes an event and returns what is to be done, in order."""
 
     def __init__(self) -> None:
         self._newest: FrameId = -1  # the greatest frame that has started
         self._running: _RunningFrame | None = None
-        self._held: dict[FrameId, list[tuple[WorkerId, Batch]]] = {}
-        self._buffered: dict[WorkerId, int] = {}  # bytes, held ones included
+        self._held: dict[WorkerId, _Held] = {}
+        self._buffered: dict[WorkerId, int] = {}  # weight of batches, held ones included
         self._gone: set[WorkerId] = set()
         self._next_batch = 0
 
@@ -80,12 +89,10 @@ class Merge:
     def may_read(self, worker: WorkerId) -> bool:
         """Whether to take more from the worker's connection.
 
-        The worker that the merge waits for is always read, so that budgets cannot deadlock; it has nothing of this
-        frame buffered. Only one that has gone on to newer frames, whose start will come, is held to its budget.
+        Budgets cannot deadlock: of the worker that the merge waits for nothing is buffered that the next
+        SplatterReady does not release, unless it has gone on to a newer frame, whose start will come.
         """
-        if self.buffered_bytes(worker) < CONNECTION_BUDGET:
-            return True
-        return worker == self.waits_for and not any(held == worker for held, _ in self._all_held())
+        return self.buffered_bytes(worker) < CONNECTION_BUDGET
 
     def _handle_frame_started(self, event: FrameStarted) -> list[Instruction]:
         if event.frame <= self._newest:
@@ -104,20 +111,25 @@ class Merge:
             lost=set(),
         )
         instructions: list[Instruction] = []
-        for worker, batch in self._taken_from_held(event.frame):
-            instructions += self._handle_batch_arrived(BatchArrived(worker, event.frame, batch))
+        for worker, batches in self._taken_from_held(event.frame):
+            for batch in batches:
+                instructions += self._handle_batch_arrived(BatchArrived(worker, event.frame, batch))
         for worker in sorted(self._gone.intersection(event.workers)):
             self._lose(worker)
         return instructions
 
     def _handle_batch_arrived(self, event: BatchArrived) -> list[Instruction]:
         worker, frame, batch = event.worker, event.frame, event.batch
+        if worker in self._gone:
+            return []
+        held = self._held.get(worker)
+        if held is not None and frame < held.frame:
+            return self._refuse(worker, frame, f"it had gone on to frame {held.frame}")
         if frame > self._newest:
-            self._held.setdefault(frame, []).append((worker, batch))
-            self._buffered[worker] = self.buffered_bytes(worker) + batch.memory.bytes
+            self._hold(worker, frame, batch)
             return []
         running = self._running
-        if running is None or frame != running.frame or worker in self._gone or worker in running.lost:
+        if running is None or frame != running.frame or worker in running.lost:
             return []
         if worker not in running.workers:
             return self._refuse(worker, frame, "it has no part in this frame")
@@ -129,13 +141,14 @@ class Merge:
             return self._refuse(worker, frame, str(fault))
         running.batches[self._next_batch] = (worker, batch)
         self._next_batch += 1
-        self._buffered[worker] = self.buffered_bytes(worker) + batch.memory.bytes
+        self._buffer(worker, batch.weight)
         if batch.last:
             running.unfinished.discard(worker)
         return []
 
     def _handle_worker_lost(self, event: WorkerLost) -> list[Instruction]:
         self._gone.add(event.worker)
+        self._let_go(event.worker)
         self._lose(event.worker)
         return []
 
@@ -188,30 +201,52 @@ class Merge:
     def _release(self, running: _RunningFrame, batches: list[int]) -> None:
         for batch_id in batches:
             worker, batch = running.batches.pop(batch_id)
-            self._buffered[worker] -= batch.memory.bytes
+            self._buffer(worker, -batch.weight)
 
-    def _taken_from_held(self, frame: FrameId) -> list[tuple[WorkerId, Batch]]:
-        """Let go of what is held up to this frame; what is held for it is returned, in order of arrival."""
-        taken: list[tuple[WorkerId, Batch]] = []
-        for held_for in [held_for for held_for in self._held if held_for <= frame]:
-            batches = self._held.pop(held_for)
-            for worker, batch in batches:
-                self._buffered[worker] -= batch.memory.bytes
-            taken += batches if held_for == frame else []
-        return taken
+    def _hold(self, worker: WorkerId, frame: FrameId, batch: Batch) -> None:
+        """Keep a batch until its frame starts."""
+        held = self._held.get(worker)
+        if held is None or held.frame != frame:
+            self._let_go(worker)
+            held = self._held[worker] = _Held(frame, [])
+        held.batches.append(batch)
+        self._buffer(worker, batch.weight)
 
-    def _all_held(self) -> list[tuple[WorkerId, Batch]]:
-        return [entry for held in self._held.values() for entry in held]
+    def _let_go(self, worker: WorkerId) -> list[Batch]:
+        """What was held of the worker."""
+        held = self._held.pop(worker, None)
+        batches = held.batches if held else []
+        self._buffer(worker, -sum(batch.weight for batch in batches))
+        return batches
+
+    def _taken_from_held(self, frame: FrameId) -> list[tuple[WorkerId, list[Batch]]]:
+        """Let go of what is held up to this frame; what is held for it is returned."""
+        taken = [
+            (worker, held.frame, self._let_go(worker))
+            for worker, held in list(self._held.items())
+            if held.frame <= frame
+        ]
+        return [(worker, batches) for worker, held_for, batches in taken if held_for == frame]
+
+    def _buffer(self, worker: WorkerId, weight: int) -> None:
+        """Count what was taken from a worker, or what it has back."""
+        buffered = self.buffered_bytes(worker) + weight
+        if buffered:
+            self._buffered[worker] = buffered
+        else:
+            self._buffered.pop(worker, None)
 
     def validate_state(self) -> None:
         """Raises AssertionError or RuntimeError where an invariant is broken."""
-        buffered: dict[WorkerId, int] = {}
         running = self._running
-        for worker, batch in (list(running.batches.values()) if running else []) + self._all_held():
-            buffered[worker] = buffered.get(worker, 0) + batch.memory.bytes
-        counted = {worker: size for worker, size in self._buffered.items() if size}
-        assert counted == {worker: size for worker, size in buffered.items() if size}, "bytes are miscounted"
-        assert all(frame > self._newest for frame in self._held), "a batch is held for a frame that has started"
+        of_running = list(running.batches.values()) if running else []
+        of_held = [(worker, batch) for worker, held in self._held.items() for batch in held.batches]
+        buffered: dict[WorkerId, int] = {}
+        for worker, batch in of_running + of_held:
+            buffered[worker] = buffered.get(worker, 0) + batch.weight
+        assert self._buffered == buffered, "bytes are miscounted"
+        assert all(held.frame > self._newest for held in self._held.values()), "held for a frame that has started"
+        assert not self._gone & self._held.keys(), "batches of a worker that is gone are held"
         if running is None:
             return
         running.buffers.validate()
@@ -221,7 +256,9 @@ class Merge:
         assert not self._gone & running.unfinished, "a worker that is gone is awaited"
         assert all(worker in running.workers for worker, _ in running.batches.values()), "a stranger's batch was taken"
         assert self.waits_for is None or self.waits_for in running.unfinished, "a finished worker is waited for"
-        assert self.waits_for is None or self.may_read(self.waits_for) or self._held, "the merge deadlocks"
+        waits_for = self.waits_for
+        to_come = {worker for worker, _ in of_running} | self._held.keys()  # with what is released, or starts
+        assert waits_for is None or self.may_read(waits_for) or waits_for in to_come, "the merge deadlocks"
 
 
 def _snake_case(name: str) -> str:

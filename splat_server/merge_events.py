@@ -7,6 +7,8 @@ from volsplat.splat_server._kernels import BatchMemory, SpanList
 WorkerId = int
 FrameId = int
 
+BATCH_OVERHEAD = 8 << 10  # bytes that a batch costs beside its own, at most: objects, and the rounding of its buffer
+
 
 @dataclass(frozen=True)
 class Batch:
@@ -15,6 +17,11 @@ class Batch:
     memory: BatchMemory
     reached: tuple[int, int]  # sheet, row
     last: bool
+
+    @property
+    def weight(self) -> int:
+        """Bytes of memory that it takes; an empty one takes some as well."""
+        return self.memory.bytes + BATCH_OVERHEAD
 
 
 # Events

@@ -194,7 +194,7 @@ class SplatServer:
 
     def _begin(self, request: messages.RenderFrame) -> None:
         self._frame_began = time.perf_counter()
-        self._data_links.begin_frame(request.frame)
+        self._data_links.begin_frame()
         self._note_news()
         self._waiting_seconds = self._answering_seconds = 0.0
         self._hidden_told = 0

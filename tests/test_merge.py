@@ -16,6 +16,7 @@ from volsplat.splat_server.footprint_table import kernel_projection
 from volsplat.splat_server.image_buffer import ImageBuffer
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
+    BATCH_OVERHEAD,
     Batch,
     BatchArrived,
     CompleteFrame,
@@ -291,3 +292,42 @@ def test_the_worker_that_is_waited_for_is_read_beyond_its_budget_unless_it_has_g
         assert checked.merge.waits_for == 1 and not checked.merge.may_read(1)
     finally:
         merge_module.CONNECTION_BUDGET = budget
+
+
+@pytest.mark.parametrize("same_frame", [True, False])
+def test_what_comes_too_early_is_bounded_though_it_is_empty(same_frame: bool) -> None:
+    """Empty batches of frames that nobody asked for: a worker is held back, or only the newest frame's are kept."""
+    checked = CheckedMerge()
+    checked.handle(FrameStarted(1, (1, 2), COUNTS))
+    taken = 0
+    while checked.merge.may_read(1) and taken < 5000:
+        taken += 1
+        checked.handle(BatchArrived(1, 7 if same_frame else 7 + taken, batch_of([])))
+    assert checked.merge.buffered_bytes(1) <= merge_module.CONNECTION_BUDGET + BATCH_OVERHEAD
+    assert taken == -(-merge_module.CONNECTION_BUDGET // BATCH_OVERHEAD) if same_frame else taken == 5000
+    assert same_frame or checked.merge.buffered_bytes(1) == BATCH_OVERHEAD
+    assert checked.merge.may_read(2), "others are not held back"
+    checked.handle(WorkerLost(1))
+    assert checked.merge.buffered_bytes(1) == 0
+    checked.handle(BatchArrived(2, 1, batch_of([run(0, 0)], last=True)))
+    assert MarkIncomplete(1, (1,)) in checked.handle(SplatterReady(1, 100))
+
+
+def test_empty_batches_of_the_running_frame_are_let_go_of() -> None:
+    checked = CheckedMerge()
+    checked.handle(FrameStarted(1, (1,), COUNTS))
+    for _ in range(5000):
+        checked.handle(BatchArrived(1, 1, batch_of([])))
+        if not checked.merge.may_read(1):
+            checked.handle(SplatterReady(1, 100))
+        assert checked.merge.may_read(1) and checked.merge.waits_for == 1
+
+
+def test_a_worker_does_not_go_back_to_a_frame_that_it_has_left() -> None:
+    checked = CheckedMerge()
+    checked.handle(FrameStarted(1, (1, 2), COUNTS))
+    checked.handle(BatchArrived(1, 3, batch_of([])))
+    [refused] = checked.handle(BatchArrived(1, 1, batch_of([run(0, 0)])))
+    assert isinstance(refused, RefuseBatch) and refused.fault == "frame 1, worker 1: it had gone on to frame 3"
+    checked.handle(BatchArrived(2, 1, batch_of([], last=True)))
+    assert checked.handle(SplatterReady(1, 100)) == [MarkIncomplete(1, (1,))]

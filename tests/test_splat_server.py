@@ -357,7 +357,7 @@ def test_a_batch_that_is_missing_or_repeated_ends_its_link(
     bench.sends(WORKERS[0], 1, skipped, first[skipped])
     with pytest.raises(VolsplatError):
         bench.links[WORKERS[0]].receive()
-    assert f"frame 1, worker 11: Batch.sequence is {skipped}, but 1 is due" in caplog.text
+    assert f"link 11 on this machine broke the protocol: Batch.sequence is {skipped}, but 1 is due" in caplog.text
     for worker, sent in ((WORKERS[1], second), (WORKERS[2], third)):
         for sequence, batch in enumerate(sent):
             bench.sends(worker, 1, sequence, batch)
