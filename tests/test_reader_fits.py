@@ -388,9 +388,9 @@ def test_quantised_tiles_have_the_values_that_astropy_reads(tmp_path: Path) -> N
 def test_only_the_sub_cube_is_read(tmp_path: Path) -> None:
     values = np.random.default_rng(0).integers(0, 1000, (64, 128, 128)).astype(np.int32)
     plain = written(tmp_path / "cube.fits", values, SKY, VELOCITY)
-    tiled = compressed(tmp_path / "cube.fits.fz", values)
+    tiled = compressed(tmp_path / "cube.fits.fz", values, tile_shape=(1, 128, 128))
     box = Box((0, 32, 40), (128, 96, 44))
-    for path, share in ((plain, 1.0), (tiled, 0.5)):
+    for path, share in ((plain, 1.0), (tiled, 1.0)):
         read_whole(path)  # imports what the format needs
         before = bytes_read()
         reader = open_volume(str(path))
@@ -400,6 +400,16 @@ def test_only_the_sub_cube_is_read(tmp_path: Path) -> None:
         before = bytes_read()
         np.testing.assert_array_equal(reader.read(box), values[40:44, 32:96])
         assert bytes_read() - before < share * 4 * box.voxels + 48 * 2880
+
+
+def test_tiles_that_are_cut_off_after_the_file_was_opened_are_one_clear_line(tmp_path: Path) -> None:
+    """Were the file mapped, this process would end by SIGBUS."""
+    path = compressed(tmp_path / "cube.fits.fz", np.random.default_rng(0).integers(0, 1000, (64, 64, 64), np.int32))
+    reader = open_volume(str(path))
+    with path.open("r+b") as file:
+        file.truncate(path.stat().st_size // 2)
+    with pytest.raises(BadInput, match="cube.fits.fz: .*truncated"):
+        reader.read(reader.describe().geometry.box)
 
 
 def test_reading_is_silent(shared_data: Path, capfd: pytest.CaptureFixture[str]) -> None:

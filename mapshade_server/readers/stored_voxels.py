@@ -114,19 +114,19 @@ class StoredVoxels:
         gap = row_bytes - box.size[0] * self.dtype.itemsize
         with piece.path.open("rb", buffering=0) as file:
             if whole_rows and box.size[1] == self.dims[1]:
-                _fill(file.fileno(), into, piece.offset + box.low[2] * self.sheet_bytes)
+                fill(file.fileno(), into, piece.offset + box.low[2] * self.sheet_bytes)
                 return
             through = np.empty((box.size[1], self.dims[0]), self.dtype)
             for sheet, k in zip(into, range(box.low[2], box.high[2]), strict=True):
                 start = piece.offset + k * self.sheet_bytes + box.low[1] * row_bytes
                 if whole_rows:
-                    _fill(file.fileno(), sheet, start)
+                    fill(file.fileno(), sheet, start)
                 elif gap <= READ_THROUGH_BYTES:
-                    _fill(file.fileno(), through, start)
+                    fill(file.fileno(), through, start)
                     sheet[...] = through[:, box.low[0] : box.high[0]]
                 else:
                     for n, row in enumerate(sheet):
-                        _fill(file.fileno(), row, start + n * row_bytes + left)
+                        fill(file.fileno(), row, start + n * row_bytes + left)
 
     def _unpack(self, piece: Piece, box: Box, into: Voxels) -> None:
         sheet = np.empty((self.dims[1], self.dims[0]), self.dtype)
@@ -158,8 +158,11 @@ def unpacked_size(path: Path, offset: int, packing: Packing) -> int:
             raise BadInput(f"{path}: {_cause(error, None)}; fetch or export the volume again") from None
 
 
-def _fill(descriptor: int, into: Voxels, offset: int) -> None:
-    """Reads exactly the bytes of `into`, which is contiguous, from the file's `offset` on."""
+def fill(descriptor: int, into: Voxels, offset: int) -> None:
+    """Reads exactly the bytes of `into`, which is contiguous, from the file's `offset` on.
+
+    Raises EOFError where the file ends before.
+    """
     view = _bytes_of(into)
     while view:
         got = os.preadv(descriptor, [view], offset)

@@ -31,10 +31,12 @@ class ArrayValues:
     highest: float = math.inf
 
     def of(self, stored: NDArray[Any]) -> Voxels:
-        """The values of stored numbers, C-contiguous and in native byte order."""
+        """The values of stored numbers, C-contiguous and in native byte order; in their memory if that can be."""
         if stored.dtype.newbyteorder("=") != self.stored_type:
             stored = stored.view(self.stored_type.newbyteorder(stored.dtype.byteorder))
-        values: Voxels = np.array(stored, self.scalar_type, order="C")
+        values: Voxels = np.asarray(stored, self.scalar_type, order="C")
+        if values is stored and (self.scale, self.offset) != (1.0, 0.0):
+            values = stored.copy()  # missing numbers are looked for among those that are stored
         if self.scale != 1.0:
             values *= self.scale
         if self.offset != 0.0:

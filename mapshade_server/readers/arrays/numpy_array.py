@@ -1,6 +1,6 @@
 """NumPy's .npy and .npz, the latter by the array's name. Indexed [z, y, x], unless `axes=xyz` says other.
 
-Arrays are mapped into memory, so that only the pages of the wanted box are read, unless an .npz compresses them.
+Only the wanted box is read, unless an .npz compresses its arrays.
 Pickled objects are never loaded: they are programs.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.readers.arrays.array_file import ArrayFile, cause
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, plain_values
@@ -39,22 +40,23 @@ def recognises_npz(head: bytes) -> bool:
     return head.startswith(MEMBER_MAGIC) and head[MEMBER_HEADER_BYTES:name_end].endswith(NPY.encode())
 
 
-class NumpyArrayReader:
-    """One array; `load` maps it into memory or unpacks it."""
+Pick = Callable[[tuple[int | slice, ...]], NDArray[Any]]  # gives what indexing an array would give
 
-    def __init__(
-        self, description: VolumeDescription, grid: ArrayGrid, values: ArrayValues, load: Callable[[], NDArray[Any]]
-    ) -> None:
+
+class NumpyArrayReader:
+    """One array; `pick` reads what is wanted of it."""
+
+    def __init__(self, description: VolumeDescription, grid: ArrayGrid, values: ArrayValues, pick: Pick) -> None:
         self._description = description
         self._grid = grid
         self._values = values
-        self._load = load
+        self._pick = pick
 
     def describe(self) -> VolumeDescription:
         return self._description
 
     def read(self, box: Box) -> Voxels:
-        return self._values.of(self._load()[self._grid.selection(box)])
+        return self._values.of(self._pick(self._grid.selection(box)))
 
 
 def open_npy(path: Path, part: str) -> NumpyArrayReader:
@@ -65,7 +67,7 @@ def open_npy(path: Path, part: str) -> NumpyArrayReader:
     with path.open("rb") as file:
         header = _header(chosen, file)
         start = file.tell()
-    return _reader(path, chosen, header, _mapped(path, chosen, header, start), "")
+    return _reader(path, chosen, header, _stored(path, chosen, header, start), "")
 
 
 def open_npz(path: Path, part: str) -> NumpyArrayReader:
@@ -80,7 +82,7 @@ def open_npz(path: Path, part: str) -> NumpyArrayReader:
                 start = file.tell()
             if member.compress_type == zipfile.ZIP_STORED:
                 offset = _offset(path, member) + start
-                return _reader(path, chosen, header, _mapped(path, chosen, header, offset), "")
+                return _reader(path, chosen, header, _stored(path, chosen, header, offset), "")
             _check_size(chosen, header, member.file_size - start)
             if member.compress_size * MOST_GROWTH < header.bytes:
                 raise _truncated(chosen, header, f"{member.compress_size} compressed")
@@ -166,12 +168,20 @@ def _offset(path: Path, member: zipfile.ZipInfo) -> int:
     return member.header_offset + MEMBER_HEADER_BYTES + name + extra
 
 
-def _mapped(path: Path, part: ArrayPart, header: _Header, offset: int) -> Callable[[], NDArray[Any]]:
+def _stored(path: Path, part: ArrayPart, header: _Header, offset: int) -> Pick:
     _check_size(part, header, path.stat().st_size - offset)
-    return lambda: np.memmap(path, header.dtype, "r", offset, header.shape, header.order)
+    file = ArrayFile(path, offset, header.dtype, header.shape, header.order)
+
+    def pick(selection: tuple[int | slice, ...]) -> NDArray[Any]:
+        try:
+            return file.pick(selection)
+        except (EOFError, OSError) as error:
+            raise BadInput(f"{part.whole}: {cause(error)}; fetch or save the array again") from None
+
+    return pick
 
 
-def _unpacked(path: Path, part: ArrayPart, member: zipfile.ZipInfo) -> Callable[[], NDArray[Any]]:
+def _unpacked(path: Path, part: ArrayPart, member: zipfile.ZipInfo) -> Pick:
     @cache
     def load() -> NDArray[Any]:
         try:
@@ -181,12 +191,10 @@ def _unpacked(path: Path, part: ArrayPart, member: zipfile.ZipInfo) -> Callable[
         except (zipfile.BadZipFile, zlib.error, EOFError, ValueError) as error:
             raise _damaged(part, error) from None
 
-    return load
+    return lambda selection: load()[selection].copy()
 
 
-def _reader(
-    path: Path, part: ArrayPart, header: _Header, load: Callable[[], NDArray[Any]], why_whole: str
-) -> NumpyArrayReader:
+def _reader(path: Path, part: ArrayPart, header: _Header, pick: Pick, why_whole: str) -> NumpyArrayReader:
     values = plain_values(part.whole, header.dtype)
     grid = array_grid(part, [ArrayAxis(length) for length in header.shape])
     description = VolumeDescription(
@@ -201,4 +209,4 @@ def _reader(
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )
-    return NumpyArrayReader(description, grid, values, load)
+    return NumpyArrayReader(description, grid, values, pick)

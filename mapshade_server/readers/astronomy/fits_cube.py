@@ -96,14 +96,15 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
 
 
 @contextmanager
-def _opened(path: Path, memmap: bool = False, **how: bool) -> Iterator[Any]:
+def _opened(path: Path, **how: bool) -> Iterator[Any]:
     """The list of HDUs; astropy's many exceptions become BadInput, and it says nothing of its own."""
     fits = library("astropy.io.fits", "FITS")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", library("astropy.utils.exceptions", "FITS").AstropyWarning)
         try:
-            # The file is opened here since astropy leaves it open where it fails.
-            with path.open("rb") as file, fits.open(file, memmap=memmap, do_not_scale_image_data=True, **how) as hdus:
+            # The file is opened here since astropy leaves it open where it fails, and not mapped since one that is cut
+            # short meanwhile would end the process.
+            with path.open("rb") as file, fits.open(file, memmap=False, do_not_scale_image_data=True, **how) as hdus:
                 yield hdus
         except BadInput:
             raise
@@ -280,7 +281,7 @@ class _TiledVoxels:
         key = [slice(n, n + 1) for n in (self.array.picked.get(axis, 0) for axis in range(len(self.array.sizes)))]
         for axis, low, high in zip(self.array.axes, box.low, box.high, strict=True):
             key[axis] = slice(low, high)
-        with _opened(self.path, memmap=True) as hdus:  # else astropy reads all tiles
+        with _opened(self.path) as hdus:
             voxels = hdus[self.number].section[tuple(key[::-1])].reshape(box.size[::-1])
         return np.array(voxels, voxels.dtype.newbyteorder("="), order="C")
 
