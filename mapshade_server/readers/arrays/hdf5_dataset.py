@@ -17,8 +17,9 @@ import numpy as np
 from volsplat.mapshade_server.readers import extra
 from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
-from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -67,6 +68,8 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
     """The reader for a dataset. Raises BadInput where none is a volume, or the person must choose one."""
     chosen, h5py = array_part(path, part), _h5py()
     with _opened(h5py, path) as file:
+        if (image := image_in(h5py, chosen, file)) is not None:
+            return _image(h5py, chosen, image, file[image.path])
         dataset = _dataset(h5py, chosen, file)
         chosen = chosen._replace(path=dataset.name)
         _check_readable(h5py, chosen, dataset)
@@ -93,6 +96,28 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
     def read(box: Box) -> Voxels:
         with _opened(_h5py(), path) as file:  # only while it is read
             return values.of(file[name][grid.selection(box)])
+
+    return OpenedVolume(description, read)
+
+
+def _image(h5py: ModuleType, part: ArrayPart, image: Hdf5Image, dataset: Any) -> OpenedVolume:
+    """The reader for an image that says its place in its program's way."""
+    part = part._replace(path=image.path)
+    _check_readable(h5py, part, dataset)
+    values = plain_values(part.whole, dataset.dtype)
+    description = VolumeDescription(
+        name=Path(part.place).name,
+        format=image.format,
+        geometry=image.geometry,
+        scalar_type=values.scalar_type,
+        unit=image.unit,
+        anatomical=image.anatomical,
+        density_name=image.density_name,
+    )
+
+    def read(box: Box) -> Voxels:
+        with _opened(_h5py(), Path(part.place)) as file:
+            return values.of(file[image.path][image.selection(box)])
 
     return OpenedVolume(description, read)
 
