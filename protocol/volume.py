@@ -127,11 +127,14 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
     reads_sub_cubes: bool = True  # False: one server reads the whole file, and the others get theirs from it
     why_whole: str = ""  # the reason, when it does; or what else of the file each server must read
+    chunk: Index = (1, 1, 1)  # voxels along i, j, k that only come together: a file's rows, its sheets, its chunks
 
     def __post_init__(self) -> None:
         for field in _TEXTS:
             msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
         msgspec.structs.force_setattr(self, "warnings", tuple(printable(warning) for warning in self.warnings))
+        if min(self.chunk) < 1:
+            raise ValueError(f"a chunk needs at least one voxel on each axis, not {self.chunk}")
         if self.second_scalar is not None:
             low, high = self.second_scalar
             if not (low < high and math.isfinite(1.0 / (high - low)) and math.isfinite(high - low)):
