@@ -2,23 +2,30 @@
 
 A Zarr v3 group that `volsplat prepare` writes:
 
-    zarr.json            attribute "volsplat": StoreAttributes, as builtins
+    zarr.json            attribute "volsplat": StoreAttributes, as builtins; "volsplat_crc32": that of their JSON
     0, 1, 2, …           uint32 voxel packets of each level shaped (k, j, i), finest first; see packet_layout. Inner
                          chunks are bricks of 64^3 voxels, shards 256^3 (less in small volumes), compressed by
-                         zstd. What is not stored is no data.
-    bricks/0, …          uint8 (bk, bj, bi, 4): least and greatest density byte, least and greatest strength byte of
-                         the voxels of each brick that have data; least > greatest where none has
+                         zstd with its checksum. A brick of nothing but the background is not stored, it is the fill
+                         value; nor is the file of a shard of such bricks.
+    bricks/0, …          uint8 (bk, bj, bi, 5): least and greatest density byte, least and greatest strength byte of
+                         the voxels of each brick that have data, least > greatest where none has; 1 where the brick
+                         is stored, else 0
     histograms/density   int64 counts over the survey's low..high
     histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
 
 Level L + 1 halves level L: each of its voxels is the mean of 2x2x2 source values, as many as there are and are finite.
 A second scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All
 levels have one quantisation. Packets hold their gradients, so a brick needs no halo.
+
+All that lies on the disk bears a checksum: the attributes theirs, bricks and histograms zstd's, the indices of shards
+the CRC-32C that Zarr gives them. What was changed since is refused by its file's name.
 """
 
 import json
-import math
+import zlib
+from collections.abc import Iterator
 from functools import cached_property
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -34,11 +41,13 @@ from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 ATTRIBUTE = "volsplat"
-FORMAT = 1
+CHECKSUM = "volsplat_crc32"  # of the attribute
+FORMAT = 2
 BRICKS = "bricks"
 DENSITY_COUNTS, STRENGTH_COUNTS = "histograms/density", "histograms/strength"
 METADATA = "zarr.json"
-BRICK_FIELDS = 4  # least and greatest density byte, least and greatest strength byte
+BRICK_FIELDS = 5  # least and greatest density byte, least and greatest strength byte, whether it is stored
+STORED = 4
 
 
 class StoredLevel(msgspec.Struct, frozen=True):
@@ -66,20 +75,13 @@ class StoreAttributes(msgspec.Struct, frozen=True, kw_only=True):
     description: VolumeDescription  # of level 0
     survey: Survey
     quantisation: Quantisation
+    background: int  # the packet of all voxels in bricks that are not stored
     levels: tuple[StoredLevel, ...]
 
-    def as_builtins(self) -> dict[str, Any]:
-        """For JSON, which has no infinite numbers: a survey without any value has neither low nor high."""
-        builtins: dict[str, Any] = msgspec.to_builtins(self)
-        if self.survey.low > self.survey.high:
-            del builtins["survey"]["low"], builtins["survey"]["high"]
-        return builtins
-
-    @classmethod
-    def from_builtins(cls, builtins: dict[str, Any]) -> "StoreAttributes":
-        """Raises msgspec.ValidationError."""
-        survey = {"low": math.inf, "high": -math.inf, **builtins.get("survey", {})}
-        return msgspec.convert({**builtins, "survey": survey}, cls)
+    def as_attributes(self) -> dict[str, Any]:
+        """The group's attributes: these, and their checksum."""
+        told: dict[str, Any] = msgspec.to_builtins(self)
+        return {ATTRIBUTE: told, CHECKSUM: _checksum(told)}
 
 
 class Level(NamedTuple):
@@ -100,16 +102,17 @@ class PacketStore:
         self.quantisation = attributes.quantisation
         self.levels = tuple(Level(level.factor, level.geometry) for level in attributes.levels)
         self._paths = [level.path for level in attributes.levels]
-        self._arrays = [self._array(path) for path in self._paths]
+        self._arrays = [self._packets(level, attributes.background) for level in attributes.levels]
+        self._bricks: dict[int, NDArray[np.uint8]] = {}
 
     @cached_property
     def density_counts(self) -> list[int]:
-        counts: list[int] = self._array(DENSITY_COUNTS)[:].tolist()
+        counts: list[int] = self._whole(DENSITY_COUNTS).tolist()
         return counts
 
     @cached_property
     def strength_counts(self) -> list[int]:
-        counts: list[int] = self._array(STRENGTH_COUNTS)[:].tolist()
+        counts: list[int] = self._whole(STRENGTH_COUNTS).tolist()
         return counts
 
     @property
@@ -123,33 +126,91 @@ class PacketStore:
 
         Raises BadInput where the store turns out to be damaged.
         """
-        (i0, j0, k0), (i1, j1, k1) = box
-        path = self._paths[level]
-        packets: Packets = self._read(path, self._arrays[level], (slice(k0, k1), slice(j0, j1), slice(i0, i1)))
-        return np.ascontiguousarray(packets)
+        array = self._arrays[level]
+        self._check_shards(level, box)
+        try:
+            packets: Packets = np.ascontiguousarray(array[_slices(box)])
+        except (OSError, ValueError, RuntimeError) as error:
+            for shard in self._shards(level, box):
+                self._read(self._shard_name(level, shard), array, _slices(shard))
+            raise self._damaged(self._paths[level], _cannot_be_read(error)) from None
+        return packets
 
     def bricks(self, level: int) -> NDArray[np.uint8]:
-        """What each brick holds: (bk, bj, bi, 4), see the module. For leaving out what cannot be seen."""
-        path = f"{BRICKS}/{self._paths[level]}"
-        extents: NDArray[np.uint8] = self._read(path, self._array(path), slice(None))
-        return extents
+        """What each brick holds: (bk, bj, bi, BRICK_FIELDS), see the module. For leaving out what cannot be seen."""
+        if level not in self._bricks:
+            self._bricks[level] = self._whole(f"{BRICKS}/{self._paths[level]}")
+        return self._bricks[level]
+
+    def _check_shards(self, level: int, box: Box) -> None:
+        """Raises BadInput where the file of a shard is missing that has a stored brick in the box."""
+        stored = self.bricks(level)[..., STORED]
+        for shard in self._shards(level, box):
+            within = tuple(
+                slice(part.start // self.brick_size, -(-part.stop // self.brick_size)) for part in _slices(shard)
+            )
+            if stored[within].any():
+                self._check_is_there(self._shard_name(level, shard))
+
+    def _shards(self, level: int, box: Box) -> Iterator[Box]:
+        """The parts of the box that lie in one shard each."""
+        sk, sj, si = self._arrays[level].shards
+        axes = [
+            [(max(at, low), min(at + size, high)) for at in range(low // size * size, high, size)]
+            for low, high, size in zip(*box, (si, sj, sk), strict=True)
+        ]
+        for k, j, i in product(*reversed(axes)):
+            yield Box((i[0], j[0], k[0]), (i[1], j[1], k[1]))
+
+    def _shard_name(self, level: int, within: Box) -> str:
+        """The file of the shard that the box lies in."""
+        place = (low // size for low, size in zip(reversed(within.low), self._arrays[level].shards, strict=True))
+        return "/".join([self._paths[level], "c", *map(str, place)])
+
+    def _packets(self, level: StoredLevel, background: int) -> Any:
+        array = self._array(level.path)
+        if (array.shape, array.dtype, array.fill_value) != (level.geometry.dims[::-1], np.uint32, background):
+            raise self._damaged(f"{level.path}/{METADATA}", "is not what was written")
+        return array
 
     def _array(self, path: str) -> Any:
         try:
             return self._group[path]
         except KeyError:
             raise self._damaged(path, "is missing") from None
+        except (OSError, ValueError, TypeError, RuntimeError) as error:
+            raise self._damaged(f"{path}/{METADATA}", _cannot_be_read(error)) from None
+
+    def _whole(self, path: str) -> NDArray[Any]:
+        """An array that lies in one file."""
+        array = self._array(path)
+        name = "/".join([path, "c", *["0"] * array.ndim])
+        self._check_is_there(name)
+        values: NDArray[Any] = self._read(name, array, ...)
+        return values
+
+    def _check_is_there(self, name: str) -> None:
+        """Raises BadInput where a file is missing, which Zarr would take for nothing but its fill value."""
+        if Path(self._place).is_dir() and not Path(self._place, name).is_file():
+            raise self._damaged(name, "is missing")
 
     def _read(self, path: str, array: Any, selection: Any) -> Any:
         try:
             return array[selection]
         except (OSError, ValueError, RuntimeError) as error:
-            raise self._damaged(path, f"cannot be read ({' '.join(str(error).split())})") from None
+            raise self._damaged(path, _cannot_be_read(error)) from None
 
     def _damaged(self, path: str, what: str) -> BadInput:
-        return BadInput(
-            f"{self._place}: is damaged: its array {path} {what}; delete it and run `volsplat prepare` again"
-        )
+        return BadInput(f"{self._place}: is damaged: its {path} {what}; delete it and run `volsplat prepare` again")
+
+
+def _cannot_be_read(error: Exception) -> str:
+    return f"cannot be read ({' '.join(str(error).split())})"
+
+
+def _slices(box: Box) -> tuple[slice, slice, slice]:
+    (i0, j0, k0), (i1, j1, k1) = box
+    return slice(k0, k1), slice(j0, j1), slice(i0, i1)
 
 
 def is_store(folder: Path) -> bool:
@@ -193,7 +254,13 @@ def stored_attributes(place: str, attributes: dict[str, Any]) -> StoreAttributes
             f"{place}: is a packet store of format {told.get('format')}, this version reads format {FORMAT}; "
             "prepare the volume again"
         )
+    if attributes.get(CHECKSUM) != _checksum(told):
+        raise BadInput(f"{place}: its attributes are not what was written; prepare the volume again")
     try:
-        return StoreAttributes.from_builtins(told)
+        return msgspec.convert(told, StoreAttributes)
     except msgspec.ValidationError as error:
         raise BadInput(f"{place}: its attributes are damaged ({error}); prepare the volume again") from None
+
+
+def _checksum(told: dict[str, Any]) -> int:
+    return zlib.crc32(json.dumps(told, sort_keys=True).encode())

@@ -3,18 +3,24 @@
 import json
 import shutil
 import sys
+import zlib
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+import torch
+import zarr
 from hypothesis import given
 from hypothesis import strategies as st
 from prepared import ODD_DIMS, SMALL, packed_whole, prepare_small, store_of, values_of, written
 
-from volsplat.mapshade_server.packet_store import PacketStore, is_store, open_store
+from volsplat.client.single import SingleProcess
+from volsplat.mapshade_server.packet_store import STORED, PacketStore, is_store, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.scene import Refine
 from volsplat.protocol.volume import Box
 
 NO_DATA = 1 << 31
@@ -59,11 +65,11 @@ def test_bricks_tell_what_their_voxels_hold(store: PacketStore) -> None:
     for level, (_, geometry) in enumerate(store.levels):
         packets = store.read(level, geometry.box)
         bricks = store.bricks(level)
-        assert bricks.dtype == np.uint8 and bricks.shape == (*(-(-n // SMALL.brick) for n in packets.shape), 4)
+        assert bricks.dtype == np.uint8 and bricks.shape == (*(-(-n // SMALL.brick) for n in packets.shape), 5)
         for place in np.ndindex(*bricks.shape[:3]):
             brick = packets[tuple(slice(n * SMALL.brick, (n + 1) * SMALL.brick) for n in place)]
             drawn = brick[brick < NO_DATA]
-            density_low, density_high, strength_low, strength_high = bricks[place].tolist()
+            density_low, density_high, strength_low, strength_high, _ = bricks[place].tolist()
             if drawn.size:
                 assert (density_low, density_high) == ((drawn & 255).min(), (drawn & 255).max())
                 assert (strength_low, strength_high) == ((drawn >> 8 & 255).min(), (drawn >> 8 & 255).max())
@@ -92,12 +98,45 @@ def test_a_box_reads_its_bricks_and_no_more(tmp_path: Path) -> None:
     assert brick_bytes < took < 2 * brick_bytes + index_bytes + 3 * buffering < 4**3 * brick_bytes / 2
 
 
-def test_a_volume_without_any_value_is_stored(tmp_path: Path) -> None:
-    store = store_of(tmp_path, np.full((9, 10, 11), np.nan, np.float32))
-    assert store.survey.low > store.survey.high and store.survey.no_data == 990
-    assert (store.read(0, store.description.geometry.box) == NO_DATA).all()
-    assert sum(store.density_counts) == sum(store.strength_counts) == 0
-    json.loads((tmp_path / "volume.zarr" / "zarr.json").read_text(), parse_constant=pytest.fail)
+def test_bricks_of_nothing_but_background_are_not_stored(tmp_path: Path) -> None:
+    """Background is what most bricks hold: air here, which has a value, beside a corner without data."""
+    values = np.full((96, 64, 64), -7, np.float32)
+    values[20:28, 20:30, 20:30] = values_of("int16", (10, 10, 8))
+    values[-8:] = np.nan
+    store = store_of(tmp_path, values)
+    packets = store.read(0, store.description.geometry.box)
+    assert (packets == packed_whole(store.description.geometry, values, store.quantisation)).all()
+    background = packets[60, 60, 60]
+    assert background < NO_DATA and background >> 8 & 255 == 0
+    stored = store.bricks(0)[..., STORED]
+    for place in np.ndindex(*stored.shape):
+        brick = packets[tuple(slice(n * SMALL.brick, (n + 1) * SMALL.brick) for n in place)]
+        assert stored[place] == (brick != background).any()
+    assert 0 < stored.sum() < stored.size // 3
+    shards = [path for path in (tmp_path / "volume.zarr" / "0" / "c").rglob("*") if path.is_file()]
+    assert len(shards) < 6 * 4 * 4 // 2
+    by_zarr = zarr.open_array(tmp_path / "volume.zarr", path="0", mode="r")
+    assert (np.asarray(by_zarr[:]) == packets).all()
+
+
+def test_without_data_most_is_background(tmp_path: Path) -> None:
+    values = np.full((40, 40, 40), np.nan, np.float32)
+    values[:9, :9, :9] = values_of("int16", (9, 9, 9))
+    store = store_of(tmp_path, values)
+    assert (store.read(0, Box((16, 16, 16), (40, 40, 40))) == NO_DATA).all()
+    assert store.bricks(0)[..., STORED].sum() == 8
+
+
+def test_prepared_without_background_a_volume_draws_the_same_bits(tmp_path: Path) -> None:
+    values = np.zeros((48, 48, 48), np.uint8)
+    values[9:30, 10:20, 4:25] = values_of("uint8", (21, 10, 21))
+    store_of(tmp_path, values)
+    images = []
+    for name in ("volume.nrrd", "volume.zarr"):
+        with SingleProcess(tmp_path / name) as single:
+            scene = msgspec.structs.replace(single.volume.default_scene(), refine=Refine(striding=True))
+            images.append(single.render(scene))
+    assert images[0].any() and torch.equal(*images)
 
 
 def test_a_store_is_told_from_other_folders(place: Path, tmp_path: Path) -> None:
@@ -111,9 +150,12 @@ def test_a_store_is_told_from_other_folders(place: Path, tmp_path: Path) -> None
 
 
 def changed(place: Path, copy: Path, **fields: object) -> str:
+    """A copy that tells other things, as if it had been written so."""
     shutil.copytree(place, copy)
     metadata = json.loads((copy / "zarr.json").read_text())
-    metadata["attributes"]["volsplat"].update(fields)
+    told = metadata["attributes"]["volsplat"]
+    told.update(fields)
+    metadata["attributes"]["volsplat_crc32"] = zlib.crc32(json.dumps(told, sort_keys=True).encode())
     (copy / "zarr.json").write_text(json.dumps(metadata))
     return str(copy)
 
@@ -126,8 +168,8 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 2, this version reads format 1; prepare the volume again"):
-        open_store(changed(place, tmp_path / "newer.zarr", format=2))
+    with pytest.raises(BadInput, match="of format 1, this version reads format 2; prepare the volume again"):
+        open_store(changed(place, tmp_path / "older.zarr", format=1))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))
 
@@ -140,12 +182,60 @@ def test_damaged_shards_and_missing_arrays_are_refused_in_one_line(place: Path, 
     )
     shard.write_bytes(bytes(100) + shard.read_bytes()[100:-100] + bytes(100))
     store = open_store(str(copy))
-    with pytest.raises(BadInput, match="array 0 cannot be read") as refusal:
+    with pytest.raises(BadInput, match=f"its {shard.relative_to(copy)} cannot be read") as refusal:
         store.read(0, store.description.geometry.box)
     assert "\n" not in str(refusal.value)
     shutil.rmtree(copy / "1")
-    with pytest.raises(BadInput, match="array 1 is missing"):
+    with pytest.raises(BadInput, match="its 1 is missing"):
         open_store(str(copy))
+
+
+def files_of(folder: Path) -> list[Path]:
+    return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
+
+
+def read_whole(place: str) -> list[object]:
+    """All that anybody reads of a store."""
+    store = open_store(place)
+    levels = [
+        (store.read(n, level.geometry.box).tobytes(), store.bricks(n).tobytes()) for n, level in enumerate(store.levels)
+    ]
+    return [store.description, store.quantisation, store.density_counts, store.strength_counts, *levels]
+
+
+def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(place: Path, tmp_path: Path) -> None:
+    """Nothing that was changed on the disk is ever drawn; a file with bytes that count is named."""
+    copy = tmp_path / "copy.zarr"
+    shutil.copytree(place, copy)
+    as_written, places = read_whole(str(copy)), np.random.default_rng(3)
+    refused = 0
+    for name in files_of(copy):
+        sound = (copy / name).read_bytes()
+        for _ in range(6 if "c" in name.parts else 40):
+            at = int(places.integers(0, len(sound) - 4))
+            spoilt = sound[:at] + bytes(byte ^ 0x55 for byte in sound[at : at + 4]) + sound[at + 4 :]
+            (copy / name).write_bytes(spoilt)
+            try:
+                assert read_whole(str(copy)) == as_written, (name, at)
+            except BadInput as refusal:
+                refused += 1
+                assert len(str(refusal).splitlines()) == 1
+                assert name.name == "zarr.json" or f"its {name} cannot be read" in str(refusal)
+        (copy / name).write_bytes(sound)
+    assert refused > 100
+
+
+def test_a_shard_that_vanished_is_not_taken_for_background(place: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy.zarr"
+    shutil.copytree(place, copy)
+    (copy / "0" / "c" / "1" / "0" / "1").unlink()
+    (copy / "histograms" / "density" / "c" / "0").unlink()
+    store = open_store(str(copy))
+    with pytest.raises(BadInput, match="its histograms/density/c/0 is missing"):
+        _ = store.density_counts
+    with pytest.raises(BadInput, match="copy.zarr: is damaged: its 0/c/1/0/1 is missing; delete it and run"):
+        store.read(0, store.description.geometry.box)
+    assert store.read(0, Box((0, 0, 0), (16, 16, 16))).shape == (16, 16, 16)
 
 
 def test_without_zarr_it_says_what_to_install(place: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,9 +1,9 @@
-"""The least and greatest bytes of each brick's voxels, for leaving out bricks that cannot be seen."""
+"""The least and greatest bytes of each brick's voxels, and whether it is stored, for leaving out what is not seen."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.packet_store import BRICK_FIELDS, Packets
+from volsplat.mapshade_server.packet_store import BRICK_FIELDS, STORED, Packets
 from volsplat.protocol.packet_layout import NO_DATA_BIT
 
 DENSITY, STRENGTH, TOP = 0, 1, 3  # bytes of a packet, little-endian
@@ -12,8 +12,11 @@ TOP_NO_DATA = 1 << (NO_DATA_BIT - 24)
 Bytes = NDArray[np.uint8]
 
 
-def brick_extents(packets: Packets, brick: int) -> Bytes:
-    """uint8 (bk, bj, bi, 4) of packets (k, j, i) that begin with a brick; an empty brick has its least > greatest."""
+def brick_extents(packets: Packets, brick: int, background: int) -> Bytes:
+    """uint8 (bk, bj, bi, 5) of packets (k, j, i) that begin with a brick; see packet_store.
+
+    A brick without data has its least > greatest. One of nothing but the packet `background` is not stored.
+    """
     nk, nj, ni = (-(-n // brick) for n in packets.shape)
     extents = np.empty((nk, nj, ni, BRICK_FIELDS), np.uint8)
     for n in range(nk):
@@ -25,6 +28,7 @@ def brick_extents(packets: Packets, brick: int) -> Bytes:
             values = np.ascontiguousarray(fields[..., field])
             extents[n, ..., at] = _by_brick(np.minimum, values if hidden is None else values | hidden, brick)
             extents[n, ..., at + 1] = _by_brick(np.maximum, values if hidden is None else values & ~hidden, brick)
+        extents[n, ..., STORED] = _by_brick(np.logical_or, sheets != background, brick)
     return extents
 
 

@@ -5,8 +5,9 @@ A small JSON file in a folder `.prepare` within the store, replaced as a whole; 
 
 import fcntl
 import os
+import shutil
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import msgspec
@@ -69,6 +70,12 @@ class Journal:
     def finish_unpacking(self) -> None:
         self.state.unpacked = True
         self._write()
+
+    def withdraw(self) -> None:
+        """Leave nothing behind: there will be no store."""
+        shutil.rmtree(self.folder)
+        with suppress(OSError):  # it was there before, with something in it
+            self.folder.parent.rmdir()
 
     def _write(self) -> None:
         fresh = self._path.with_suffix(".new")

@@ -94,9 +94,12 @@ class MemoryPlan:
     blocks: int
 
 
-def memory_plan(layout: Layout, dims: Index, item_bytes: Sequence[int], memory: int) -> MemoryPlan:
+def memory_plan(
+    layout: Layout, dims: Index, item_bytes: Sequence[int], memory: int, whole_rows: bool = False
+) -> MemoryPlan:
     """The longest blocks of which two fit, for one is packed while the other is written; else one at a time.
 
+    With `whole_rows`, of a file of which only those can be read, a single block that has them is better than two.
     Where whole rows fit, one for each processor. Held of each voxel of a block: its scalars, of so many bytes each,
     its packet, and an eighth of each scalar for the next level. Raises BadInput for too little memory.
     """
@@ -109,5 +112,5 @@ def memory_plan(layout: Layout, dims: Index, item_bytes: Sequence[int], memory: 
     if room < 1:
         raise BadInput(f"--memory: this volume needs at least {-(-(fixed + block_bytes) // MIB)}M")
     row = -(-dims[0] // si)
-    shards = min(max(room // 2, 1), row)
+    shards = row if whole_rows and room >= row else min(max(room // 2, 1), row)
     return MemoryPlan(shards, min(room // shards, (os.cpu_count() or 1) + 1))

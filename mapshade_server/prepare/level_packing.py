@@ -27,7 +27,7 @@ class PackedBlock:
     box: Box
     packets: Packets
     means: BlockScalars | None  # for the next level, where there is one
-    extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, 4)
+    extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
 
 
 @dataclass(frozen=True)
@@ -37,6 +37,7 @@ class LevelPacker:
     number: int
     geometry: Geometry
     quantisation: Quantisation
+    background: int
     layout: Layout
     source: Scalars
     coarser: StoredScalars | None
@@ -62,7 +63,7 @@ class LevelPacker:
         packets = np.asarray(memoryview(sub_cube.packets))
         inside = BlockScalars(read.values[_slices(box, with_halo.low)], read.second)
         means = None if self.coarser is None else _halved(inside)
-        return PackedBlock(box, packets, means, brick_extents(packets, self.layout.brick))
+        return PackedBlock(box, packets, means, brick_extents(packets, self.layout.brick, self.background))
 
     def _lay_down(self, packed: PackedBlock) -> None:
         if self.coarser is not None and packed.means is not None:

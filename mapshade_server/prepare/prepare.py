@@ -30,6 +30,7 @@ from volsplat.mapshade_server.prepare.store_writer import StoreWriter, begin_sto
 from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.slabs import SLAB_BYTES, SlabReader
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Geometry, Index
 from volsplat.protocol.volume_name import volume_name
@@ -92,7 +93,8 @@ class Preparation:
         more_bytes = [] if self._second_type is None else [self._second_type.itemsize]
         greatest = max(item_bytes, np.dtype(mean_type(scalar_type)).itemsize)
         self._item_bytes = sum([item_bytes, *more_bytes])  # of a voxel
-        self._plan = memory_plan(options.layout, dims, [greatest, *more_bytes], options.memory)
+        rows = self._description.chunk[0] > options.layout.shard or not self._description.reads_sub_cubes
+        self._plan = memory_plan(options.layout, dims, [greatest, *more_bytes], options.memory, rows)
 
     @property
     def source_bytes(self) -> int:
@@ -117,7 +119,7 @@ class Preparation:
         sweep(self._out)
         source = self._source(journal)
         if journal.is_new or not is_store(self._out):
-            self._survey(source)
+            self._survey(source, journal)
         attributes = attributes_of(self._out)
         writer = StoreWriter(self._out, attributes, self._options.layout)
         self._pack(source, attributes, writer, journal)
@@ -148,20 +150,36 @@ class Preparation:
         if self._second_type is not None:
             second = LevelSource(journal.folder / f"{name}-second.raw", dims, self._second_type.name)
         values = LevelSource(journal.folder / f"{name}.raw", dims, scalar_type)
-        return StoredScalars(values, second, self._description.second_scalar)
+        return StoredScalars(values, second, self._description.second_scalar, (dims[0], 1, 1))
 
-    def _survey(self, source: Scalars) -> None:
+    def _survey(self, source: Scalars, journal: Journal) -> None:
         """Surveys the volume and begins the store."""
         geometry = self._description.geometry
-        surveyed = survey_volume(
-            source, geometry, self._blocks(geometry), self._plan.blocks, self._item_bytes, self._progress
+        threads = self._plan.blocks
+        room = (self._options.memory - PROGRAM_BYTES) // (2 * (threads + 2))  # two of each slab while one is read
+        slabs = SlabReader(
+            geometry,
+            self._description.scalar_type,
+            source.chunk,
+            source.values.read,
+            None if source.second is None else source.second.read,
+            source.second_range,
+            slab_bytes=min(SLAB_BYTES, room),
         )
+        brick = self._options.layout.brick
+        try:
+            surveyed = survey_volume(slabs, self._description.name, brick, threads, self._item_bytes, self._progress)
+        except BadInput:
+            journal.withdraw()
+            raise
+        quantisation = surveyed.quantisation(self._description, self._options.window, self._options.directions)
         attributes = StoreAttributes(
             complete=False,
             source=self._wish.source,
-            description=msgspec.structs.replace(self._description, reads_sub_cubes=True, why_whole=""),
+            description=msgspec.structs.replace(self._description, reads_sub_cubes=True, why_whole="", chunk=(1, 1, 1)),
             survey=surveyed.survey,
-            quantisation=surveyed.quantisation(self._description, self._options.window, self._options.directions),
+            quantisation=quantisation,
+            background=surveyed.background(self._description, quantisation),
             levels=tuple(StoredLevel(str(n), 2**n, level) for n, level in enumerate(self._levels)),
         )
         counts = (surveyed.density_counts, surveyed.strength_counts)
@@ -177,7 +195,9 @@ class Preparation:
                 coarser = self._stored(journal, str(n + 1), self._levels[n + 1].dims, scalar_type)
             held = brick_dims(geometry.dims, layout.brick)
             extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
-            packer = LevelPacker(n, geometry, attributes.quantisation, layout, source, coarser, extents)
+            packer = LevelPacker(
+                n, geometry, attributes.quantisation, attributes.background, layout, source, coarser, extents
+            )
             for block in packer.pack(missing[n], self._plan.blocks - 1, writer, journal):
                 self._progress.advance(block.voxels * self._item_bytes)
             whole = extents.read(Box((0, 0, 0), held))

@@ -7,7 +7,7 @@ from typing import NamedTuple, Protocol
 
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader, Voxels
-from volsplat.protocol.volume import Box
+from volsplat.protocol.volume import Box, Index
 
 
 class BoxReader(Protocol):
@@ -37,11 +37,12 @@ class BlockScalars(NamedTuple):
 
 @dataclass(frozen=True)
 class Scalars:
-    """`second_range` is what the second scalar lies in."""
+    """`second_range` is what the second scalar lies in, `chunk` how many voxels along i, j, k only come together."""
 
     values: BoxReader
     second: BoxReader | None
     second_range: tuple[float, float] | None
+    chunk: Index
 
     def read(self, box: Box, around: Box) -> BlockScalars:
         """The values of `around`, the second scalar of `box`: gradients of the values alone need a halo."""
@@ -66,4 +67,5 @@ def volume_scalars(reader: VolumeReader) -> Scalars:
     """Those of a volume's own reader."""
     lock = Lock()
     second = ReadByTurns(reader.read_second, lock) if isinstance(reader, SecondScalarReader) else None
-    return Scalars(ReadByTurns(reader.read, lock), second, reader.describe().second_scalar)
+    described = reader.describe()
+    return Scalars(ReadByTurns(reader.read, lock), second, described.second_scalar, described.chunk)

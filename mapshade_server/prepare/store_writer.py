@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.packet_store import (
-    ATTRIBUTE,
     BRICK_FIELDS,
     BRICKS,
     DENSITY_COUNTS,
@@ -21,7 +20,6 @@ from volsplat.mapshade_server.packet_store import (
 )
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.readers.extra import library
-from volsplat.protocol.packet_layout import NO_DATA_BIT
 from volsplat.protocol.volume import Box, Index
 
 ZSTD_LEVEL = 1  # chosen for speed: docs/prepare.md has the others' rates
@@ -61,7 +59,7 @@ class StoreWriter:
         return "/".join((stored.path, *prefix, *place))
 
     def write_bricks(self, level: int, extents: NDArray[np.uint8]) -> None:
-        """Stores what all bricks of a level hold, (bk, bj, bi, 4)."""
+        """Stores what all bricks of a level hold, (bk, bj, bi, BRICK_FIELDS)."""
         name = f"{BRICKS}/{self._attributes.levels[level].path}"
         _write_whole(self._group, name, extents, (*AXES, "extent"))
 
@@ -74,7 +72,6 @@ class StoreWriter:
 
 def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, counts: tuple[NDArray[Any], ...]) -> None:
     """Lays down all metadata of a store without shards; the attributes last, for they tell that the rest is there."""
-    zarr = library("zarr", f"{out}: a packet store")
     group = _group(out)
     for name, of_field in zip((DENSITY_COUNTS, STRENGTH_COUNTS), counts, strict=True):
         _write_whole(group, name, of_field, ("bin",))
@@ -86,8 +83,8 @@ def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, counts: 
             chunks=(layout.brick,) * 3,
             shards=layout.shard_size(dims)[::-1],
             dtype="uint32",
-            compressors=zarr.codecs.ZstdCodec(level=ZSTD_LEVEL),
-            fill_value=1 << NO_DATA_BIT,
+            compressors=_compressor(),
+            fill_value=attributes.background,
             dimension_names=AXES,
             overwrite=True,
         )
@@ -107,19 +104,30 @@ def sweep(out: Path) -> None:
         partial.unlink()
 
 
+def _compressor() -> Any:
+    """With a checksum: bricks that do not compress lie in a file as they are, and any change of it would be drawn."""
+    return library("zarr.codecs", "a packet store").ZstdCodec(level=ZSTD_LEVEL, checksum=True)
+
+
 def _group(out: Path) -> Any:
     return library("zarr", f"{out}: a packet store").open_group(str(out), mode="a")
 
 
 def _write_whole(group: Any, name: str, values: NDArray[Any], names: tuple[str, ...]) -> None:
     array = group.create_array(
-        name, shape=values.shape, chunks=values.shape, dtype=values.dtype, dimension_names=names, overwrite=True
+        name,
+        shape=values.shape,
+        chunks=values.shape,
+        dtype=values.dtype,
+        compressors=_compressor(),
+        dimension_names=names,
+        overwrite=True,
     )
     array[...] = values
 
 
 def _set_attributes(group: Any, attributes: StoreAttributes) -> None:
-    group.update_attributes({ATTRIBUTE: attributes.as_builtins()})
+    group.update_attributes(attributes.as_attributes())
 
 
 def _slices(box: Box) -> tuple[slice, slice, slice]:
@@ -130,7 +138,7 @@ def _slices(box: Box) -> tuple[slice, slice, slice]:
 def _onto_disk(path: Path) -> None:
     """Waits until the disk has a file or a folder's files, and frees their memory.
 
-    A shard that is all no data has no file.
+    A shard that is all background has no file.
     """
     files = [path] if path.is_file() else [file for file in path.rglob("*") if file.is_file()]
     for file in files:

@@ -1,6 +1,8 @@
-"""The first pass: what a session's servers find out of their sub-cubes, block by block of any volume."""
+"""The first passes: what a session's servers find out of their sub-cubes, a few sheets of any volume at a time."""
 
 import math
+from collections import Counter
+from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -8,19 +10,23 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.progress import Progress
-from volsplat.mapshade_server.prepare.scalars import Scalars
+from volsplat.mapshade_server.slabs import Slab, SlabReader
 from volsplat.mapshade_server.sub_cube import Histograms, SubCube
 from volsplat.protocol import index_rules
+from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
-from volsplat.protocol.volume import HALO, Box, Geometry, VolumeDescription
+from volsplat.protocol.packet_layout import NO_DATA_BIT
+from volsplat.protocol.volume import Geometry, VolumeDescription
 
 Counts = NDArray[np.int64]
 
 
-class Surveyed(NamedTuple):
+@dataclass(frozen=True)
+class Surveyed:
     survey: Survey
     density_counts: Counts
     strength_counts: Counts
+    commonest: NDArray[np.generic] | None  # value of the voxels that were looked at, one alone; None: not a number
 
     def quantisation(
         self,
@@ -35,30 +41,64 @@ class Surveyed(NamedTuple):
             return Quantisation(chosen, index_rules.second_scalar_scale(second), directions, strength_low=second[0])
         return Quantisation(chosen, index_rules.strength_scale(self.survey, self.strength_counts.tolist()), directions)
 
+    def background(self, description: VolumeDescription, quantisation: Quantisation) -> int:
+        """The packet of voxels among others of the commonest value, which most likely fills most bricks."""
+        if self.commonest is None or description.second_scalar is not None:
+            return 1 << NO_DATA_BIT
+        alone = Geometry((1, 1, 1), description.geometry.index_to_physical)
+        sub_cube = SubCube(alone, alone.box)
+        sub_cube.hold(self.commonest.reshape(1, 1, 1))
+        sub_cube.pack(quantisation)
+        return int(np.asarray(memoryview(sub_cube.packets))[0, 0, 0])
+
+
+class _Looked(NamedTuple):
+    """What is found out of one slab at first."""
+
+    survey: Survey
+    sampled: NDArray[np.generic]
+
 
 def survey_volume(
-    source: Scalars, geometry: Geometry, blocks: list[Box], threads: int, item_bytes: int, progress: Progress
+    reader: SlabReader, name: str, brick: int, threads: int, item_bytes: int, progress: Progress
 ) -> Surveyed:
-    """Reads the volume twice, `threads` blocks at a time. Raises BadInput."""
+    """Reads the volume twice, and looks at `threads` slabs at a time.
 
-    def held(block: Box) -> SubCube:
-        sub_cube = SubCube(geometry, block, source.second_range)
-        sub_cube.hold(*source.read(block, block.grown(HALO, geometry.dims)))
-        return sub_cube
+    Raises BadInput, also where no voxel has a value.
+    """
+    whole = reader.geometry.box
 
-    progress.begin("surveying", geometry.box.voxels * item_bytes)
+    def looked(slab: Slab) -> _Looked:
+        corners = tuple(slice(-low % brick, None, brick) for low in slab.box.low)[::-1]
+        return _Looked(slab.sub_cube.survey(), slab.values[corners].ravel())
+
+    progress.begin("surveying", whole.voxels * item_bytes)
     survey = Survey(low=math.inf, high=-math.inf, max_gradient=0.0, voxels=0, no_data=0)
-    for part in ahead(lambda block: held(block).survey(), blocks, threads):
-        survey = survey.joined(part)
-        progress.advance(part.voxels * item_bytes)
+    sampled: list[NDArray[np.generic]] = []
+    for part in ahead(looked, reader.slabs(whole), threads):
+        survey = survey.joined(part.survey)
+        sampled.append(part.sampled)
+        progress.advance(part.survey.voxels * item_bytes)
+    if survey.low > survey.high:
+        raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")
 
-    def histograms(block: Box) -> Histograms:
-        return held(block).histograms(survey.low, survey.high, survey.max_gradient)
+    def counted(slab: Slab) -> tuple[int, Histograms]:
+        return slab.box.voxels, slab.sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
 
-    progress.begin("counting", geometry.box.voxels * item_bytes)
+    progress.begin("counting", whole.voxels * item_bytes)
     density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
-    for block, (more_density, more_strength) in zip(blocks, ahead(histograms, blocks, threads), strict=True):
+    for voxels, (more_density, more_strength) in ahead(counted, reader.slabs(whole), threads):
         density += np.asarray(more_density)
         strength += np.asarray(more_strength)
-        progress.advance(block.voxels * item_bytes)
-    return Surveyed(survey, density, strength)
+        progress.advance(voxels * item_bytes)
+    return Surveyed(survey, density, strength, _commonest(np.concatenate(sampled)))
+
+
+def _commonest(values: NDArray[np.generic]) -> NDArray[np.generic] | None:
+    """The value that most have, the least of several; None where most have none."""
+    finite = values[np.isfinite(values)]
+    counts = Counter(finite.tolist())
+    most = max(counts.values(), default=0)
+    if most < len(values) - len(finite):
+        return None
+    return np.array(min(value for value, count in counts.items() if count == most), values.dtype)
