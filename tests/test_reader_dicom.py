@@ -252,14 +252,6 @@ def test_series_of_one_number_and_name_are_chosen_by_uid(tmp_path: Path) -> None
     np.testing.assert_array_equal(read_whole(f"{tmp_path}#1.2.44"), VALUES[:3])
 
 
-def test_sub_folders_of_a_study_are_searched_one_level(tmp_path: Path) -> None:
-    series(tmp_path / "study" / "S1", VALUES, SeriesInstanceUID="1.2.40", SeriesNumber=4)
-    series(tmp_path / "study" / "S2", VALUES[:3], SeriesInstanceUID="1.2.50", SeriesNumber=5)
-    assert "holds 2 series" in refused(tmp_path / "study")
-    np.testing.assert_array_equal(read_whole(f"{tmp_path / 'study'}#5"), VALUES[:3])
-    assert "none one folder further down" in refused(tmp_path)
-
-
 def test_real_studies_are_told_apart() -> None:
     study = PYDICOM_FILES / "dicomdirtests"
     description = described(study / "98892001")
@@ -619,9 +611,8 @@ def damaged_frame(path: Path) -> Path:
 
 
 REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
-    "a single slice": (lambda d: slice_file(d / "a.dcm", VALUES[0], (0, 0, 0)), "give the folder of its series"),
+    "a single slice": (lambda d: slice_file(d / "a.dcm", VALUES[0], (0, 0, 0)), "give the folder of the whole series"),
     "one slice in a folder": (lambda d: series(d / "s", VALUES[:1]), "a 2-D image, volsplat needs a volume"),
-    "an index": (lambda d: Path(PYDICOM_FILES / "dicomdirtests" / "DICOMDIR"), "without an image"),
     "colour": (lambda d: Path(PYDICOM_FILES / "SC_rgb_rle_2frame.dcm"), "3 samples a pixel (RGB)"),
     "a mosaic": (lambda d: edited(d, ImageType=["ORIGINAL", "PRIMARY", "M", "MOSAIC"]), "mosaic of slices"),
     "one bit": (lambda d: Path(PYDICOM_FILES / "liver_1frame.dcm"), "1-bit pixels"),

@@ -97,7 +97,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "2-D MetaImage": (lambda d: image(d, "flat.mha", SQUARE, False), "a 2-D image, volsplat needs a volume"),
     "2-D NIfTI": (lambda d: image(d, "flat.nii", SQUARE, False), "a 2-D image, volsplat needs a volume"),
     "2-D TIFF": (lambda d: image(d, "flat.tif", SQUARE, False), "a 2-D image, volsplat needs a volume"),
-    "one DICOM slice": (lambda d: next(dicom_series(d / "s", VALUES[:2]).iterdir()), "give the folder"),
+    "one DICOM slice": (lambda d: next(dicom_series(d / "s", VALUES[:1]).iterdir()), "give the folder"),
     "a series of one slice": (lambda d: dicom_series(d / "s", VALUES[:1]), "a 2-D image, volsplat needs a volume"),
     "colour NRRD": (lambda d: image(d, "rgb.nrrd", COLOUR, True), "one number a voxel"),
     "colour MetaImage": (lambda d: image(d, "rgb.mha", COLOUR, True), "one number a voxel"),

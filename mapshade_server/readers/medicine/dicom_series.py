@@ -1,25 +1,20 @@
-"""DICOM: the series of a folder, told apart and chosen by name, and files of several frames.
+"""DICOM: the series of a folder, told apart and chosen by name, and files of several frames or of one.
 
 `scans/#T2_AX`, by the series' description, `scans/#4`, by its number, `scans/#1.2.840`, by how its UID begins; where
-one series holds several volumes, `scans/#4,echo=2,time=3`.
+one series holds several volumes, `scans/#4,echo=2,time=3`. A file of a single slice, `scans/IM0001`, stands for the
+series around it, and `scans/IM0001#slice` for itself.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine import dicom_stack
-from volsplat.mapshade_server.readers.medicine.dicom_file import (
-    PREAMBLE,
-    DicomFile,
-    Frame,
-    Rescale,
-    dicom_file,
-    recognises,
-    recognises_old,
-)
+from volsplat.mapshade_server.readers.medicine.dicom_file import DicomFile, Frame, Rescale, dicom_file, recognises
+from volsplat.mapshade_server.readers.medicine.dicom_folder import images_of, series_of
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.part_options import PartOptions, part_options
@@ -30,6 +25,7 @@ from volsplat.protocol.volume import Box, VolumeDescription
 __all__ = ["open_dicom_file", "open_folder", "recognises"]
 
 # From narrow to wide; the first that holds all values is taken, beginning with the width of the stored type.
+ONE_SLICE = "slice"  # the part of a name that means a single slice alone
 WHOLE_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "int64")
 
 
@@ -120,17 +116,47 @@ def _rescaled(frame: Frame, box: Box) -> Voxels:
 
 
 def open_dicom_file(path: Path, part: str) -> DicomReader:
-    """The reader for a file of several frames. Raises BadInput for a single slice, with the cure that fits it."""
+    """The reader for a file of several frames, for the series around a single slice, or for `#slice` alone.
+
+    Raises BadInput where the slice has no others beside it, and for a DICOMDIR without images.
+    """
     file = dicom_file(path)
     if file is None:
-        raise BadInput(f"{path}: a DICOM file without an image; give a file of several frames, or a series' folder")
-    if len(file.frames) == 1 and not file.refusal:
-        raise BadInput(f"{path}: one DICOM slice, a 2-D image, volsplat needs a volume: give the folder of its series")
+        return open_folder(path.parent, part) if path.name.upper().startswith("DICOMDIR") else _no_image(path)
     said = part_options(part, dicom_stack.KEYS)
+    if len(file.frames) == 1 and not file.refusal:
+        return _alone(path, file) if part == ONE_SLICE else _around(path, file, said)
     series = _Series((file,))
     if said.word and not series.answers_to(said.word):
         raise BadInput(f"{path}: holds series {series.title}, none called “{said.word}”")
     return _reader(path, series, said)
+
+
+def _no_image(path: Path) -> NoReturn:
+    raise BadInput(f"{path}: a DICOM file without an image; give a file of several frames, or a series' folder")
+
+
+def _around(path: Path, slice_: DicomFile, said: PartOptions) -> DicomReader:
+    """The series, and of several volumes in it the one, that a single slice belongs to."""
+    series = _Series(tuple(series_of(path, slice_.series_uid)))
+    if said.word and not series.answers_to(said.word):
+        raise BadInput(f"{path}: is of series {series.title}, not of “{said.word}”; {path}#{ONE_SLICE} draws it alone")
+    if len(series.files) == 1:
+        raise BadInput(
+            f"{path}: one DICOM slice, a 2-D image, and no other of its series lies beside it; give the folder of the "
+            f"whole series, or {path}#{ONE_SLICE} for it alone"
+        )
+    if not said.values:
+        groups = dicom_stack.apart(series.frames)
+        its = (name for name, frames in groups.items() if any(frame.pixels.path == path for frame in frames))
+        said = PartOptions(said.word, dict(next(its, ())))
+    told = f"{path.name} is one slice of the series that is drawn; {path.name}#{ONE_SLICE} draws it alone"
+    return _reader(path, series, said, (told,))
+
+
+def _alone(path: Path, file: DicomFile) -> DicomReader:
+    stack = dicom_stack.single(path, file.frames[0], file)
+    return DicomReader(_description(f"{path.name}#{ONE_SLICE}", _Series((file,)), stack), stack)
 
 
 def open_folder(folder: Path, part: str) -> DicomReader:
@@ -145,43 +171,11 @@ def open_folder(folder: Path, part: str) -> DicomReader:
 
 
 def _all_series(folder: Path) -> list[_Series]:
-    """The series in the folder or, where it has no images itself, in its sub-folders."""
-    files = list(_images(folder)) or [
-        file for inner in sorted(folder.iterdir()) if inner.is_dir() for file in _images(inner)
-    ]
-    if not files:
-        raise BadInput(
-            f"{folder}: a folder without DICOM images, and none one folder further down; give a volume file or the "
-            "folder of a DICOM series"
-        )
+    """The series of all images of the folder."""
     by_uid: dict[str, list[DicomFile]] = {}
-    for file in files:
+    for file in images_of(folder):
         by_uid.setdefault(file.series_uid, []).append(file)
     return [_Series(tuple(one)) for one in by_uid.values()]
-
-
-def _images(folder: Path) -> Iterator[DicomFile]:
-    for path in sorted(folder.iterdir()):
-        if not path.is_file():
-            continue
-        with path.open("rb") as file:
-            head = file.read(PREAMBLE + 4)
-        if recognises(head):
-            told = dicom_file(path)
-        elif recognises_old(head):
-            told = _if_readable(path)
-        else:
-            continue
-        if told is not None:
-            yield told
-
-
-def _if_readable(path: Path) -> DicomFile | None:
-    """What a file says that only may be DICOM."""
-    try:
-        return dicom_file(path)
-    except BadInput:
-        return None
 
 
 def _chosen(folder: Path, every: Sequence[_Series], word: str) -> _Series:
@@ -219,12 +213,17 @@ def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[st
         raise BadInput(refusal)
     groups = dicom_stack.apart(series.frames)
     name, frames = _chosen_group(source, groups, said)
-    first = series.files[0]
-    stack = dicom_stack.stacked(source, frames, first)
-    kind, kind_from = kind_of_modality(first.modality)
+    stack = dicom_stack.stacked(source, frames, series.files[0])
     values = ",".join([*([said.word] if said.word else []), *(f"{key}={value}" for key, value in name)])
-    description = VolumeDescription(
-        name=f"{source.resolve().name}#{values}" if values else source.resolve().name,
+    shown = f"{source.resolve().name}#{values}" if values else source.resolve().name
+    return DicomReader(_description(shown, series, stack, warnings), stack)
+
+
+def _description(name: str, series: _Series, stack: Stack, warnings: tuple[str, ...] = ()) -> VolumeDescription:
+    first = series.files[0]
+    kind, kind_from = kind_of_modality(first.modality)
+    return VolumeDescription(
+        name=name,
         format=f"DICOM {first.modality} series {series.title}",
         geometry=stack.geometry,
         scalar_type=_scalar_type(stack.frames),
@@ -235,7 +234,6 @@ def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[st
         kind_from=kind_from,
         warnings=(*warnings, *stack.warnings),
     )
-    return DicomReader(description, stack)
 
 
 def _chosen_group(source: Path, groups: dicom_stack.Groups, said: PartOptions) -> tuple[dicom_stack.Name, list[Frame]]:

@@ -142,6 +142,26 @@ def stacked(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
     return _in_file_order(source, frames, file)
 
 
+def single(source: Path, frame: Frame, file: DicomFile) -> Stack:
+    """One frame as a volume of one slice, as thick as the file states, else as wide as its pixels."""
+    dims = (frame.pixels.columns, frame.pixels.rows, 1)
+    place = frame.place
+    if place is None:
+        geometry = checked_geometry(source, dims, matrices.IDENTITY, (0.0, 0.0, 0.0))
+        return Stack(
+            (frame,), geometry, False, "", ("the file states no place of its slice, and no size of its pixels",)
+        )
+    between_rows, between_columns = place.spacing
+    thick = abs(frame.thickness or file.between_slices) or min(place.spacing)
+    columns = (
+        matrices.scaled(place.row_direction, between_columns),
+        matrices.scaled(place.column_direction, between_rows),
+        matrices.scaled(place.normal, thick),
+    )
+    geometry = checked_geometry(source, dims, matrices.transposed(columns), place.position)
+    return Stack((frame,), geometry, True, "mm", ())
+
+
 def _in_file_order(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
     """Frames of a 3-D acquisition whose places were removed, as some programs do that remove names."""
     step = abs(file.between_slices)
