@@ -11,8 +11,8 @@ import click
 from volsplat.bench.plot import Panel, check_plot, write_plot
 from volsplat.bench.record import Record, write_record, write_text
 from volsplat.bench.text_table import TextTable
-from volsplat.client.frame_report import Machine
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import Machine
 from volsplat.protocol.plain_console import PlainConsole
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -40,7 +40,7 @@ class Outputs:
         """Print the tables and write the files."""
         console = PlainConsole()
         for table in tables:
-            console.print(table.rich())
+            console.print(*table.rich(console.width))
         for name, fact in found.facts.items():
             console.say(f"{name}: {fact}")
         if self.json is not None:

@@ -17,8 +17,9 @@ from volsplat.bench.subject import shares, subject_of, subject_options, volume_f
 from volsplat.bench.text_table import TextTable, give_or_take, significant
 from volsplat.bench.timing import interleaved
 from volsplat.bench.views import around, seen
-from volsplat.client.frame_report import PAPER_SECONDS, STEP_WORDS, this_machine
+from volsplat.client.frame_report import PAPER_SECONDS, STEP_WORDS
 from volsplat.client.render_options import size_from_option
+from volsplat.protocol.machine import this_machine
 from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Scene, Step
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import msgspec
 
-from volsplat.client.frame_report import Machine, this_machine
 from volsplat.client.temporary_name import temporary_name
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import Machine, this_machine
 
 
 class Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -22,6 +22,8 @@ class Figure(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     low: float
     high: float
     samples: tuple[float, ...]
+    setting: str = ""  # what was drawn, and by how many map/shade servers, where both can be other ones
+    servers: int | None = None
 
 
 class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -34,12 +36,12 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     figures: tuple[Figure, ...]
 
 
-def figure(name: str, unit: str, samples: Sequence[float]) -> Figure:
+def figure(name: str, unit: str, samples: Sequence[float], setting: str = "", servers: int | None = None) -> Figure:
     """The figure of one or more samples."""
     low, high = samples[0], samples[0]
     if len(samples) > 1:
         low, _, high = statistics.quantiles(samples, n=4, method="inclusive")
-    return Figure(name, unit, statistics.median(samples), low, high, tuple(samples))
+    return Figure(name, unit, statistics.median(samples), low, high, tuple(samples), setting, servers)
 
 
 def record(command: str, facts: dict[str, str], figures: Sequence[Figure]) -> Record:

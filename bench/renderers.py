@@ -12,7 +12,7 @@ from volsplat.client.session import Session
 from volsplat.client.single import SingleProcess
 from volsplat.protocol.tokens import find_token
 
-SINGLE = "single process"
+SINGLE = "1 thread"  # of a single process
 
 
 @dataclass(frozen=True)

@@ -27,6 +27,10 @@ class Case:
     value: float  # of it, in millions; of servers their number
     scenes: Sequence[Scene]
 
+    @property
+    def name(self) -> str:
+        return f"{self.group} {significant(self.value)}" + ("" if "above" in self.group else " M")
+
 
 @dataclass(frozen=True)
 class Taken:
@@ -37,12 +41,13 @@ class Taken:
     reports: Sequence[StepReport]
 
     @property
-    def name(self) -> str:
-        return f"{self.case.group} {significant(self.case.value)}, {self.row.name}"
-
-    @property
     def seconds(self) -> Figure:
-        return figure(f"{self.name}: frame", "s", [report.wall_seconds for report in self.reports])
+        return self.figure("frame", "s", lambda report: report.wall_seconds)
+
+    def figure(self, quantity: str, unit: str, value: Callable[[StepReport], float]) -> Figure:
+        """What the reports say of a quantity."""
+        name = f"{self.case.name}, {self.row.name}: {quantity}"
+        return figure(name, unit, [value(report) for report in self.reports], self.case.name, self.row.workers)
 
     @property
     def usual(self) -> StepReport:

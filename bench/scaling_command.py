@@ -13,11 +13,17 @@ from volsplat.bench.outputs import Outputs, output_options
 from volsplat.bench.record import record
 from volsplat.bench.renderers import Row, opened_rows
 from volsplat.bench.scaling_cases import Case, frames_of, visible_cases, voxel_cases
-from volsplat.bench.scaling_tables import figures_of, growth_table, panels, servers_table
+from volsplat.bench.scaling_tables import (
+    figures_of,
+    growth_table,
+    link_words,
+    panels,
+    servers_table,
+    where_they_run,
+)
 from volsplat.bench.subject import shares, subject_of, subject_options, volume_file, volume_words
 from volsplat.bench.views import around, seen
 from volsplat.client.bottleneck import bottleneck
-from volsplat.client.frame_report import this_machine
 from volsplat.client.opened_volume import Servers, memory_option, opened, servers_from_options
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.plain_console import PlainConsole
@@ -94,16 +100,19 @@ def scaling(
             taken = frames_of(rows, cases)
             found = str(shares(rows[0].renderer, cases[0].scenes[0]))
     at_middle = [one for one in taken if one.case.group == "pixels" and one.case.value == middle * middle / 1e6]
-    packed = PACKED_VOXEL_BYTES * geometry.box.voxels
-    tables_shown = [servers_table(at_middle, packed, middle), growth_table(taken)]
+    tables_shown = [servers_table(at_middle, middle), growth_table(taken)]
+    by_servers = [one for one in at_middle if one.row.workers]
     facts = {
         "volume": volume_words(known),
         "tables": subject.tables.value,
         "views": f"{repeats} of each setting, {middle} x {middle} pixels where nothing else is said",
         "shares": found,
-        **{f"what limits {one.row.name}": str(bottleneck(one.usual, this_machine().cores)) for one in at_middle},
+        "packed voxels": f"{PACKED_VOXEL_BYTES * geometry.box.voxels / 1e6:.3g} MB",
+        **{f"what limits {one.row.name}": str(bottleneck(one.usual)) for one in at_middle},
+        **{f"machines of {one.row.name}": "; ".join(where_they_run(one)) for one in by_servers},
+        **{f"link of {one.row.name}": link_words(one) for one in by_servers},
     }
-    outputs.deliver(record("scaling", facts, figures_of(taken, packed)), tables_shown, panels(taken, at_middle))
+    outputs.deliver(record("scaling", facts, figures_of(taken)), tables_shown, panels(taken, at_middle))
 
 
 @contextmanager

@@ -6,10 +6,12 @@ from dataclasses import dataclass, field
 
 from rich import box
 from rich.table import Table
+from rich.text import Text
 
 from volsplat.bench.record import Figure
 
-LONGEST_NAME = 30  # characters of a row's name that is never broken
+LONGEST_NAME = 40  # characters of a row's name that is never broken
+CELL_PADDING = 2  # characters of a column beside its text
 PREFIXES = ((1e9, "G"), (1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"))
 
 
@@ -25,14 +27,39 @@ class TextTable:
     def add(self, *cells: str) -> None:
         self.rows.append(list(cells))
 
-    def rich(self) -> Table:
-        table = Table(title=self.title, box=box.SIMPLE_HEAD, caption=self.caption or None, caption_justify="left")
-        names_fit = all(len(row[0]) <= LONGEST_NAME for row in self.rows if row)
-        for n, column in enumerate(self.columns):
-            table.add_column(column, justify="right" if n else "left", no_wrap=n == 0 and names_fit, overflow="fold")
+    def rich(self, width: int) -> list[Table]:
+        """The table for a terminal of `width` characters: in several, one below the other, if columns would break."""
+        groups = self._column_groups(width)
+        tables = [self._of_columns(columns, first=n == 0) for n, columns in enumerate(groups)]
+        tables[-1].caption = self.caption or None
+        return tables
+
+    def _column_groups(self, width: int) -> list[list[int]]:
+        """The columns that fit beside each other and the rows' names."""
+        names, *widths = (self._column_width(n) + CELL_PADDING for n in range(len(self.columns)))
+        groups: list[list[int]] = [[]]
+        left = width - names
+        for n, needed in enumerate(widths, start=1):
+            if groups[-1] and needed > left:
+                groups.append([])
+                left = width - names
+            groups[-1].append(n)
+            left -= needed
+        return groups
+
+    def _column_width(self, column: int) -> int:
+        cells = [self.columns[column], *(row[column] for row in self.rows if len(row) > column)]
+        longest = max(len(line) for cell in cells for line in cell.split("\n"))
+        return longest if column else min(longest, LONGEST_NAME)
+
+    def _of_columns(self, columns: Sequence[int], first: bool) -> Table:
+        table = Table(title=self.title if first else None, box=box.SIMPLE_HEAD, caption_justify="left")
+        table.add_column(self.columns[0], overflow="fold")
+        for n in columns:
+            table.add_column(self.columns[n], justify="right", no_wrap=True)
         for row in self.rows:
             if row:
-                table.add_row(*row)
+                table.add_row(Text(row[0]), *(Text(row[n]) if n < len(row) else "" for n in columns))
             else:
                 table.add_section()
         return table

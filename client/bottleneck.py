@@ -1,10 +1,12 @@
 """What a frame waited for, in words, from its report's own seconds."""
 
+from collections import defaultdict
 from dataclasses import dataclass
 
 from volsplat.client.frame_report import StepReport
+from volsplat.protocol.machine import Machine
 
-ALL_CORES = 0.85  # of the cores' time: from here on more processes bring nothing
+ALL_CORES = 0.85  # of a machine's cores' time: from here on more processes on it bring nothing
 
 
 @dataclass(frozen=True)
@@ -16,26 +18,42 @@ class Bottleneck:
         return f"{self.name} ({self.share:.0%} of the frame)"
 
 
-def bottleneck(report: StepReport, cores: int) -> Bottleneck:
+def bottleneck(report: StepReport) -> Bottleneck:
     """The part that more of would shorten the frame most.
 
-    Links are slow where the splat server waits while a map/shade server cannot send. Where the map/shade servers and
-    the splat server together keep all `cores` of this machine busy, these are named with whatever takes most of them.
-    The image is sent after the finished frame. The client has what is left: asking for it, the messages' ways, and
-    what nothing accounts for.
+    Links are slow if the splat server waits while a map/shade server cannot send. If the servers of one machine keep
+    all its cores busy, these are named with whatever takes most of the frame. The image is sent after the finished
+    frame. The client has what is left: asking for it, the messages' ways, and what nothing accounts for.
     """
     wall = report.wall_seconds
-    splat = report.planning_seconds + report.merge_seconds + report.splat_seconds
-    splat += report.splat_server.answering_seconds
     parts = {
         "slowest map/shade": report.map_shade_seconds_slowest,
-        "splat server": splat,
+        "splat server": _splat_seconds(report),
         "links": min(report.splat_waiting_seconds, report.map_shade_waiting_seconds_slowest),
         "image": report.image_seconds,
         "client": report.messages_seconds + (1 - report.accounted_share) * wall,
     }
     name = max(parts, key=lambda part: parts[part])
-    working = report.map_shade_seconds + splat
-    if len(report.workers) + 1 > cores and working >= ALL_CORES * cores * wall:
-        return Bottleneck(f"all {cores} cores, most by {name}", parts[name] / wall)
-    return Bottleneck(name, parts[name] / wall)
+    full = next((machine for machine, working in _work(report).items() if _is_full(machine, working, wall)), None)
+    if full is None:
+        return Bottleneck(name, parts[name] / wall)
+    cores = f"all {full.cores} cores of {full.host}" if len(_work(report)) > 1 else f"all {full.cores} cores"
+    return Bottleneck(f"{cores}, most by {name}", parts[name] / wall)
+
+
+def _splat_seconds(report: StepReport) -> float:
+    seconds = report.planning_seconds + report.merge_seconds + report.splat_seconds
+    return seconds + report.splat_server.answering_seconds
+
+
+def _work(report: StepReport) -> dict[Machine, list[float]]:
+    """The seconds that each server of each machine worked."""
+    work = defaultdict(list, {report.splat_server.machine: [_splat_seconds(report)]})
+    for worker in report.workers.values():
+        work[worker.machine].append(worker.map_shade_seconds)
+    return work
+
+
+def _is_full(machine: Machine, working: list[float], wall: float) -> bool:
+    """Whether more servers than cores kept all of them busy."""
+    return len(working) > machine.cores and sum(working) >= ALL_CORES * machine.cores * wall

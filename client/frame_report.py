@@ -1,7 +1,6 @@
 """What the steps of an image took, in numbers: report.json, and the table beside the paper's."""
 
 import os
-import platform
 from collections.abc import Callable, Iterable
 from importlib.metadata import version
 from pathlib import Path
@@ -14,6 +13,7 @@ from volsplat.client.renderer import StepOutcome
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.temporary_name import temporary_name
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import Machine, this_machine
 from volsplat.protocol.messages import MapShadeStats, SplatStats
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.scene import Scene, Step
@@ -28,6 +28,7 @@ PAPER_SECONDS = {
     "4 Sun-4": (3, 11, 89, 108, 112, 116),
 }
 
+IMAGE_PIXEL_BYTES = 16  # RGBA, float32
 
 STEP_WORDS = {
     Step.A: "1/4",
@@ -37,14 +38,6 @@ STEP_WORDS = {
     Step.E: "diffuse",
     Step.F: "specular",
 }
-
-
-class Machine(msgspec.Struct, frozen=True):
-    """Where the client ran."""
-
-    system: str
-    cpu: str
-    cores: int
 
 
 class VolumeFacts(msgspec.Struct, frozen=True):
@@ -72,6 +65,7 @@ class StepReport(msgspec.Struct, frozen=True):
     splat_waiting_seconds: float  # with nothing to splat
     messages_seconds: float  # what is left: of asking for the frame, and of messages on their way
     image_seconds: float  # until the finished image was here
+    image_bytes: int  # of the finished image, as the splat server sends it
     accounted_share: float  # of the wall seconds, by the splat server's stages, the messages and the image
     hidden_packets: int  # of those sent, left out by the splat server
     held_back_seconds: float  # that connections were not read because their buffers were full, over all workers
@@ -82,7 +76,7 @@ class StepReport(msgspec.Struct, frozen=True):
 
 class FrameReport(msgspec.Struct, frozen=True):
     volsplat: str  # version
-    machine: Machine
+    machine: Machine  # the client's
     volume: VolumeFacts
     width: int
     height: int
@@ -102,7 +96,7 @@ def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutco
         height=scene.image.height,
         order=scene.order.value,
         why_level=drawn[-1].servers.why_level if drawn else "",
-        steps=tuple(_step_report(outcome) for outcome in drawn),
+        steps=tuple(_step_report(outcome, scene) for outcome in drawn),
     )
 
 
@@ -152,11 +146,7 @@ def step_table(report: FrameReport) -> Table:
     return table
 
 
-def this_machine() -> Machine:
-    return Machine(system=platform.platform(terse=True), cpu=_cpu_name(), cores=os.cpu_count() or 1)
-
-
-def _step_report(outcome: StepOutcome) -> StepReport:
+def _step_report(outcome: StepOutcome, scene: Scene) -> StepReport:
     workers, splat = outcome.servers.map_shade, outcome.servers.splat
     stats = list(workers.values())
     memory = {f"map/shade server {server}": worker.peak_memory_bytes for server, worker in sorted(workers.items())}
@@ -177,6 +167,7 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         splat_waiting_seconds=splat.waiting_seconds,
         messages_seconds=_messages_seconds(outcome),
         image_seconds=outcome.image_seconds,
+        image_bytes=scene.image.width * scene.image.height * IMAGE_PIXEL_BYTES,
         accounted_share=_accounted_seconds(outcome) / outcome.wall_seconds,
         hidden_packets=splat.hidden_packets,
         held_back_seconds=sum(splat.held_back_seconds.values()),
@@ -196,12 +187,3 @@ def _accounted_seconds(outcome: StepOutcome) -> float:
 def _messages_seconds(outcome: StepOutcome) -> float:
     """When neither the splat server had the frame nor its image was on its way."""
     return max(0.0, outcome.wall_seconds - outcome.servers.splat.frame_seconds - outcome.image_seconds)
-
-
-def _cpu_name() -> str:
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()

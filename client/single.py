@@ -33,6 +33,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.levels import Resolution
 from volsplat.protocol.line_of_sight import LineOfSight
+from volsplat.protocol.machine import this_machine
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.scene import Scene, Step
 from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
@@ -172,6 +173,7 @@ class SingleProcess:
             answering_seconds=0.0,
             held_back_seconds={},
             peak_memory_bytes=peak_memory(),
+            machine=this_machine(),
         )
         assert self._holding.packing is not None
         why = self._holding.packing.why_level

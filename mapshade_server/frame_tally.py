@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 
 from volsplat.mapshade_server.frame_walk import ShadedBatch
 from volsplat.protocol import messages
+from volsplat.protocol.machine import this_machine
 from volsplat.protocol.peak_memory import peak_memory
 
 
@@ -28,4 +29,4 @@ class FrameTally:
         self.bytes += len(batch.runs) + len(batch.packets)
 
     def stats(self) -> messages.MapShadeStats:
-        return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory())
+        return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory(), machine=this_machine())

@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.levels import Prepared, Resolution
+from volsplat.protocol.machine import Machine
 from volsplat.protocol.printable import printable
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
@@ -73,6 +74,7 @@ class MapShadeStats(Detail, frozen=True):
     sending_seconds: Seconds
     waiting_seconds: Seconds
     peak_memory_bytes: Count
+    machine: Machine
 
 
 class SplatStats(Detail, frozen=True):
@@ -95,6 +97,7 @@ class SplatStats(Detail, frozen=True):
     answering_seconds: Seconds
     held_back_seconds: dict[ServerId, Seconds]
     peak_memory_bytes: Count
+    machine: Machine
 
 
 class ProbedVoxel(Detail, frozen=True):

@@ -14,6 +14,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.errors import VolsplatError
 from volsplat.protocol.listener import Listener
+from volsplat.protocol.machine import this_machine
 from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.refusals import refusal
 from volsplat.splat_server.data_links import DataLinks
@@ -170,6 +171,7 @@ class SplatServer:
             answering_seconds=self._answering_seconds,
             held_back_seconds=self._data_links.held_back(),
             peak_memory_bytes=peak_memory(),
+            machine=this_machine(),
         )
 
     # -- the client's requests, on the working thread

@@ -16,6 +16,7 @@ from volsplat.protocol.framing import HEADER, MAGIC
 from volsplat.protocol.index_rules import Quantisation, Survey
 from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.levels import Prepared, Resolution
+from volsplat.protocol.machine import Machine
 from volsplat.protocol.message_rules import RULES, Phase, Speech, encode_control
 from volsplat.protocol.messages import Message
 from volsplat.protocol.packet_layout import ROW_RUN
@@ -48,7 +49,10 @@ SCENE = Scene(
 )
 RESOLUTION = Resolution(level=0, geometry=GEOMETRY, stride=1)
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
-SPLAT_STATS = messages.SplatStats(100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 1 << 30)
+MACHINE = Machine("node-1", "Linux", "a processor", 8)
+SPLAT_STATS = messages.SplatStats(
+    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 1 << 30, MACHINE
+)
 
 SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
     type(message): (message, payload)
@@ -81,7 +85,12 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, RESOLUTION, [1, 2]), b""),
         (messages.AbortFrame(7), b""),
         (messages.FrameAborted(7), b""),
-        (messages.FrameMapped(7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29)), b""),
+        (
+            messages.FrameMapped(
+                7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29, MACHINE)
+            ),
+            b"",
+        ),
         (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
         (messages.ReadImage(7), b""),
         (messages.ImageRead(7, Step.C, True, 2, 1), struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0)),
@@ -164,13 +173,15 @@ _scalar_types = st.sampled_from(sorted(SCALAR_BYTES))
 _parts = st.builds(messages.Part, ids, ordinals, st.integers(0, 1), _scalar_types, _small_boxes)
 _resolutions = st.builds(Resolution, st.integers(0, 31), geometries(), st.integers(1, 4))
 _prepared = st.builds(Prepared, surveys, quantisations, st.lists(geometries(), min_size=1, max_size=3).map(tuple))
-_map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts)
+_machines = st.builds(Machine, *[st.text(max_size=20)] * 3, st.integers(1, 64))
+_map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts, _machines)
 _splat_stats = st.builds(
     messages.SplatStats,
     *[counts] * 3,
     *[seconds] * 6,
     st.dictionaries(ids, seconds, max_size=3),
     counts,
+    _machines,
 )
 _versions = st.tuples(st.integers(1, 9), st.integers(1, 9)).map(sorted)
 

@@ -1,5 +1,6 @@
 """The benchmarks as a person meets them: real runs on tiny volumes, their files, and one line for each mistake."""
 
+import re
 import signal
 import time
 from importlib.util import find_spec
@@ -20,6 +21,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import Machine, this_machine
 from volsplat.protocol.scene import Step
 
 INTERRUPTED = 130
@@ -51,7 +53,7 @@ needs_vtk = pytest.mark.skipif(find_spec("vtkmodules") is None, reason="VTK is n
 def test_the_paper_s_table_stands_beside_this_machine_s(person: Person) -> None:
     options = ("--size", "64x48", "--workers", "1,2", "--repeats", "2")
     found, markdown, printed = measured(person, "paper", *PHANTOM, *options, plot=True)
-    rows = ("single process", "1 server", "2 servers")
+    rows = ("1 thread", "1 server", "2 servers")
     assert {one.name for one in found.figures} == {f"{row}, step {step}" for row in rows for step in Step}
     assert all(len(one.samples) == 2 and one.low > 0 for one in found.figures)
     for machine, seconds in PAPER_SECONDS.items():
@@ -67,7 +69,9 @@ def test_scaling_grows_one_thing_at_a_time_and_names_what_limits(person: Person)
     frames = [one.name for one in found.figures if one.name.endswith(": frame")]
     assert len(frames) == len(set(frames)) == 3 * (2 + 2 + 4)
     assert "what limits 2 servers: " in printed
-    assert "efficiency" in markdown and "beyond 250 MB a server" in markdown and "| M packets |" in markdown
+    assert "efficiency" in markdown and "MB into the splat server" in markdown and "| M packets |" in markdown
+    assert f"machines of 2 servers: {this_machine().host} (" in printed
+    assert "link of 2 servers: " in printed and "MB of image out of it" in printed
 
 
 def test_scaling_measures_a_cluster_that_is_already_up(person: Person) -> None:
@@ -78,7 +82,7 @@ def test_scaling_measures_a_cluster_that_is_already_up(person: Person) -> None:
     servers += [person.starts("mapshade-server", "--connect", address) for _ in range(2)]
     options = ("--listen", address, "--workers", "2", "--sizes", "1", "--images", "32", "--repeats", "1")
     found, _, _ = measured(person, "scaling", str(volume), *options)
-    assert {one.name.split(", ")[1].split(":")[0] for one in found.figures} == {"single process", "2 servers"}
+    assert {one.name.split(", ")[1].split(":")[0] for one in found.figures} == {"1 thread", "2 servers"}
     for server in servers:
         server.communicate(timeout=TIME_LIMIT)
 
@@ -117,6 +121,23 @@ def test_aborts_are_timed(person: Person) -> None:
     assert len(found.figures) == 4
 
 
+def test_sizes_of_a_cluster_come_into_one_file(person: Person) -> None:
+    options = ("--sizes", "1", "--images", "32", "--repeats", "2")
+    for count in ("1", "2", "3"):
+        measured(person, "scaling", *PHANTOM, *options, "--workers", count)
+        (person.folder / "found.json").rename(person.folder / f"{count}.json")
+    done = person.runs("bench", "compare", "1.json", "2.json", "3.json", "--json", "all.json")
+    assert done.returncode == 0
+    assert re.search(r"setting +1 server +2 servers +3 servers", done.stdout)
+    joined = read_record(person.folder / "all.json")
+    assert {one.servers for one in joined.figures} == {0, 1, 2, 3}
+    names = [one.name for one in joined.figures]
+    assert len(names) == len(set(names))
+    one_thread = next(one for one in joined.figures if one.servers == 0 and one.name.endswith(": frame"))
+    assert len(one_thread.samples) == 3 * 2
+    assert "link of 3 servers" in joined.facts
+
+
 @needs_matplotlib
 def test_two_records_are_compared(person: Person) -> None:
     measured(person, "kernels", "--size", "16", "--splats", "1000", "--rounds", "1")
@@ -146,6 +167,7 @@ def test_two_records_are_compared(person: Person) -> None:
         (("peers", *PHANTOM, "--preset", "depth-cue", "--threads", "1"), "VTK cannot look"),
         (("aborts", "--phantom", "shells:0"), "NAME:SIZE"),
         (("compare", "a.json", "b.json"), "cannot read"),
+        (("compare", "a.json"), "two records or more"),
         (("nothing",), "No such command"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
@@ -204,26 +226,48 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> StepReport:
         return report_of(single.volume, scene, [outcome]).steps[0]
 
 
+NODES = [Machine(f"node-{n}", "Linux", "a processor", 2) for n in range(4)]
+
+
 @pytest.mark.parametrize(
-    ("seconds", "cores", "named"),
+    ("seconds", "named"),
     [
         (
             {"map_shade_seconds_slowest": 0.8, "map_shade_seconds": 0.9, "splat_waiting_seconds": 0.8},
-            8,
             "slowest map/shade",
         ),
-        ({"splat_seconds": 0.7, "merge_seconds": 0.2, "splat_waiting_seconds": 0.1}, 8, "splat server"),
-        ({"splat_waiting_seconds": 0.9, "map_shade_waiting_seconds_slowest": 0.8}, 8, "links"),
-        ({"splat_seconds": 0.2, "splat_waiting_seconds": 0.1, "image_seconds": 0.7}, 8, "image"),
-        ({"splat_seconds": 0.2, "image_seconds": 0.3, "accounted_share": 0.5}, 8, "client"),
-        ({"splat_seconds": 0.2, "image_seconds": 0.2, "messages_seconds": 0.6}, 8, "client"),
-        ({"splat_seconds": 0.9, "splat_waiting_seconds": 0.1, "map_shade_seconds": 0.1}, 1, "all 1 cores"),
+        ({"splat_seconds": 0.7, "merge_seconds": 0.2, "splat_waiting_seconds": 0.1}, "splat server"),
+        ({"splat_waiting_seconds": 0.9, "map_shade_waiting_seconds_slowest": 0.8}, "links"),
+        ({"splat_seconds": 0.2, "splat_waiting_seconds": 0.1, "image_seconds": 0.7}, "image"),
+        ({"splat_seconds": 0.2, "image_seconds": 0.3, "accounted_share": 0.5}, "client"),
+        ({"splat_seconds": 0.2, "image_seconds": 0.2, "messages_seconds": 0.6}, "client"),
     ],
 )
 def test_the_bottleneck_is_where_most_of_the_frame_went(
-    report: StepReport, seconds: dict[str, float], cores: int, named: str
+    report: StepReport, seconds: dict[str, float], named: str
 ) -> None:
+    assert bottleneck(_frame(report, {}, **seconds)).name == named
+
+
+def test_the_cores_of_one_machine_are_the_bottleneck_if_its_servers_fill_them(report: StepReport) -> None:
+    seconds = {"splat_seconds": 0.9, "splat_waiting_seconds": 0.1, "map_shade_seconds_slowest": 0.5}
+    shared = _frame(report, {2: NODES[0], 3: NODES[0]}, **seconds)
+    assert bottleneck(shared).name == "all 2 cores, most by splat server"
+    crowded = _frame(report, {2: NODES[0], 3: NODES[0], 4: NODES[1]}, **seconds)
+    assert bottleneck(crowded).name == "all 2 cores of node-0, most by splat server"
+
+
+def test_as_much_work_on_machines_of_their_own_fills_none(report: StepReport) -> None:
+    waiting = {"splat_seconds": 0.3, "splat_waiting_seconds": 0.6, "map_shade_seconds_slowest": 0.5}
+    frame = _frame(report, {2: NODES[1], 3: NODES[2], 4: NODES[3]}, **waiting)
+    assert bottleneck(frame).name == "slowest map/shade"
+
+
+def _frame(report: StepReport, machines: dict[int, Machine], **seconds: float) -> StepReport:
+    """A frame of a second with the splat server on node 0, and map/shade servers that each worked half of it."""
     nothing = {field: 0.0 for field in report.__struct_fields__ if field.endswith(("_seconds", "_slowest"))}
-    whole = {"wall_seconds": 1.0, "accounted_share": 1.0}
-    frame = msgspec.structs.replace(report, **{**nothing, **whole, **seconds})
-    assert named in str(bottleneck(frame, cores))
+    stats = next(iter(report.workers.values()))
+    workers = {n: msgspec.structs.replace(stats, machine=on, map_shade_seconds=0.5) for n, on in machines.items()}
+    splat = msgspec.structs.replace(report.splat_server, machine=NODES[0], answering_seconds=0.0)
+    whole = {"wall_seconds": 1.0, "accounted_share": 1.0, "workers": workers, "splat_server": splat}
+    return msgspec.structs.replace(report, **{**nothing, **whole, **seconds})

@@ -1,11 +1,13 @@
 """Records of benchmarks: what a figure is, what moved, and how numbers are told."""
 
+from io import StringIO
 from pathlib import Path
 
 import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from rich.console import Console
 
 from volsplat.bench.compare_command import comparison, moved
 from volsplat.bench.record import Figure, Record, figure, read_record, record, write_record
@@ -132,4 +134,19 @@ def test_ratios_are_of_pairs() -> None:
 
 def test_a_record_says_machine_and_version() -> None:
     decoded = msgspec.json.decode(msgspec.json.encode(recorded()))
-    assert decoded["machine"].keys() == {"system", "cpu", "cores"} and decoded["volsplat"]
+    assert decoded["machine"].keys() == {"host", "system", "cpu", "cores"} and decoded["volsplat"]
+
+
+@given(st.integers(1, 12), st.integers(30, 120))
+def test_a_table_keeps_every_heading_whole_on_a_narrow_terminal(columns: int, width: int) -> None:
+    headings = [f"{n} servers" for n in range(columns)]
+    table = TextTable("Servers", ("", *headings), "A caption.")
+    table.add("milliseconds", *(f"{n}.5 ±10%" for n in range(columns)))
+    console = Console(width=width, file=StringIO())
+    console.print(*table.rich(console.width))
+    assert isinstance(console.file, StringIO)
+    shown = console.file.getvalue()
+    assert all(len(line) <= width for line in shown.splitlines())
+    for text in (*headings, *(f"{n}.5 ±10%" for n in range(columns))):
+        assert text in shown
+    assert shown.count("A caption.") == 1

@@ -34,6 +34,7 @@ from volsplat.protocol.addresses import Address
 from volsplat.protocol.errors import BadInput, PeerLost
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.levels import Prepared
+from volsplat.protocol.machine import this_machine
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
@@ -49,8 +50,8 @@ JOINS: list[Event] = [
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
 SCENE = preset_scene("ct-skin")
 DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint16")
-SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 1)
-MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 0.0, 0.0, 0.0, 0.0, 1)
+SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 1, this_machine())
+MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 0.0, 0.0, 0.0, 0.0, 1, this_machine())
 
 
 def said(server: int, message: messages.Message, payload: bytes = b"") -> MessageReceived:

@@ -15,6 +15,7 @@ from volsplat.client.renderer import StepOutcome
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Survey
+from volsplat.protocol.machine import this_machine
 from volsplat.protocol.messages import MapShadeStats, SplatStats
 from volsplat.protocol.scene import Step
 from volsplat.protocol.volume import Geometry, VolumeDescription
@@ -40,6 +41,7 @@ def worker_stats(times: int) -> MapShadeStats:
         sending_seconds=0.375 * times,
         waiting_seconds=0.25 * times,
         peak_memory_bytes=10_000_000 * times,
+        machine=this_machine(),
     )
 
 
@@ -56,6 +58,7 @@ def outcome(step: Step) -> StepOutcome:
         answering_seconds=0.03125,
         held_back_seconds={2: 0.5, 3: 0.25},
         peak_memory_bytes=40_000_000,
+        machine=this_machine(),
     )
     return StepOutcome(step, 1.5, 0.25, FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, splat))
 

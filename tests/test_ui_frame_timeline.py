@@ -21,6 +21,7 @@ from volsplat.client.ui.frame_timeline import (
     ticks,
     timeline_svg,
 )
+from volsplat.protocol.machine import this_machine
 from volsplat.protocol.messages import MapShadeStats, SplatStats
 from volsplat.protocol.scene import Step
 
@@ -37,6 +38,7 @@ map_shade_stats = st.builds(
     sending_seconds=seconds,
     waiting_seconds=seconds,
     peak_memory_bytes=counts,
+    machine=st.just(this_machine()),
 )
 splat_stats = st.builds(
     SplatStats,
@@ -51,6 +53,7 @@ splat_stats = st.builds(
     answering_seconds=seconds,
     held_back_seconds=st.just({}),
     peak_memory_bytes=counts,
+    machine=st.just(this_machine()),
 )
 outcomes = st.builds(
     StepOutcome,
@@ -88,7 +91,7 @@ def test_a_bar_is_as_long_as_its_stage_took(stats: MapShadeStats | SplatStats) -
 
 
 def _servers(stats: MapShadeStats | SplatStats) -> FrameOutcome:
-    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0)
+    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0, this_machine())
     return FrameOutcome({7: stats}, nothing) if isinstance(stats, MapShadeStats) else FrameOutcome({}, stats)
 
 

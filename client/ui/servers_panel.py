@@ -96,7 +96,7 @@ def _legend() -> None:
 def frame_words(viewing: Viewing, picture: Picture, outcome: StepOutcome) -> str:
     """What the last frame was, and what held it up."""
     report = report_of(viewing.volume, picture.state.scene, [outcome])
-    cause = bottleneck(report.steps[0], report.machine.cores)
+    cause = bottleneck(report.steps[0])
     level = f" · {outcome.servers.why_level}" if outcome.servers.why_level else ""
     return f"last frame: step {outcome.step}, {time_text(outcome.wall_seconds)} · bottleneck: {cause}{level}"
 
