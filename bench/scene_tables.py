@@ -5,7 +5,7 @@ from enum import StrEnum
 
 from volsplat.client.density_histogram import DensityHistogram, ct_scale
 from volsplat.client.phantoms import shells_tables
-from volsplat.client.presets import KEY_LIGHT
+from volsplat.client.table_makers import KEY_LIGHT
 from volsplat.protocol.scene import Colour, ColourTable, ScalarTable, Scene, Shading, Tables
 
 SKIN: Colour = (0.95, 0.77, 0.64)

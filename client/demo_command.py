@@ -59,7 +59,7 @@ def demo(output: Path) -> None:
 
 def demo_scene(volume: SurveyedVolume) -> Scene:
     """The skin from a little to the side, with white edges as in the paper's plates."""
-    scene = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
+    scene = preset_scene("ct-skin", volume.subject())
     return msgspec.structs.replace(
         scene,
         view=View(rotation=rotation_from_angles(*DEMO_ANGLES), zoom=DEMO_ZOOM),

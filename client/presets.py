@@ -5,82 +5,72 @@ from dataclasses import dataclass
 
 import msgspec
 
-from volsplat.client.colours import colour_from_hex
-from volsplat.client.density_histogram import (
-    DensityHistogram,
-    ct_scale,
-    landmarks,
-    recognised_ct,
-    zero_position,
-)
-from volsplat.client.view_rotation import Quaternion, named_view
+from volsplat.client.class_scenes import CPK, classes_scene
+from volsplat.client.density_histogram import CtScale, DensityHistogram, ct_scale, landmarks, zero_position
+from volsplat.client.glow_scenes import spectral_scene, structure_factors_scene
+from volsplat.client.seismic_scene import seismic_scene
+from volsplat.client.subject import Subject
+from volsplat.client.table_makers import GLOW, KEY_LIGHT, REFLECTION, both_sides, colours, dimmed, scalars
+from volsplat.client.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.scene import ColourTable, CrossBar, Field, Light, ScalarTable, Scene, Shading, Tables, View
+from volsplat.protocol.kind import Kind
+from volsplat.protocol.scene import CrossBar, Field, Scene, Shading, Tables, View
 
-KEY_LIGHT = Light(direction=(0.35, 0.45, 1.0))  # a little from the right and above, so that form casts shade
+SPECTRUM_ANGLES = (30.0, 20.0)  # azimuth and elevation: in front, the spectral axis leads straight away
 
 
 @dataclass(frozen=True)
 class Preset:
     description: str  # one line
     source: str  # what the paper says of it
-    build: Callable[[DensityHistogram | None], Scene]
-    patient: bool = False  # a scan of a head: the front is where the nose is
-    signed: bool = False  # made for data on both sides of zero
+    build: Callable[[Subject | None], Scene]
+    kinds: tuple[Kind, ...] = ()  # that it is made for
 
 
-def preset_scene(name: str, histogram: DensityHistogram | None = None, anatomical: bool = True) -> Scene:
-    """The scene of a preset, for a volume's histogram or, without one, for a CT of HU + 1024 in a window 0..2550.
+def preset_scene(name: str, subject: Subject | None = None) -> Scene:
+    """The scene of a preset, for a volume or, without one, for a CT of HU + 1024 in a window 0..2550.
 
-    It is seen as start_rotation tells. Raises BadInput for no such name.
+    It starts with the view of every scene of the volume. Raises BadInput for no such name.
     """
     preset = PRESETS.get(name)
     if preset is None:
         raise BadInput(f"--preset {name}: no such preset; choose one of {', '.join(PRESETS)}")
-    rotation = start_rotation(histogram, anatomical, preset.patient)
-    return msgspec.structs.replace(preset.build(histogram), view=View(rotation=rotation))
+    return msgspec.structs.replace(preset.build(subject), view=start_view(subject, Kind.CT in preset.kinds))
 
 
-def fits(name: str, histogram: DensityHistogram) -> bool:
-    """Whether the data is of the kind that the preset is made for, as far as a histogram can tell."""
-    preset = PRESETS[name]
-    if recognised_ct(histogram) is not None:
-        return preset.patient
-    return preset.signed and zero_position(histogram) is not None
-
-
-def start_rotation(histogram: DensityHistogram | None, anatomical: bool, patient: bool = False) -> Quaternion:
-    """The view that every scene starts with, preset or not: the front.
+def start_view(subject: Subject | None, patient: bool = False) -> View:
+    """The view that every scene starts with, preset or not: the front; of a spectral cube, turned.
 
     Where a patient's scan does not tell its orientation, its slices are taken to count from the top of the head down
-    and its rows from the nose backwards, as in the paper's. A CT is known by its histogram, or where `patient` says so.
+    and its rows from the nose backwards, as in the paper's. A CT is stated, recognised, or where `patient` says so.
     """
-    stacked = not anatomical and (patient or recognised_ct(histogram) is not None)
-    return named_view("stack" if stacked else "front")
+    if subject is not None and subject.kind is Kind.SPECTRAL_CUBE:
+        return View(rotation=rotation_from_angles(*SPECTRUM_ANGLES))
+    stacked = subject is not None and not subject.anatomical and (patient or subject.ct is not None)
+    return View(rotation=named_view("stack" if stacked else "front"))
 
 
-def colours(*points: tuple[float, str]) -> ColourTable:
-    return ColourTable(points=tuple((position, colour_from_hex(colour)) for position, colour in points))
+def fits(name: str, subject: Subject) -> bool:
+    """Whether the data is of a kind that the preset is made for: as stated, else as far as the histogram tells."""
+    kinds = PRESETS[name].kinds
+    if subject.kind is not Kind.UNKNOWN:
+        return subject.kind in kinds
+    if subject.ct is not None:
+        return Kind.CT in kinds
+    return zero_position(subject.histogram) is not None and bool({Kind.WAVE_FUNCTION, Kind.SEISMIC} & set(kinds))
 
 
-def scalars(*points: tuple[float, float]) -> ScalarTable:
-    return ScalarTable(points=points)
+def _ct(subject: Subject | None) -> CtScale:
+    """Hounsfield units on a table, as the volume has them or, where it tells nothing of them, as a CT would."""
+    return subject and subject.ct or ct_scale(_histogram(subject))
 
 
-def dimmed(table: ColourTable, factor: float) -> ColourTable:
-    return ColourTable(
-        points=tuple((position, (r * factor, g * factor, b * factor)) for position, (r, g, b) in table.points)
-    )
+def _histogram(subject: Subject | None) -> DensityHistogram | None:
+    return subject.histogram if subject else None
 
 
-def both_sides(zero: float, clear: float, strongest: float) -> ScalarTable:
-    """Opacity that grows with the distance from `zero` on both sides, beyond the share `clear` of it."""
-    below, above = zero * (1 - clear), zero + (1 - zero) * clear
-    return scalars((0.0, strongest), (below, 0.0), (above, 0.0), (1.0, strongest))
-
-
-def _ct_skin(histogram: DensityHistogram | None) -> Scene:
-    at = ct_scale(histogram).position
+def _ct_skin(subject: Subject | None) -> Scene:
+    at = _ct(subject).position
     return Scene(
         tables=Tables(
             emit=colours((0.40, "#2a1811"), (0.78, "#966450")),
@@ -94,8 +84,8 @@ def _ct_skin(histogram: DensityHistogram | None) -> Scene:
     )
 
 
-def _ct_bone(histogram: DensityHistogram | None) -> Scene:
-    at = ct_scale(histogram).position
+def _ct_bone(subject: Subject | None) -> Scene:
+    at = _ct(subject).position
     return Scene(
         tables=Tables(
             emit=colours((at(150), "#241f17"), (at(1500), "#7d7660")),
@@ -107,9 +97,9 @@ def _ct_bone(histogram: DensityHistogram | None) -> Scene:
     )
 
 
-def _surfaces(histogram: DensityHistogram | None) -> Scene:
+def _surfaces(subject: Subject | None) -> Scene:
     """Every boundary at once; the colour tells what lies behind it. Clip with `bounds` to look inside."""
-    at = ct_scale(histogram).position
+    at = _ct(subject).position
     return Scene(
         tables=Tables(
             emit=colours((at(-700), "#0c1418"), (at(0), "#2e1d16"), (at(100), "#3a251c"), (at(600), "#5c5644")),
@@ -122,9 +112,9 @@ def _surfaces(histogram: DensityHistogram | None) -> Scene:
     )
 
 
-def _depth_cue(histogram: DensityHistogram | None) -> Scene:
+def _depth_cue(subject: Subject | None) -> Scene:
     """What is far from the viewer fades into the background."""
-    at = landmarks(histogram)
+    at = landmarks(_histogram(subject))
     return Scene(
         tables=Tables(
             emit=colours((at.object, "#2b3440"), (at.core, "#7c8794")),
@@ -137,9 +127,9 @@ def _depth_cue(histogram: DensityHistogram | None) -> Scene:
     )
 
 
-def _molecules(histogram: DensityHistogram | None) -> Scene:
+def _molecules(subject: Subject | None) -> Scene:
     """Emitted light by gradient strength brings out the atoms' boundaries, reflected light tells the density."""
-    at = landmarks(histogram)
+    at = landmarks(_histogram(subject))
     return Scene(
         tables=Tables(
             emit=colours((0.0, "#040a1e"), (0.25, "#0c2a58"), (0.6, "#5a2a68"), (1.0, "#a0562c")),
@@ -152,19 +142,22 @@ def _molecules(histogram: DensityHistogram | None) -> Scene:
     )
 
 
-def _atoms(histogram: DensityHistogram | None) -> Scene:
-    """Bands of density, for a map whose peaks rise from carbon over nitrogen and oxygen to sulphur."""
-    at = landmarks(histogram)
+def _atoms(subject: Subject | None) -> Scene:
+    """The elements by the bands that the volume states; of a map, bands of density, whose peaks rise from carbon over
+    nitrogen and oxygen to sulphur."""
+    if subject is not None and subject.kind is Kind.ELEMENTS and (scene := classes_scene(subject)) is not None:
+        return scene
+    at = landmarks(_histogram(subject))
     carbon, nitrogen, oxygen, sulphur = (at.object + (at.core - at.object) * n / 3 for n in range(4))
     edges = ((carbon + nitrogen) / 2, (nitrogen + oxygen) / 2, (oxygen + sulphur) / 2)
-    bands = ("#2f9e44", "#2f6fe0", "#d8342c", "#e8cc30")
+    bands = tuple(CPK[element] for element in ("C", "N", "O", "S"))
     points = [(0.0, bands[0])]
     for edge, below, above in zip(edges, bands[:-1], bands[1:], strict=True):
         points += [(edge, below), (edge, above)]
     return Scene(
         tables=Tables(
-            emit=dimmed(colours(*points), 0.35),
-            refl=dimmed(colours(*points), 0.75),
+            emit=dimmed(colours(*points), GLOW),
+            refl=dimmed(colours(*points), REFLECTION),
             opac=scalars((at.background, 0.0), (at.object, 0.2), (at.core, 0.8)),
         ),
         shading=Shading(modulation=False, specular_power=40.0),
@@ -172,9 +165,9 @@ def _atoms(histogram: DensityHistogram | None) -> Scene:
     )
 
 
-def _orbital(histogram: DensityHistogram | None) -> Scene:
+def _orbital(subject: Subject | None) -> Scene:
     """Soft lobes; of a signed wave function, each sign in its own colour."""
-    zero = zero_position(histogram)
+    zero = zero_position(_histogram(subject))
     if zero is not None:
         return Scene(
             tables=Tables(
@@ -185,7 +178,7 @@ def _orbital(histogram: DensityHistogram | None) -> Scene:
             shading=Shading(modulation=False),
             light=KEY_LIGHT,
         )
-    at = landmarks(histogram)
+    at = landmarks(_histogram(subject))
     return Scene(
         tables=Tables(
             emit=colours((at.background, "#101c50"), (at.object, "#3050a8"), (at.core, "#d8e4f0")),
@@ -197,68 +190,24 @@ def _orbital(histogram: DensityHistogram | None) -> Scene:
     )
 
 
-def _structure_factors(histogram: DensityHistogram | None) -> Scene:
-    """Points coloured by phase, which such a volume holds in place of gradient strength; opaque by amplitude."""
-    at = landmarks(histogram)
-    wheel = ("#e03c3c", "#d8b428", "#48b840", "#30b4b4", "#3c5ce0", "#b43cc0", "#e03c3c")
-    return Scene(
-        tables=Tables(
-            emit=colours(*((n / 6, colour) for n, colour in enumerate(wheel))),
-            refl=colours((0.0, "#000000")),
-            opac=scalars((at.background, 0.0), (at.object, 0.3), (at.core, 1.0)),
-        ),
-        cross_bar=CrossBar(emit=Field.STRENGTH),
-        shading=Shading(diffuse=False, specular=False, modulation=False),
-    )
-
-
-def _galaxy(histogram: DensityHistogram | None) -> Scene:
-    """Glowing gas: colour tells the third axis, wavelength, that is speed along the line of sight."""
-    at = landmarks(histogram)
-    return Scene(
-        tables=Tables(
-            emit=colours((0.0, "#4060ff"), (0.35, "#58c8e8"), (0.5, "#e8e8d0"), (0.65, "#f0b048"), (1.0, "#f04030")),
-            refl=colours((0.0, "#000000")),
-            opac=scalars((at.background, 0.0), (at.object, 0.04), (at.core, 0.5)),
-        ),
-        cross_bar=CrossBar(emit=Field.GRID_K),
-        shading=Shading(diffuse=False, specular=False, modulation=False),
-    )
-
-
-def _seismic(histogram: DensityHistogram | None) -> Scene:
-    """Strong reflections of either sign; what is near zero is clear."""
-    zero = zero_position(histogram)
-    zero = 0.5 if zero is None else zero
-    return Scene(
-        tables=Tables(
-            emit=colours((0.0, "#2858d8"), (zero, "#c8c4bc"), (1.0, "#d83828")),
-            refl=colours((0.0, "#404040")),
-            opac=both_sides(zero, 0.3, 0.6),
-        ),
-        shading=Shading(modulation=False),
-        light=KEY_LIGHT,
-    )
-
-
 PRESETS: dict[str, Preset] = {
     "ct-skin": Preset(
         "the skin of a CT: a thin shell where air meets tissue",
         'colour plates 1 and 2: "shading tables, chosen to bring out the skin surface"',
         _ct_skin,
-        patient=True,
+        (Kind.CT,),
     ),
     "ct-bone": Preset(
         "the bone of a CT, in green reflected light",
         'colour plate 2: "tables that were chosen to display bone", "the reflection table was loaded with green"',
         _ct_bone,
-        patient=True,
+        (Kind.CT,),
     ),
     "surfaces": Preset(
         "all boundaries of a CT: opacity grows with gradient strength",
         'colour plate 2: "tables that emphasize surfaces by using the opacity modulation table"',
         _surfaces,
-        patient=True,
+        (Kind.CT,),
     ),
     "depth-cue": Preset(
         "any volume: opacity fades with the distance from the viewer",
@@ -269,32 +218,36 @@ PRESETS: dict[str, Preset] = {
         "electron density: emitted light by gradient strength, reflected light by density",
         'Shading: "emitted light based on gradient strength and reflected light based on density"; colour plate 3',
         _molecules,
+        (Kind.CRYSTAL_MAP, Kind.EM_MAP, Kind.ATOM_DENSITY),
     ),
     "atoms": Preset(
-        "electron density by atom type: green carbon, blue nitrogen, red oxygen, yellow sulphur",
+        "molecules by atom type: grey carbon, blue nitrogen, red oxygen, yellow sulphur",
         'colour plate 3: "color the density by atom type"',
         _atoms,
+        (Kind.ELEMENTS, Kind.ATOM_DENSITY),
     ),
     "orbital": Preset(
         "orbitals: soft lobes, the two signs of a wave function in two colours",
         'colour plate 3: "Note the soft bonding between the lobes"',
         _orbital,
-        signed=True,
+        (Kind.WAVE_FUNCTION, Kind.ELECTRON_DENSITY),
     ),
     "structure-factors": Preset(
         "structure factors: colour by phase, opacity by amplitude",
         'colour plate 3: "colored by phase angle and the opacity depends the intensity"',
-        _structure_factors,
+        structure_factors_scene,
+        (Kind.STRUCTURE_FACTORS,),
     ),
     "galaxy": Preset(
         "a spectral cube of a galaxy: colour by wavelength, glowing",
         "colour plate 4: a Fabry-Perot map of a galaxy",
-        _galaxy,
+        spectral_scene,
+        (Kind.SPECTRAL_CUBE,),
     ),
     "seismic": Preset(
         "a seismic study: strong reflections, negative blue and positive red",
         "colour plate 4: a synthetic seismic study",
-        _seismic,
-        signed=True,
+        seismic_scene,
+        (Kind.SEISMIC,),
     ),
 }

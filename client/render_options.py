@@ -57,7 +57,7 @@ class SceneOptions:
             return preset_scene(self.preset or "ct-skin")
         if self.preset is None:
             return volume.default_scene()
-        return preset_scene(self.preset, volume.density_histogram(), volume.description.anatomical)
+        return preset_scene(self.preset, volume.subject())
 
     def _changed(self, scene: Scene) -> Scene:
         view, image = scene.view, scene.image

@@ -5,6 +5,7 @@ from functools import cached_property
 
 from volsplat.client.default_scene import default_scene
 from volsplat.client.density_histogram import DensityHistogram, density_histogram
+from volsplat.client.subject import Subject, subject_of
 from volsplat.protocol import index_rules
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation, Survey
@@ -69,6 +70,11 @@ class SurveyedVolume:
             return [f"every voxel has the value {self.survey.low:.7g}: the volume is a block without structure"]
         return []
 
+    def subject(self, quantise: Quantise = Quantise()) -> Subject:  # noqa: B008 - immutable
+        """What scenes are made for, under the scene's window. Raises BadInput for one without a scale."""
+        window = self.quantisation(quantise).window
+        return subject_of(self.description, self.survey, self.density_counts, window)
+
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""
-        return default_scene(self.description, self.survey, self.density_counts, self.automatic_window)
+        return default_scene(self.subject())

@@ -42,5 +42,5 @@ def scene(single: SingleProcess) -> Scene:
 def skin(renderer: Renderer, image: Image = SMALL) -> Scene:
     """The volume's skin in an image of this size."""
     volume = renderer.volume
-    scene = preset_scene("ct-skin", volume.density_histogram(), volume.description.anatomical)
+    scene = preset_scene("ct-skin", volume.subject())
     return msgspec.structs.replace(scene, image=image)

@@ -77,7 +77,7 @@ def application() -> FastAPI:
         for style in ("theme.css", "page.css"):
             ui.add_head_html(f'<link rel="stylesheet" href="/volsplat/static/{style}">')
         with ui.element("main").classes("vs-page"), ui.element("aside").classes("vs-right"):
-            TablesPanel(models[-1], VOLUME, preset_scene("ct-bone", VOLUME.density_histogram()))
+            TablesPanel(models[-1], VOLUME, preset_scene("ct-bone", VOLUME.subject()))
 
     served = FastAPI()
     served.mount("/volsplat/static", StaticFiles(directory=STATIC))

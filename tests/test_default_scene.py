@@ -8,10 +8,12 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from volsplat.client.default_scene import LEAST_SEEN, MOST_SEEN, default_scene
+from volsplat.client.default_scene import default_scene
 from volsplat.client.density_histogram import density_histogram, recognised_ct
+from volsplat.client.histogram_scene import LEAST_SEEN, MOST_SEEN
 from volsplat.client.presets import PRESETS, preset_scene
 from volsplat.client.single import SingleProcess
+from volsplat.client.subject import subject_of
 from volsplat.client.view_rotation import named_view
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey, density_window
 from volsplat.protocol.scene import Field, Image, Scene, View
@@ -40,7 +42,7 @@ def first_scene(
         scalar_type=scalar_type,
         anatomical=anatomical,
     )
-    scene = default_scene(description, survey, counts, window)
+    scene = default_scene(subject_of(description, survey, counts, window))
     histogram = density_histogram(survey, counts, window)
     opacity = scene.tables.opac.entries()
     total = max(histogram.voxels, 1)
@@ -158,7 +160,7 @@ def test_what_is_no_ct_is_seen_from_the_front_without_modulation(name: str) -> N
 def test_the_real_heads_start_upright_with_and_without_a_preset(shared_data: Path, head: str) -> None:
     volume = SingleProcess(shared_data / "ct_head" / f"{head}.nrrd").volume
     views = {volume.default_scene().view}
-    views |= {preset_scene(name, volume.density_histogram(), volume.description.anatomical).view for name in PRESETS}
+    views |= {preset_scene(name, volume.subject()).view for name in PRESETS}
     assert views == {View(rotation=named_view("stack"))}
 
 

@@ -25,9 +25,11 @@ from volsplat.client.density_histogram import (
 )
 from volsplat.client.presets import PRESETS, fits, preset_scene
 from volsplat.client.single import SingleProcess
+from volsplat.client.subject import Subject
 from volsplat.client.view_rotation import named_view
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.scene import CrossBar, Field, Scene
 
 AIR, FAT, TISSUE, BONE = -1000, -100, 40, 1000  # Hounsfield units
@@ -71,7 +73,7 @@ def test_a_ct_is_calibrated_by_its_air_and_tissue_peaks(scan: str) -> None:
 @pytest.mark.parametrize("scan", SCANS)
 def test_the_skin_preset_shows_the_boundary_of_air_and_tissue_and_no_air(scan: str) -> None:
     histogram, position = SCANS[scan]
-    scene = preset_scene("ct-skin", histogram)
+    scene = preset_scene("ct-skin", Subject(histogram))
     assert opacity_at(scene, position(AIR)) == 0
     assert opacity_at(scene, position(-200)) > 0.8
     assert opacity_at(scene, position(BONE)) == 0
@@ -81,7 +83,7 @@ def test_the_skin_preset_shows_the_boundary_of_air_and_tissue_and_no_air(scan: s
 @pytest.mark.parametrize("scan", SCANS)
 def test_the_bone_preset_shows_bone_and_no_soft_tissue_in_green_reflected_light(scan: str) -> None:
     histogram, position = SCANS[scan]
-    scene = preset_scene("ct-bone", histogram)
+    scene = preset_scene("ct-bone", Subject(histogram))
     for clear in (AIR, -500, FAT, TISSUE, 100):
         assert opacity_at(scene, position(clear)) == 0
     assert opacity_at(scene, position(400)) > 0.5
@@ -93,7 +95,7 @@ def test_the_bone_preset_shows_bone_and_no_soft_tissue_in_green_reflected_light(
 @pytest.mark.parametrize("scan", [None, *SCANS])
 def test_every_preset_shows_some_of_a_scan_but_not_its_air(name: str, scan: str | None) -> None:
     histogram = SCANS[scan][0] if scan else None
-    scene = preset_scene(name, histogram)
+    scene = preset_scene(name, Subject(histogram) if histogram else None)
     opacity = scene.tables.opac.entries()
     assert max(opacity) > 0
     if histogram is not None and name != "seismic" and not (name == "orbital" and zero_position(histogram)):
@@ -107,7 +109,8 @@ def test_every_preset_takes_any_histogram(name: str, data: st.DataObject) -> Non
     low = data.draw(st.floats(-1e5, 1e5))
     width = data.draw(st.floats(1e-3, 1e6))
     histogram = DensityHistogram((low, low + width), tuple(counts.get(byte, 0) for byte in range(LAST + 1)))
-    scene = preset_scene(name, histogram, data.draw(st.booleans()))
+    known = Subject(histogram, kind=data.draw(st.sampled_from(Kind)), anatomical=data.draw(st.booleans()))
+    scene = preset_scene(name, known)
     assert all(0 <= opacity <= 1 for opacity in scene.tables.opac.entries())
 
 
@@ -120,24 +123,25 @@ def test_the_papers_cross_bars_are_used() -> None:
     assert bars["galaxy"].emit is Field.GRID_K
 
 
-def test_atoms_are_green_blue_red_and_yellow_with_rising_density() -> None:
+def test_atoms_are_grey_blue_red_and_yellow_with_rising_density() -> None:
     points = preset_scene("atoms").tables.refl.points
     carbon, nitrogen, oxygen, sulphur = (points[n][1] for n in (0, 2, 4, 6))
-    assert max(carbon) == carbon[1] and max(nitrogen) == nitrogen[2] and max(oxygen) == oxygen[0]
+    assert max(carbon) == min(carbon) and max(nitrogen) == nitrogen[2] and max(oxygen) == oxygen[0]
     assert min(sulphur) == sulphur[2] and min(sulphur[:2]) > 2 * sulphur[2]
 
 
 def test_patients_are_seen_from_the_front_and_unoriented_stacks_with_their_first_slice_up() -> None:
     assert preset_scene("ct-skin").view.rotation == named_view("front")
-    assert preset_scene("ct-bone", anatomical=False).view.rotation == named_view("stack")
-    assert preset_scene("molecules", anatomical=False).view.rotation == named_view("front")
+    stack = Subject(DensityHistogram((0.0, 1.0), (0,) * (LAST + 1)), anatomical=False)
+    assert preset_scene("ct-bone", stack).view.rotation == named_view("stack")
+    assert preset_scene("molecules", stack).view.rotation == named_view("front")
 
 
 @pytest.mark.parametrize("name", PRESETS)
 @pytest.mark.parametrize("scan", SCANS)
 def test_a_ct_starts_with_the_same_view_under_every_preset(name: str, scan: str) -> None:
     for anatomical, view in ((True, "front"), (False, "stack")):
-        assert preset_scene(name, SCANS[scan][0], anatomical).view.rotation == named_view(view)
+        assert preset_scene(name, Subject(SCANS[scan][0], anatomical=anatomical)).view.rotation == named_view(view)
 
 
 def test_an_unknown_preset_is_refused_with_the_known_ones() -> None:
@@ -188,7 +192,7 @@ def test_the_real_heads_show_their_skin_and_their_bone(shared_data: Path, file: 
     scale = ct_scale(histogram)
     assert scale.air < histogram.position(100 * per_unit)  # the data's own description: air 0..100, tissue about 1000
     assert histogram.position(950 * per_unit) < scale.tissue < histogram.position(1150 * per_unit)
-    bone, skin = preset_scene("ct-bone", histogram), preset_scene("ct-skin", histogram)
+    bone, skin = preset_scene("ct-bone", Subject(histogram)), preset_scene("ct-skin", Subject(histogram))
     assert opacity_at(bone, histogram.position(1100 * per_unit)) == 0
     assert opacity_at(bone, histogram.position(1500 * per_unit)) > 0.5
     assert opacity_at(skin, histogram.position(200 * per_unit)) == 0
@@ -197,14 +201,14 @@ def test_the_real_heads_show_their_skin_and_their_bone(shared_data: Path, file: 
 
 @pytest.mark.parametrize("scan", SCANS)
 def test_a_ct_is_suited_by_what_is_made_for_it(scan: str) -> None:
-    assert [name for name in PRESETS if fits(name, SCANS[scan][0])] == ["ct-skin", "ct-bone", "surfaces"]
+    assert [name for name in PRESETS if fits(name, Subject(SCANS[scan][0]))] == ["ct-skin", "ct-bone", "surfaces"]
 
 
 def test_data_of_both_signs_is_suited_by_what_tells_them_apart() -> None:
     around_zero = tuple(range(1, 129)) + tuple(range(128, 0, -1))
     signed, unsigned = (DensityHistogram(window, around_zero) for window in ((-1.0, 1.0), (0.0, 1.0)))
-    assert [name for name in PRESETS if fits(name, signed)] == ["orbital", "seismic"]
-    assert not any(fits(name, unsigned) for name in PRESETS)
+    assert [name for name in PRESETS if fits(name, Subject(signed))] == ["orbital", "seismic"]
+    assert not any(fits(name, Subject(unsigned)) for name in PRESETS)
 
 
 @pytest.mark.parametrize(

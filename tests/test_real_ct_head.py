@@ -35,7 +35,7 @@ def heads(shared_data: Path) -> Iterator[dict[str, SingleProcess]]:
 
 
 def head_scene(head: SingleProcess, preset: str, view: View, size: tuple[int, int]) -> Scene:
-    scene = preset_scene(preset, head.volume.density_histogram(), head.volume.description.anatomical)
+    scene = preset_scene(preset, head.volume.subject())
     return msgspec.structs.replace(scene, view=view, image=Image(width=size[0], height=size[1]))
 
 

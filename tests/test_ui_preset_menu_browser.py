@@ -18,7 +18,7 @@ Colour = tuple[int, int, int]
 
 def test_what_suits_the_data_is_offered_first(tab: Tab) -> None:
     open_menu(tab)
-    suited = [name for name in PRESETS if fits(name, VOLUME.density_histogram())]
+    suited = [name for name in PRESETS if fits(name, VOLUME.subject())]
     others = [name for name in PRESETS if name not in suited]
     offered = tab.page.locator(".vs-preset .q-item__label:not(.q-item__label--caption)").all_text_contents()
     assert offered == ["from the data", *suited, *others]
@@ -41,8 +41,8 @@ def test_each_preset_shows_its_colours_where_they_are_opaque(tab: Tab) -> None:
     clear, bone = strip(tab, "ct-bone", 0.05), strip(tab, "ct-bone", 0.9)
     assert is_green(bone) and not is_green(clear)
     assert clear == strip(tab, "ct-skin", 0.95)  # of the menu itself: nothing is seen there
-    phases = [strip(tab, "structure-factors", position) for position in (0.05, 0.33, 0.66)]
-    assert [colour.index(max(colour)) for colour in phases] == [0, 1, 2]
+    spectrum = [strip(tab, "galaxy", position) for position in (0.05, 0.95)]
+    assert [colour.index(max(colour)) for colour in spectrum] == [2, 0]
 
 
 def open_menu(tab: Tab) -> None:

@@ -15,7 +15,6 @@ from tables_tab import TITLES, Tab, tab, until, url
 
 from tolerances import FREEHAND_PIXELS, ROUNDING
 from volsplat.client.presets import preset_scene
-from volsplat.client.ui.field_histograms import density_counts
 from volsplat.client.ui.table_edits import Table, constant, inverted, mirrored, ramp, steps
 from volsplat.client.ui.table_files import table_toml
 from volsplat.protocol.scene import Field
@@ -116,7 +115,7 @@ def test_a_table_is_cut_into_as_many_steps_as_asked(tab: Tab) -> None:
 
 def test_one_table_is_taken_from_a_preset_with_what_indexes_it(tab: Tab) -> None:
     tab.choose("emit", "From a preset", "ct-skin")
-    preset = preset_scene("ct-skin", density_counts(VOLUME, SCENE.quantise))
+    preset = preset_scene("ct-skin", VOLUME.subject(SCENE.quantise))
     scene = tab.waits_for(lambda scene: scene.tables.emit == preset.tables.emit)
     assert scene.cross_bar.emit == preset.cross_bar.emit == Field.SCREEN_Z
     assert scene.tables == msgspec.structs.replace(SCENE.tables, emit=preset.tables.emit)
@@ -126,7 +125,7 @@ def test_one_table_is_taken_from_a_preset_with_what_indexes_it(tab: Tab) -> None
 def test_a_whole_preset_keeps_the_view_and_the_picture(tab: Tab) -> None:
     tab.page.get_by_text("Presets").click()
     tab.page.get_by_text("ct-skin").click()
-    preset = preset_scene("ct-skin", density_counts(VOLUME, SCENE.quantise))
+    preset = preset_scene("ct-skin", VOLUME.subject(SCENE.quantise))
     scene = tab.waits_for(lambda scene: scene.tables == preset.tables)
     assert (scene.cross_bar, scene.shading, scene.light) == (preset.cross_bar, preset.shading, preset.light)
     assert (scene.view, scene.image, scene.quantise) == (SCENE.view, SCENE.image, SCENE.quantise)

@@ -10,7 +10,6 @@ from nicegui import ui
 from volsplat.client.presets import PRESETS, fits, preset_scene
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.controls import show_prop
-from volsplat.client.ui.field_histograms import density_counts
 from volsplat.client.ui.table_edits import value_at
 from volsplat.protocol.scene import ColourTable, Field, Quantise, Scene
 
@@ -25,8 +24,8 @@ class OfferedPresets:
         self._volume = volume
         self._default_scene = default_scene
         self._scenes = lru_cache(maxsize=4 * len(PRESETS))(self._scene)
-        histogram = volume.density_histogram()
-        fitting = [name for name in PRESETS if fits(name, histogram)]
+        subject = volume.subject()
+        fitting = [name for name in PRESETS if fits(name, subject)]
         self.groups = [[FROM_DATA, *fitting], [name for name in PRESETS if name not in fitting]]
         """The names; first of what suits the data, as far as that is known."""
 
@@ -43,7 +42,7 @@ class OfferedPresets:
         return self._default_scene if name == FROM_DATA else self._scenes(name, quantise)
 
     def _scene(self, name: str, quantise: Quantise) -> Scene:
-        return preset_scene(name, density_counts(self._volume, quantise), self._volume.description.anatomical)
+        return preset_scene(name, self._volume.subject(quantise))
 
 
 class PresetMenu:

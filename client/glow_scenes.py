@@ -1,0 +1,107 @@
+"""Scenes of what has no surfaces: spectral cubes, which glow, and structure factors, points coloured by phase."""
+
+from volsplat.client.class_scenes import class_bytes
+from volsplat.client.density_histogram import LAST, landmarks
+from volsplat.client.subject import Subject
+from volsplat.client.table_makers import colours, scalars
+from volsplat.protocol.kind import Kind
+from volsplat.protocol.scene import (
+    Colour,
+    ColourTable,
+    CrossBar,
+    Field,
+    Reconstruction,
+    ScalarTable,
+    Scene,
+    Shading,
+    Tables,
+)
+
+GLOWING = Shading(diffuse=False, specular=False, modulation=False)
+DARK = colours((0.0, "#000000"))
+
+APPROACHING_TO_RECEDING = ("#4060ff", "#58c8e8", "#e8e8d0", "#f0b048", "#f04030")
+PLACES = (0.0, 0.35, 0.5, 0.65, 1.0)
+CLEAR_NOISE = 3.0  # deviations of the noise: what is weaker is not shown
+BRIGHTEST = 0.01  # of the signal is as opaque as it gets
+LEAST_SIGNAL = 0.001  # of the voxels lie above that, or it is no noise that lies below 0
+
+# The wheel of phases from 0 degrees up, and round again: red, yellow, green, cyan, blue, magenta.
+PHASE_WHEEL = ("#f04848", "#e8c830", "#50c850", "#38c8c8", "#5078f8", "#d050e0", "#f04848")
+POINT_RADIUS = 1.2  # voxels: a reflection is a point
+FAINT_SHARE, STRONG_SHARE = 0.5, 0.98  # of the reflections, up to which they are clear, and from which they are solid
+NO_PHASE = "#d8dce8"
+
+
+def spectral_scene(subject: Subject | None) -> Scene:
+    """Glowing gas: colour tells the axis of the spectrum, blue what approaches and red what recedes."""
+    recedes = subject is None or subject.recedes
+    hues = APPROACHING_TO_RECEDING if recedes else APPROACHING_TO_RECEDING[::-1]
+    return Scene(
+        tables=Tables(emit=colours(*zip(PLACES, hues, strict=True)), refl=DARK, opac=_glow(subject)),
+        cross_bar=CrossBar(emit=subject.depth if subject else Field.GRID_K),
+        shading=GLOWING,
+    )
+
+
+def _glow(subject: Subject | None) -> ScalarTable:
+    """Clear up to the noise, then ever more opaque up to what only a hundredth of the signal exceeds."""
+    if subject is not None and subject.kind is Kind.SPECTRAL_CUBE:
+        values, at = subject.values, subject.histogram.position
+        clear = CLEAR_NOISE * values.noise
+        if values.noise > 0 and values.share_above(clear) >= LEAST_SIGNAL:
+            bright = max(values.percentile(1 - BRIGHTEST * values.share_above(clear)), clear)
+            start, end = at(clear), at(bright)
+            return scalars((start, 0.0), (start + (end - start) / 4, 0.05), (end, 0.3))
+    marks = landmarks(subject.histogram if subject else None)
+    return scalars((marks.background, 0.0), (marks.object, 0.04), (marks.core, 0.5))
+
+
+def structure_factors_scene(subject: Subject | None) -> Scene:
+    """Points, the more opaque the greater the amplitude, coloured by phase where the volume tells it."""
+    if subject is not None and subject.kind is Kind.STRUCTURE_FACTORS and subject.bands:
+        emit, opacity, bar = _by_bands(subject)
+    else:
+        opacity = _by_amplitude(subject)
+        with_phases = subject is None or subject.has_phases
+        bar = CrossBar(emit=Field.STRENGTH if with_phases else Field.DENSITY)
+        emit = phase_colours() if with_phases else colours((0.0, NO_PHASE))
+    return Scene(
+        tables=Tables(emit=emit, refl=DARK, opac=opacity),
+        cross_bar=bar,
+        shading=GLOWING,
+        reconstruction=Reconstruction(radius=POINT_RADIUS),
+    )
+
+
+def phase_colours() -> ColourTable:
+    """The wheel over a table whose positions are phases from 0 to 360 degrees."""
+    return colours(*((n / (len(PHASE_WHEEL) - 1), colour) for n, colour in enumerate(PHASE_WHEEL)))
+
+
+def _by_amplitude(subject: Subject | None) -> ScalarTable:
+    """Amplitudes are there for reflections alone; what is no such list has a background, which stays clear."""
+    if subject is None or subject.kind is not Kind.STRUCTURE_FACTORS:
+        marks = landmarks(subject.histogram if subject else None)
+        return scalars((marks.background, 0.0), (marks.object, 0.3), (marks.core, 1.0))
+    values, at = subject.values, subject.histogram.position
+    faint, strong = at(values.percentile(FAINT_SHARE)), at(values.percentile(STRONG_SHARE))
+    start, end = min(faint, (LAST - 1) / LAST), max(strong, faint + 1 / LAST)
+    return scalars((start, 0.0), (start + (end - start) / 4, 0.5), (min(end, 1.0), 1.0))
+
+
+def _by_bands(subject: Subject) -> tuple[ColourTable, ScalarTable, CrossBar]:
+    """Each band is a sector of phase, its colour the one in the sector's middle; amplitudes rise within it."""
+    wheel = phase_colours().entries()
+    emit: list[tuple[float, Colour]] = []
+    opacity: list[tuple[float, float]] = []
+    for n, band in enumerate(subject.bands):
+        start, end = class_bytes(subject, band)
+        hue = wheel[round((n + 0.5) / len(subject.bands) * LAST)]
+        emit += [(start / LAST, hue), (end / LAST, hue)]
+        rise = (end - start) / LAST
+        places = (0.0, 0.3, 0.6, 1.0)
+        opacity += [
+            (start / LAST + share * rise, value) for share, value in zip(places, (0.0, 0.0, 0.9, 1.0), strict=True)
+        ]
+    return ColourTable(points=tuple(emit)), scalars(*opacity), CrossBar()

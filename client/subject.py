@@ -1,0 +1,72 @@
+"""What a scene is made for: a volume's kind, its classes and its values, under one window of densities."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from volsplat.client.density_histogram import (
+    AIR_HU,
+    TISSUE_HU,
+    CtScale,
+    DensityHistogram,
+    density_histogram,
+    recognised_ct,
+)
+from volsplat.client.value_counts import ValueCounts
+from volsplat.protocol import matrices
+from volsplat.protocol.index_rules import Survey
+from volsplat.protocol.kind import Band, Kind
+from volsplat.protocol.scene import Field
+from volsplat.protocol.volume import VolumeDescription
+
+GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+HOUNSFIELD = "HU"
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The histogram of density bytes, and what else is known; by itself, that nothing is."""
+
+    histogram: DensityHistogram
+    kind: Kind = Kind.UNKNOWN  # as the reader states it
+    bands: tuple[Band, ...] = ()
+    has_phases: bool = False  # in the packets' second byte
+    whole_numbers: bool = False
+    in_hounsfield: bool = False
+    anatomical: bool = True
+    depth: Field = Field.GRID_K  # the grid's axis that leads away from the viewer in front
+    recedes: bool = True  # along this axis
+    fine: ValueCounts | None = None  # the values before they became bytes
+
+    @cached_property
+    def values(self) -> ValueCounts:
+        """All values; where only bytes are known, as those have them."""
+        return self.fine or ValueCounts(*self.histogram.window, self.histogram.counts)
+
+    @cached_property
+    def ct(self) -> CtScale | None:
+        """Hounsfield units on a table: as the file states them, or as a CT is recognised where it states nothing."""
+        if self.kind is Kind.CT and self.in_hounsfield:
+            low, high = self.histogram.window
+            return CtScale((AIR_HU - low) / (high - low), (TISSUE_HU - low) / (high - low))
+        return recognised_ct(self.histogram) if self.kind in (Kind.CT, Kind.UNKNOWN) else None
+
+
+def subject_of(
+    description: VolumeDescription, survey: Survey, density_counts: list[int], window: tuple[float, float]
+) -> Subject:
+    """What is known of a volume, under a window. `density_counts` split survey.low..survey.high. Raises BadInput."""
+    steps = [matrices.column(description.geometry.index_to_physical, axis) for axis in range(3)]
+    away = [matrices.normalised(step)[1] for step in steps]
+    depth = max(range(3), key=lambda axis: abs(away[axis]))
+    return Subject(
+        histogram=density_histogram(survey, density_counts, window),
+        kind=description.kind,
+        bands=description.bands,
+        has_phases=description.second_scalar is not None,
+        whole_numbers="int" in description.scalar_type,
+        in_hounsfield=description.value_unit == HOUNSFIELD,
+        anatomical=description.anatomical,
+        depth=GRID_FIELDS[depth],
+        recedes=away[depth] > 0,
+        fine=ValueCounts(survey.low, survey.high, density_counts) if survey.low <= survey.high else None,
+    )
