@@ -242,8 +242,8 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "a spacing of NaN": (lambda d: part(pdb(d), "elements,nan"), "a spacing of nan Å cannot be"),
     "a spacing too fine": (lambda d: part(pdb(d), "0.0001"), "too far for a spacing of 0.0001 Å; give at least 0.0014"),
     "an atom far away": (lambda d: changed(d, "   1.450   0.000", "9999.000   0.000"), "give at least 2.7"),
-    "no such part": (lambda d: part(pdb(d), "waters"), "it is density or elements, then a spacing in Å"),
-    "two spacings": (lambda d: part(pdb(d), "density,1,2"), "it is density or elements, then a spacing in Å"),
+    "no such part": (lambda d: part(pdb(d), "waters"), "then a spacing or resolution in Å, as in"),
+    "two spacings": (lambda d: part(pdb(d), "density,1,2"), "then a spacing or resolution in Å, as in"),
     "no such model": (lambda d: part(pdb(d, models=2), "model=3"), "its models are 1, 2"),
     "no such choice": (lambda d: part(pdb(d), "waters=maybe"), "neither waters=keep nor waters=leave"),
     "mmCIF without a coordinate": (

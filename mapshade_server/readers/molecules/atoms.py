@@ -1,8 +1,9 @@
 """Molecules by the coordinates of their atoms, in PDB files (.pdb, .ent, also gzip), PQR and mmCIF, through gemmi.
 
 They become voxels by atom_density, in the coordinates' own axes and Å, so that a map of the same molecule lies in the
-same place. After `#`, parted by commas: `density` (if nothing is said) or `elements`; the spacing of the grid in Å;
-`waters=keep`, which are left out else; `model=2`, else the first. As in 4hhb.pdb#elements,0.5,waters=keep
+same place; or by calculated_factors, in the dimensions of frequency. After `#`, parted by commas: `density` (if nothing
+is said), `elements`, `frequency` or `amplitude`; the spacing of the grid, or the resolution, in Å; `waters=keep`, which
+are left out else; `model=2`, else the first. As in 4hhb.pdb#elements,0.5,waters=keep and 1jk9.pdb#frequency
 """
 
 import math
@@ -23,16 +24,19 @@ from volsplat.mapshade_server.readers.molecules.atom_density import (
     chosen_spacing,
     grid_around,
 )
+from volsplat.mapshade_server.readers.molecules.calculated_factors import calculated_reflections
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.molecules.pqr import is_pqr, pqr_structure
+from volsplat.mapshade_server.readers.molecules.structure_factors import open_reflections
 from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_text
 from volsplat.mapshade_server.readers.part_options import part_options
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.volume_reader import VolumeReader, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 
-KINDS = ("density", "elements")
+IN_SPACE, IN_FREQUENCY = ("density", "elements"), ("frequency", "amplitude")
+KINDS = IN_SPACE + IN_FREQUENCY
 EXTENSIONS = tuple(name + packed for name in (".pdb", ".ent", ".pqr") for packed in ("", ".gz"))
 MOST_VOXELS_ASIDE = 4096
 
@@ -65,7 +69,7 @@ class AtomReader:
         return self._grid.elements(box) if self._elements else self._grid.density(box)
 
 
-def open_pdb(path: Path, part: str) -> AtomReader:
+def open_pdb(path: Path, part: str) -> VolumeReader:
     """The reader for a PDB or PQR file. Raises BadInput."""
     text = unzipped_text(path)
     if is_pqr(path, text):
@@ -81,10 +85,10 @@ def open_pdb(path: Path, part: str) -> AtomReader:
     return open_structure(path, part, "PDB", structure, warnings)
 
 
-def open_structure(path: Path, part: str, name: str, structure: Any, warnings: list[str]) -> AtomReader:
+def open_structure(path: Path, part: str, name: str, structure: Any, warnings: list[str]) -> VolumeReader:
     """The reader for the atoms of gemmi's structure, from a file in the format `name`. Raises BadInput."""
     word, options = part_options(part, ("waters", "model"))
-    kind, spacing = _kind_and_spacing(path, word)
+    kind, fineness = _kind_and_fineness(path, word)
     model = _model(path, structure, options.get("model"), warnings)
     if options.get("waters", "leave") not in ("leave", "keep"):
         raise BadInput(f"{path}: “waters={options['waters']}” is neither waters=keep nor waters=leave")
@@ -93,7 +97,10 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
         warnings.append(f"{waters} waters are left out; {path.name}#{part or kind},waters=keep keeps them")
         model.remove_waters()
     atoms = _atoms(path, model, warnings)
-    geometry = _geometry(path, atoms, chosen_spacing(atoms) if spacing is None else spacing)
+    if kind in IN_FREQUENCY:
+        reflections = calculated_reflections(path, structure, model, fineness, warnings)
+        return open_reflections(reflections, f"{name}, {len(atoms.radii)} atoms", kind)
+    geometry = _geometry(path, atoms, chosen_spacing(atoms) if fineness is None else fineness)
     elements = kind == "elements"
     drawn = "by element" if elements else "as a synthetic electron density"
     description = VolumeDescription(
@@ -112,20 +119,22 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
     return AtomReader(description, AtomGrid(atoms, geometry), elements)
 
 
-def _kind_and_spacing(path: Path, word: str) -> tuple[str, float | None]:
+def _kind_and_fineness(path: Path, word: str) -> tuple[str, float | None]:
+    """What to make of the atoms, and the spacing or the resolution in Å if it is stated. Raises BadInput."""
     words = [text.strip() for text in word.split(",")] if word else []
     kind = words.pop(0) if words and words[0] in KINDS else KINDS[0]
     if not words:
         return kind, None
     try:
-        (spacing,) = (float(text) for text in words)
+        (fineness,) = (float(text) for text in words)
     except ValueError:
         raise BadInput(
-            f"{path}: has no part “{word}”; it is {' or '.join(KINDS)}, then a spacing in Å, as in {path}#{kind},0.5"
+            f"{path}: has no part “{word}”; it is {', '.join(KINDS)}, then a spacing or resolution in Å, as in "
+            f"{path}#{kind},{'2' if kind in IN_FREQUENCY else '0.5'}"
         ) from None
-    if not 0 < spacing < math.inf:
-        raise BadInput(f"{path}: a spacing of {spacing:g} Å cannot be; give one above 0")
-    return kind, spacing
+    if not 0 < fineness < math.inf:
+        raise BadInput(f"{path}: a spacing of {fineness:g} Å cannot be; give one above 0")
+    return kind, fineness
 
 
 def _model(path: Path, structure: Any, wanted: str | None, warnings: list[str]) -> Any:

@@ -53,13 +53,13 @@ def recognises(head: bytes) -> bool:
 def open_mtz(path: Path, part: str) -> VolumeReader:
     """The reader for an MTZ file. Raises BadInput."""
     word, _ = part_options(part, ())
-    return _opened(mtz_reflections(path), "MTZ", word)
+    return open_reflections(mtz_reflections(path), "MTZ", word)
 
 
 def open_mmcif_reflections(path: Path, part: str, document: Any) -> VolumeReader:
     """The reader for the reflections in gemmi's CIF document. Raises BadInput."""
     word, options = part_options(part, ("block",))
-    return _opened(mmcif_reflections(path, document, options.get("block")), "structure-factor mmCIF", word)
+    return open_reflections(mmcif_reflections(path, document, options.get("block")), "structure-factor mmCIF", word)
 
 
 class MapReader:
@@ -134,7 +134,8 @@ class _Factors:
         )
 
 
-def _opened(reflections: Reflections, name: str, word: str) -> VolumeReader:
+def open_reflections(reflections: Reflections, name: str, word: str) -> VolumeReader:
+    """The reader for what `word` says to make of the reflections of a file in the format `name`. Raises BadInput."""
     kind, _, labels = word.partition(":")
     path = reflections.path
     if not kind and not reflections.phases:
