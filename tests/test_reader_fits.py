@@ -347,8 +347,9 @@ def test_one_of_several_cubes_is_chosen(zipped: bool, tmp_path: Path) -> None:
     for part in ("2", "STAT", "stat"):
         assert_read(f"{path}#{part}", values_of() ** 2)
     assert_read(f"{path}#DATA", values_of())
+    assert_read(path, values_of())
+    assert described(str(path)).warnings[0] == f"of 2 cubes DATA is shown; {path.name}#STAT shows STAT"
     for name, cause in (
-        (str(path), r"holds 2 cubes: HDU 1 \(DATA, 7 x 6 x 5\), 2 \(STAT, 7 x 6 x 5\); choose one, as in .*fits.*#1"),
         (f"{path}#WHITE", "a 2-D image, volsplat needs a volume"),
         (f"{path}#CATALOGUE", "is no image"),
         (f"{path}#0", "is no image"),
@@ -356,6 +357,23 @@ def test_one_of_several_cubes_is_chosen(zipped: bool, tmp_path: Path) -> None:
     ):
         with pytest.raises(BadInput, match=cause):
             open_volume(name)
+
+
+def test_data_are_told_from_what_is_stored_beside_them(tmp_path: Path) -> None:
+    def of(*names: str, classes: tuple[str, ...] = (), longer: bool = False) -> Path:
+        hdus = [fits.ImageHDU(values_of(shape=(5, 6, 7 + longer * n)), name=name) for n, name in enumerate(names)]
+        for hdu, said in zip(hdus, classes, strict=False):
+            hdu.header["HDUCLAS2"] = said
+        path = tmp_path / f"{'-'.join(names)}-{len(classes)}-{longer}.fits"
+        fits.HDUList([fits.PrimaryHDU(), *hdus]).writeto(path)
+        return path
+
+    assert described(of("SCI", "ERR", "DQ")).format == "FITS, HDU 1 (SCI)"
+    assert described(of("IVAR", "FLUX", "MASK")).format == "FITS, HDU 2 (FLUX)"
+    assert described(of("A", "B", classes=("ERROR", "DATA"))).format == "FITS, HDU 2 (B)"
+    for unclear in (of("SCI", "SCI"), of("A", "B"), of("DATA", "STAT", longer=True)):
+        with pytest.raises(BadInput, match="holds 2 cubes: HDU 1 .*; choose one, as in .*fits#1"):
+            open_volume(str(unclear))
 
 
 def compressed(path: Path, values: Voxels, **how: Any) -> Path:

@@ -15,6 +15,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from volsplat.mapshade_server.readers.astronomy.fits_geometry import placed
+from volsplat.mapshade_server.readers.astronomy.fits_hdus import chosen_hdu
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.gzip_files import is_gzip
 from volsplat.mapshade_server.readers.part_options import index_in, part_options
@@ -64,7 +65,7 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
     options = part_options(part, AXIS_OPTIONS)
     zipped = is_gzip(path)
     with _opened(path) as hdus:
-        number = _chosen_hdu(path, hdus, options.word)
+        number, note = chosen_hdu(path, hdus, options.word)
         hdu = hdus[number]
         array = _array(path, number, hdu, options.values)
         scaling = _scaling(path, hdu.header)
@@ -85,7 +86,7 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
         unit=place.unit,
         value_unit=texts["BUNIT"],
         axes=place.axes,
-        warnings=place.warnings,
+        warnings=(*note, *place.warnings),
         kind=Kind.SPECTRAL_CUBE if place.spectral else Kind.UNKNOWN,
         kind_from=f"its axis {place.spectral}" if place.spectral else "",
         density_name=texts["BTYPE"].lower() or "intensity",
@@ -117,36 +118,6 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
 
 def _is_tiled(hdu: Any) -> bool:
     return isinstance(hdu, library("astropy.io.fits", "FITS").CompImageHDU)
-
-
-def _chosen_hdu(path: Path, hdus: Any, word: str) -> int:
-    """The number of the HDU that `word` names by its number or name, or of the only one that is a cube."""
-    cubes = [n for n, hdu in enumerate(hdus) if len(_long_axes(hdu)) > 2]
-    if word:
-        named = [n for n, hdu in enumerate(hdus) if str(n) == word] or [
-            n for n, hdu in enumerate(hdus) if str(hdu.name).upper() == word.upper()
-        ]
-    else:
-        named = cubes or [n for n, hdu in enumerate(hdus) if _long_axes(hdu)]
-    if len(named) == 1 or named and not cubes:
-        return named[0]
-    listed = ", ".join(f"{n} ({_told(hdus[n])})" for n in cubes)
-    if not cubes:
-        raise BadInput(f"{path}: holds no image, only headers and tables; give a FITS file with a cube")
-    if not word or named:
-        raise BadInput(f"{path}: holds {len(cubes)} cubes: HDU {listed}; choose one, as in {path}#{cubes[0]}")
-    raise BadInput(f"{path}: has no HDU “{word}”; its cubes are HDU {listed}")
-
-
-def _long_axes(hdu: Any) -> list[int]:
-    """The lengths of an image's axes that are longer than 1; none of other HDUs."""
-    sizes = hdu.shape[::-1] if hdu.is_image and hdu.shape else ()
-    return [n for n in sizes if n > 1] if 0 not in sizes else []
-
-
-def _told(hdu: Any) -> str:
-    sizes = " x ".join(str(n) for n in _long_axes(hdu))
-    return f"{hdu.name}, {sizes}" if hdu.name else sizes
 
 
 @dataclass(frozen=True)
