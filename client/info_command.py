@@ -2,6 +2,7 @@
 
 import click
 
+from volsplat.client.contour_scenes import contour_level
 from volsplat.client.session import Session
 from volsplat.client.volume_info import info_text
 from volsplat.protocol.plain_console import PlainConsole
@@ -17,6 +18,13 @@ def info(volume: str) -> None:
         with Session(volume, workers=1, on_progress=status.update) as session:
             known = session.volume
     told = info_text(
-        known.description, known.survey, known.density_counts, known.automatic_window, prepared=known.prepared
+        known.description,
+        known.survey,
+        known.density_counts,
+        known.automatic_window,
+        known.strength_counts,
+        prepared=known.prepared,
+        strength_scale=known.strength_scale,
+        contour=contour_level(known.subject()),
     )
     PlainConsole().print(told)

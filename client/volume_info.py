@@ -6,11 +6,13 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from volsplat.client.contour_scenes import Level
 from volsplat.protocol import matrices
 from volsplat.protocol.index_rules import Survey, percentile
 from volsplat.protocol.kind import Kind
 from volsplat.protocol.levels import Prepared
 from volsplat.protocol.matrices import Vector
+from volsplat.protocol.scene import TABLE_ENTRIES
 from volsplat.protocol.volume import VolumeDescription
 
 HISTOGRAM_COLUMNS = 64
@@ -30,16 +32,20 @@ def info_text(
     window: tuple[float, float],
     strength_counts: list[int] | None = None,
     prepared: Prepared | None = None,
+    strength_scale: float = 0.0,
+    contour: Level | None = None,
 ) -> Group:
     """What a person wants to know of a volume before rendering it, for rich's console.
 
     `density_counts` splits survey.low..survey.high into even bins, `strength_counts` the range of strengths;
-    `window` is the density window that the servers will use; `prepared` what was decided when the volume was prepared.
+    `window` is the density window that the servers will use, `strength_scale` their bytes per unit of strength;
+    `prepared` what was decided when the volume was prepared; `contour` where the default scene has its surface.
     """
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
-    for name, text in _rows(description, survey, density_counts, window, strength_counts, prepared):
+    strength = _strength_text(description, survey, strength_counts, strength_scale)
+    for name, text in _rows(description, survey, density_counts, window, strength, prepared, contour):
         table.add_row(name, Text(text))
     if survey.low > survey.high:
         return Group(table)
@@ -51,8 +57,9 @@ def _rows(
     survey: Survey,
     density_counts: list[int],
     window: tuple[float, float],
-    strength_counts: list[int] | None,
+    strength: str,
     prepared: Prepared | None,
+    contour: Level | None,
 ) -> list[tuple[str, str]]:
     geometry = description.geometry
     unit = f" {description.unit}" if description.unit else " (the file states no unit)"
@@ -77,11 +84,13 @@ def _rows(
             cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
         shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))
         rows.append(("percentiles", shown))
+    if contour is not None:
+        rows.append(("contour", f"{contour.value:.5g}, {contour.told}"))
     rows.append(("NaN", no_data if survey.no_data else "none"))
     rows.append(
         ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
     )
-    rows.append(("packet byte 2", description.strength_name + _strength_text(description, survey, strength_counts)))
+    rows.append(("packet byte 2", description.strength_name + strength))
     rows.append(("servers read", _reading_text(description, prepared)))
     rows += [("note", warning) for warning in description.warnings]
     return rows
@@ -102,7 +111,7 @@ def _kind_rows(description: VolumeDescription) -> list[tuple[str, str]]:
     """The kind of data, what states it, and its classes."""
     if description.kind == Kind.UNKNOWN:
         return [("kind", "not stated by the file; its histogram decides how it is shown")]
-    rows = [("kind", f"{description.kind}, by {description.kind_from}")]
+    rows = [("kind", f"{description.kind} ({description.kind_from})")]
     if description.bands:
         told = (
             f"{band.name} {band.low:g}" + (f" to {band.high:g}" if band.high > band.low else "")
@@ -124,14 +133,22 @@ def _axis_rows(description: VolumeDescription) -> list[tuple[str, str]]:
     return rows
 
 
-def _strength_text(description: VolumeDescription, survey: Survey, strength_counts: list[int] | None) -> str:
+def _strength_text(
+    description: VolumeDescription, survey: Survey, strength_counts: list[int] | None, scale: float
+) -> str:
+    """What the byte stands for: 255 for a percentile of the gradients, and for all that are stronger."""
     if description.second_scalar is not None:
         low, high = description.second_scalar
         return f": {low:.6g} becomes 0, {high:.6g} becomes 255"
-    top = f", up to {survey.max_gradient:.5g} per unit of length"
-    if not strength_counts or not any(strength_counts):
-        return top
-    return top + f", half of the voxels below {percentile(strength_counts, 0.0, survey.max_gradient, 0.5):.3g}"
+    if not scale > 0:
+        return f", up to {survey.max_gradient:.5g} per unit of length"
+    full = (TABLE_ENTRIES - 1) / scale
+    told = f": 0 becomes 0, {full:.5g} per unit of length becomes 255"
+    if survey.max_gradient > full:
+        told += f", and so do stronger ones, up to {survey.max_gradient:.5g}"
+    if strength_counts and any(strength_counts):
+        told += f"; half of the voxels are below {percentile(strength_counts, 0.0, survey.max_gradient, 0.5):.3g}"
+    return told
 
 
 def orientation_text(description: VolumeDescription) -> str:

@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
+from volsplat.client.contour_scenes import Level
 from volsplat.client.volume_info import (
     HISTOGRAM_COLUMNS,
     HISTOGRAM_ROWS,
@@ -35,10 +36,10 @@ def description(matrix: Matrix = IDENTITY, anatomical: bool = True, **changes: o
     )
 
 
-def printed(what: VolumeDescription, survey: Survey = SURVEY, counts: list[int] | None = None) -> str:
+def printed(what: VolumeDescription, survey: Survey = SURVEY, counts: list[int] | None = None, **more: object) -> str:
     console = Console(width=120, record=True, file=None, quiet=False)
     with console.capture() as capture:
-        console.print(info_text(what, survey, counts or COUNTS, (-500.0, 700.0)))
+        console.print(info_text(what, survey, counts or COUNTS, (-500.0, 700.0), **more))  # type: ignore[arg-type]
     return capture.get()
 
 
@@ -48,6 +49,21 @@ def test_it_tells_all_that_is_known() -> None:
         assert part in text
     assert "density: -500 becomes 0, 700 becomes 255" in text
     assert "gradient strength" in text and "only their sub-cube" in text and "█" in text
+
+
+def test_it_tells_what_strength_255_stands_for_and_that_stronger_ones_are_the_same() -> None:
+    told = " ".join(printed(description(), strength_scale=255 / 200.0, strength_counts=[90, 5, 3, 2]).split())
+    assert (
+        "gradient strength: 0 becomes 0, 200 per unit of length becomes 255, and so do stronger ones, up to 310" in told
+    )
+    assert "half of the voxels are below 77.5" in told
+    all_told = printed(description(), strength_scale=255 / SURVEY.max_gradient)
+    assert "310 per unit of length becomes 255" in all_told and "stronger" not in all_told
+
+
+def test_it_tells_where_the_first_picture_has_its_contour() -> None:
+    assert "0.505, 1.5 sigma above the mean" in printed(description(), contour=Level(0.505, "1.5 sigma above the mean"))
+    assert "contour" not in printed(description())
 
 
 def test_it_tells_the_kind_what_states_it_and_what_the_classes_are() -> None:
