@@ -73,6 +73,9 @@ GEOMETRY_FLOAT64 = 1e-12
 GEOMETRY_FLOAT32 = 2e-6
 """Relative: NIfTI keeps its affine in float32, and a quaternion of it."""
 
+SIX_DIGITS = 1e-5
+"""Relative: VTK writes numbers as text with six digits in its older files."""
+
 GEOMETRY_PRINTED = 5e-4
 """Of spacings as the data's own table prints them."""
 

@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from volsplat.mapshade_server.readers.arrays import hdf5_dataset, numpy_array, raw_voxels, vtk_image, zarr_store
+from volsplat.mapshade_server.readers.arrays import (
+    hdf5_dataset,
+    legacy_vtk,
+    numpy_array,
+    raw_voxels,
+    vtk_image,
+    zarr_store,
+)
 from volsplat.mapshade_server.readers.astronomy import fits_cube
 from volsplat.mapshade_server.readers.file_marks import check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.geology import segy
@@ -88,7 +95,8 @@ FORMATS = (
     VolumeFormat("NetCDF-4 (.nc)", hdf5_dataset.open_netcdf_3, hdf5_dataset.recognises_netcdf_3),
     VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises),
     VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
-    VolumeFormat("VTK image (.vti)", vtk_image.open_vtk_image, vtk_image.recognises),
+    VolumeFormat("VTK image or grid (.vti, .vtr)", vtk_image.open_vtk_image, vtk_image.recognises),
+    VolumeFormat("VTK image or grid (.vtk)", legacy_vtk.open_legacy_vtk, legacy_vtk.recognises),
     VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, zarr_store.ZIP_EXTENSIONS),
     VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS, gzip=True),
 )

@@ -1,0 +1,127 @@
+"""Grids whose planes lie at uneven places, as VTK's rectilinear ones: read as an even grid.
+
+Where the places are even within rounding the voxels are taken as they are. Else they are interpolated between the two
+planes on either side, along each axis, and that is told.
+"""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.readers.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import Box, Geometry, Index
+
+EVEN = 1e-3  # of a step, that others may differ from it
+ROUNDING = 4  # units in the last place of the file's own numbers
+MOST_GROWTH = 4  # of the planes along an axis
+
+Places = NDArray[np.float64]
+
+
+class BoxesOfVoxels(Protocol):
+    def read(self, box: Box) -> Voxels: ...
+
+
+class EvenAxis(NamedTuple):
+    """Index n lies at first + n * step; between the planes at[n] of the file, None where these are its own."""
+
+    planes: int
+    first: float
+    step: float
+    at: Places | None = None
+    warning: str = ""
+
+
+def even_axis(path: Path, name: str, stated: NDArray[Any]) -> EvenAxis:
+    """The axis for planes at these places, up or down. Raises BadInput where they do not go one way."""
+    places = stated.astype(np.float64)
+    gaps = np.diff(places)
+    if not (np.isfinite(places).all() and (bool((gaps > 0).all()) or bool((gaps < 0).all()))):
+        raise BadInput(f"{path}: its {name} coordinates do not go one way; correct the file")
+    count, first = len(places), float(places[0])
+    if count == 1:
+        return EvenAxis(1, first, 1.0)
+    step = (float(places[-1]) - first) / (count - 1)
+    eps = float(np.finfo(stated.dtype).eps) if stated.dtype.kind == "f" else 0.0
+    rounding = ROUNDING * eps * float(np.abs(places).max())
+    if float(np.abs(gaps - step).max()) <= EVEN * abs(step) + rounding:
+        return EvenAxis(count, first, step)
+    least, greatest = sorted((float(gaps.min()), float(gaps.max())), key=abs)
+    finest = max(abs(least), abs(step) * (count - 1) / (MOST_GROWTH * count))
+    more = math.ceil(abs(step) * (count - 1) / finest - EVEN) + 1
+    finer = step * (count - 1) / (more - 1)
+    even = first + finer * np.arange(more)
+    at = np.interp(even * math.copysign(1, step), places * math.copysign(1, step), np.arange(count, dtype=np.float64))
+    told = f"{name} is unevenly spaced ({abs(least):.4g} to {abs(greatest):.4g}): resampled to {abs(finer):.4g}"
+    return EvenAxis(more, first, finer, at, told)
+
+
+@dataclass(frozen=True)
+class EvenGrid:
+    """Three even axes along x, y and z; `voxels` are those of the file, whose grid may be uneven."""
+
+    axes: tuple[EvenAxis, EvenAxis, EvenAxis]
+    voxels: BoxesOfVoxels
+
+    def read(self, box: Box) -> Voxels:
+        """The voxels of a box of the even grid; whole numbers are rounded."""
+        if all(axis.at is None for axis in self.axes):
+            return self.voxels.read(box)
+        parts = [_between(axis, low, high) for axis, low, high in zip(self.axes, *box, strict=True)]
+        low = (parts[0].low, parts[1].low, parts[2].low)
+        high = (parts[0].high, parts[1].high, parts[2].high)
+        stored = self.voxels.read(Box(low, high))
+        voxels: Voxels = np.empty(box.size[::-1], stored.dtype)
+        along_i, along_j, along_k = parts
+        for n in range(box.size[2]):  # sheet by sheet, which bounds what is wide
+            sheet = _mixed(stored, along_k.of(n), 0)[0]
+            sheet = _mixed(_mixed(sheet, along_j, 0), along_i, 1)
+            voxels[n] = sheet if voxels.dtype.kind == "f" else np.rint(sheet)
+        return voxels
+
+
+class _Between(NamedTuple):
+    """For each even index the plane below, counted from `low`, and the share of the one above."""
+
+    low: int
+    high: int
+    below: NDArray[np.int64]
+    share: Places
+
+    def of(self, n: int) -> "_Between":
+        return self._replace(below=self.below[n : n + 1], share=self.share[n : n + 1])
+
+
+def _between(axis: EvenAxis, low: int, high: int) -> _Between:
+    at = np.arange(low, high, dtype=np.float64) if axis.at is None else axis.at[low:high]
+    below = np.floor(at).astype(np.int64)
+    share = at - below
+    first, last = int(below[0]), int(below[-1] + (share[-1] > 0))
+    return _Between(first, last + 1, below - first, share)
+
+
+def _mixed(values: NDArray[Any], part: _Between, axis: int) -> NDArray[np.float64]:
+    """Interpolated along an axis; a plane that has no share is not looked at, since it may be NaN."""
+    share = part.share.reshape([-1 if n == axis else 1 for n in range(values.ndim)])
+    below = np.take(values, part.below, axis).astype(np.float64)
+    above = np.take(values, part.below + (part.share > 0), axis)
+    with np.errstate(invalid="ignore"):  # of infinite values
+        return np.where(share > 0, below + share * (above - below), below)
+
+
+def geometry_of(path: Path, axes: tuple[EvenAxis, EvenAxis, EvenAxis]) -> Geometry:
+    i, j, k = axes
+    dims: Index = (i.planes, j.planes, k.planes)
+    matrix = ((i.step, 0.0, 0.0), (0.0, j.step, 0.0), (0.0, 0.0, k.step))
+    return checked_geometry(path, dims, matrix, (i.first, j.first, k.first))
+
+
+def middles(places: NDArray[Any]) -> NDArray[Any]:
+    """Where the cells between planes have their middles; of a single plane, on it."""
+    return (places[1:] + places[:-1]) / 2 if len(places) > 1 else places
