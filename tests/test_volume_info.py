@@ -69,7 +69,7 @@ def test_it_tells_where_the_first_picture_has_its_contour() -> None:
 def test_it_tells_the_kind_what_states_it_and_what_the_classes_are() -> None:
     bands = (Band("liver", 1, 1), Band("C", 64, 95))
     told = printed(description(kind=Kind.LABELS, kind_from="the segments in its header", bands=bands))
-    assert "labels, by the segments in its header" in told and "liver 1, C 64 to 95" in told
+    assert "labels (the segments in its header)" in told and "liver 1, C 64 to 95" in told
 
 
 def test_a_kind_that_nothing_states_is_told() -> None:

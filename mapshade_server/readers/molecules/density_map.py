@@ -179,7 +179,7 @@ def _kind(header: _Header) -> tuple[Kind, str]:
     """What the map is of, and what states it: its label or name, else its space group and statistics."""
     kind, name = kind_of_names([*header.labels, header.path.name])
     if kind != Kind.UNKNOWN:
-        return kind, f"“{name}”"
+        return kind, f"it says “{name}”"
     group = header.integer(SPACE_GROUP)
     if group <= 1 or group in VOLUME_STACKS:
         return Kind.EM_MAP, f"its space group {group}, that of a single particle"

@@ -106,9 +106,9 @@ def _kind(header: _Header) -> tuple[Kind, str]:
         return Kind.WAVE_FUNCTION, "its list of orbitals"
     for line in (header.comment, header.title):
         if _OF_BOTH_SIGNS.search(line):  # as a wave function is shown
-            return (Kind.WAVE_FUNCTION, f"“{line}”") if _ORBITAL.search(line) else (Kind.UNKNOWN, "")
+            return (Kind.WAVE_FUNCTION, f"it says “{line}”") if _ORBITAL.search(line) else (Kind.UNKNOWN, "")
         if _DENSITY.search(line):
-            return Kind.ELECTRON_DENSITY, f"“{line}”"
+            return Kind.ELECTRON_DENSITY, f"it says “{line}”"
     return Kind.UNKNOWN, ""
 
 
