@@ -41,18 +41,17 @@ def checked_step(step: Step, name: str = "step") -> Step:
     return _checked_word(step, Step, name)
 
 
-def checked_number(value: float, name: str, least: float = -math.inf) -> float:
-    """A number that is neither NaN nor below `least`, nor infinite unless `least` is set. Raises BadInput."""
+def checked_number(value: float, name: str, least: float | None = None) -> float:
+    """A number; neither NaN nor below `least` where that is set. Raises BadInput."""
     number = _own(value)
     if isinstance(number, bool) or not isinstance(number, int | float):
         raise BadInput(f"{name} must be a number, not {_shown(value)}")
     try:
         number = float(number)
     except OverflowError:
-        number = math.inf
-    if math.isnan(number) or number < least or (math.isinf(number) and least == -math.inf):
-        wanted = "a finite number" if least == -math.inf else f"a number from {least:g} on"
-        raise BadInput(f"{name} must be {wanted}, not {_shown(value)}")
+        number = math.copysign(math.inf, number)
+    if least is not None and not number >= least:
+        raise BadInput(f"{name} must be a number from {least:g} on, not {_shown(value)}")
     return number
 
 

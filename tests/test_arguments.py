@@ -107,7 +107,7 @@ BAD: dict[str, tuple[Callable[[Renderer, Scene], object], str]] = {
     "a text as interval": (lambda r, scene: r.refine(scene, partial_interval=other("1")), "partial_interval"),
     "a negative interval": (lambda r, scene: r.refine(scene, partial_interval=-1), "partial_interval"),
     "no interval": (lambda r, scene: r.refine(scene, partial_interval=float("nan")), "partial_interval"),
-    "a point far away": (lambda r, scene: r.probe(scene, float("inf"), 0), "x must be a finite number"),
+    "a point by a name": (lambda r, scene: r.probe(scene, other("middle"), 0), "x must be a number"),
     "a point nowhere": (lambda r, scene: r.probe(scene, 0, other(None)), "y must be a number, not the NoneType None"),
     "a point in a text": (lambda r, scene: r.probe(other("front"), 0, 0), "a Scene is wanted"),
 }
