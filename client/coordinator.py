@@ -165,8 +165,20 @@ class Coordinator:
         if message.probe:
             return self._probes.refused(message.probe, error)
         if not message.frame:
-            return self._fail(error)
+            return self._assignment_refused(server, message, error)
         return self._end_frame(error) if self._current(message.frame) else []
+
+    def _assignment_refused(self, server: int, message: messages.Refused, error: VolsplatError) -> list[Instruction]:
+        """Whoever waits for what is refused is told; the session goes on once the volume is surveyed."""
+        if self.holding.volume is None or not message.assignment:
+            return self._fail(error)
+        if message.assignment != self.holding.newest_assignment:
+            return []
+        if not self.holding.refused(server, message.request, message.held):
+            return self._go_on()  # who waits now has asked since
+        waiting = [probe.probe for probe in self._probes.waiting()]
+        refused = [told for probe in waiting for told in self._probes.refused(probe, error)]
+        return [*self._end_frame(error), *refused, *self._go_on()]
 
     # -- frames
 

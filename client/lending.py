@@ -11,6 +11,7 @@ from volsplat.client.coordinator_events import Instruction, ReportProgress, Send
 from volsplat.protocol import messages
 from volsplat.protocol.messages import Part, ScalarType
 from volsplat.protocol.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
+from volsplat.protocol.volume_identity import VolumeIdentity
 
 PART_BYTES = 4 << 20  # of values, at most: small enough that a few of them are nothing, large enough for a fast network
 
@@ -19,18 +20,25 @@ class Lending:
     """One reading of the volume for all servers. Messages in, instructions out."""
 
     def __init__(
-        self, assignment: int, path: str, boxes: Mapping[int, list[Box]], description: VolumeDescription
+        self,
+        assignment: int,
+        path: str,
+        identity: VolumeIdentity,
+        boxes: Mapping[int, list[Box]],
+        description: VolumeDescription,
     ) -> None:
         """The first of the servers lends; `boxes` are what each is to hold."""
         self.lender = next(iter(boxes))
         self._assignment = assignment
         self._path = path
+        self._identity = identity
         self._boxes = dict(boxes)
         self._description = description
         self._parts: dict[int, deque[Part]] = {}  # to be asked for, by receiver
 
     def begin(self) -> list[Instruction]:
-        return [Send(self.lender, messages.LendVolume(assignment=self._assignment, path=self._path))]
+        lend = messages.LendVolume(assignment=self._assignment, path=self._path, identity=self._identity)
+        return [Send(self.lender, lend)]
 
     def lent(self, message: messages.VolumeLent) -> list[Instruction]:
         """The lender has it: say what is to come to all others, and ask for the first part for each."""
@@ -74,7 +82,8 @@ class Lending:
         if self._parts:
             return []
         boxes = self._boxes[self.lender]
-        return [Send(self.lender, messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=boxes))]
+        read = messages.ReadSubCubes(assignment=self._assignment, path=self._path, boxes=boxes, identity=self._identity)
+        return [Send(self.lender, read)]
 
     def _parts_of(self, server: int, boxes: list[Box], scalar_types: list[ScalarType]) -> list[Part]:
         dims = self._description.geometry.dims

@@ -27,7 +27,7 @@ from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.volume_holding import VolumeHolding
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
-from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.held_volume import Answer, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
@@ -237,9 +237,16 @@ class SingleProcess:
                 case ReportProgress(text):
                     self._say(text)
                 case Send(message=message):
-                    for answer in self._held.answers(message):
+                    for answer in self._answers(message):
                         payload = memoryview(b"".join(answer.payload))
                         self._carry_out(self._holding.received(WORKER, answer.message, payload))
+
+    def _answers(self, message: messages.Message) -> list[Answer]:
+        try:
+            return self._held.answers(message)
+        except BadInput:
+            self._holding.refused(WORKER, type(message).__name__, self._held.assignment)
+            raise
 
     def close(self) -> None:
         """End the threads."""

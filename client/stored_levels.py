@@ -11,6 +11,7 @@ from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.levels import levels_drawn, resolution_of
 from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.volume_identity import VolumeIdentity
 
 
 class StoredLevels:
@@ -22,6 +23,7 @@ class StoredLevels:
         self._choice = choice
         self._held: Sequence[int] = ()  # or being read
         self._ready: Sequence[int] = ()  # of them, those that are not still being read
+        self._before: Sequence[int] = ()  # what was ready when the last was opened
 
     def wanted(self, scene: Scene, step: Step, quantisation: Quantisation, current: Packing | None) -> Packing:
         """What a step is drawn from. `current` is what a person who moves through scenes has been drawn.
@@ -34,21 +36,27 @@ class StoredLevels:
         return Packing(quantisation, base.level, drawn.level, base.why)
 
     def open(
-        self, wanted: Packing, assignment: int, path: str, servers: Iterable[int]
+        self, wanted: Packing, assignment: int, path: str, identity: VolumeIdentity, servers: Iterable[int]
     ) -> tuple[Packing, list[Instruction]]:
         """Have the servers read what is wanted, and what they will hold then.
 
         Levels that are ready stay, as far as a step of the new base level draws them.
         """
         drawn = levels_drawn(self.grids, wanted.base_level)
+        self._before = self._ready
         self._ready = [level for level in drawn if level in self._ready]
         self._held = [level for level in drawn if level >= wanted.level or level in self._ready]
         last = len(self.grids) - 1
         told: list[Instruction] = [ReportProgress(f"reading level {level} of {last}") for level in self._reading()[:1]]
         for server in servers:
             held = self._choice.holdings(server, self._held)
-            told.append(Send(server, messages.OpenPackets(assignment=assignment, path=path, levels=held)))
+            opened = messages.OpenPackets(assignment=assignment, path=path, levels=held, identity=identity)
+            told.append(Send(server, opened))
         return replace(wanted, level=self._held[0]), told
+
+    def refused(self, kept: bool) -> None:
+        """What was opened last cannot be had: the servers hold what they held before, or nothing."""
+        self._held = self._ready = self._before if kept else ()
 
     def opened(self) -> None:
         """All servers have read what they were to hold."""

@@ -21,6 +21,7 @@ from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.levels import Prepared, Resolution, own_resolution, resolution_of
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.volume_identity import VolumeIdentity
 
 
 class Phase(Enum):
@@ -31,6 +32,7 @@ class Phase(Enum):
     SURVEYED = auto()  # scenes can be made, nothing is packed yet
     PACKING = auto()
     READY = auto()
+    EMPTY = auto()  # surveyed, but to be read again: what was asked for last was refused
 
 
 class VolumeHolding:
@@ -49,16 +51,20 @@ class VolumeHolding:
         self._levels: StoredLevels | None = None  # of a prepared volume
         self._prepared: Prepared | None = None
         self._description: VolumeDescription | None = None
+        self._identity: VolumeIdentity | None = None  # of the volume that was described
         self._survey: Survey | None = None
         self._density_counts: list[int] = []
         self._strength_counts: list[int] = []
         self._pending: set[int] = set()  # servers whose answer the phase waits for
         self._lending: Lending | None = None  # while a volume that only comes whole is read
+        self.newest_assignment = 0
+        self._before: tuple[int, Packing | None] = (0, None)  # the assignment that was held, and its packets
+        self._refusals: dict[int, int] = {}  # of the newest assignment: what each server that refused it still holds
 
     @property
     def settled(self) -> bool:
         """Nothing is on its way: frames can be drawn, or their packets be made."""
-        return self.phase in (Phase.SURVEYED, Phase.READY)
+        return self.phase in (Phase.SURVEYED, Phase.READY, Phase.EMPTY)
 
     def begin(self, path: str, hosts: Mapping[int, str], memory: int | None = None) -> list[Instruction]:
         """Have the servers that run on these hosts share the volume at `path`."""
@@ -133,10 +139,44 @@ class VolumeHolding:
         self._go_on()
         return lending.lost(server) if lending is not None else []
 
+    def refused(self, server: int, request: str, held: int) -> bool:
+        """A server has refused the newest assignment and still holds the one that is `held`, 0 for none.
+
+        Once all have answered, what they held is held again, where they all still do. True for the first refusal.
+        """
+        first = not self._refusals
+        self._refusals[server] = held
+        self._pending.discard(server)
+        if self._lending is not None:  # without it the others get nothing; before it lends they are asked for nothing
+            kept = held if request == messages.LendVolume.__name__ else 0
+            self._refusals = dict.fromkeys(self.boxes, kept)
+            self._pending, self._lending = set(), None
+        self._go_on()
+        return first
+
+    def _begin_assignment(self) -> None:
+        if self.phase == Phase.READY:
+            self._before = (self.assignment, self.packing)
+        elif self.phase != Phase.EMPTY:
+            self._before = (0, None)
+        self.newest_assignment += 1
+        self.assignment = self.newest_assignment
+        self._pending, self._refusals = set(self.boxes), {}
+
+    def _end_refused(self) -> None:
+        held, packing = self._before
+        kept = held and all(self._refusals.get(server) == held for server in self.boxes)
+        self.phase = Phase.READY if kept else Phase.EMPTY
+        if kept:
+            self.assignment = held
+        self.packing = packing if kept else None
+        if self._levels is not None:
+            self._levels.refused(kept=bool(kept))
+
     def _received_VolumeDescribed(
         self, server: int, message: messages.VolumeDescribed, payload: memoryview
     ) -> list[Instruction]:
-        self._description = message.description
+        self._description, self._identity = message.description, message.identity
         boxes = divided(message.description.geometry, len(self._hosts))
         self.boxes = {worker: [box] for worker, box in zip(self._hosts, boxes, strict=True)}
         if not message.prepared:
@@ -163,26 +203,27 @@ class VolumeHolding:
         return self._surveyed()
 
     def _open_packets(self, levels: StoredLevels, packing: Packing) -> list[Instruction]:
+        assert self._identity is not None
+        self._begin_assignment()
         self.phase = Phase.PACKING
-        self.assignment += 1
-        self._pending = set(self.boxes)
-        self.packing, opened = levels.open(packing, self.assignment, self._path, self.boxes)
+        self.packing, opened = levels.open(packing, self.assignment, self._path, self._identity, self.boxes)
         return opened
 
     def _read_sub_cubes(self) -> list[Instruction]:
-        assert self._description is not None
+        assert self._description is not None and self._identity is not None
+        self._begin_assignment()
         self.phase = Phase.READING
-        self.assignment += 1
-        self._pending = set(self.boxes)
         self._lending = None
         said = f"reading the volume as {len(self.boxes)} sub-cubes" if len(self.boxes) > 1 else "reading the volume"
         if not self._description.reads_sub_cubes and len(self.boxes) > 1:
-            self._lending = Lending(self.assignment, self._path, self.boxes, self._description)
+            self._lending = Lending(self.assignment, self._path, self._identity, self.boxes, self._description)
             return [ReportProgress(f"{said}, by one server for all"), *self._lending.begin()]
-        read: list[Instruction] = [
-            Send(worker, messages.ReadSubCubes(assignment=self.assignment, path=self._path, boxes=boxes))
-            for worker, boxes in self.boxes.items()
-        ]
+        read: list[Instruction] = []
+        for worker, boxes in self.boxes.items():
+            ask = messages.ReadSubCubes(
+                assignment=self.assignment, path=self._path, boxes=boxes, identity=self._identity
+            )
+            read.append(Send(worker, ask))
         return [ReportProgress(said), *read]
 
     def _received_VolumeLent(self, server: int, message: messages.VolumeLent, payload: memoryview) -> list[Instruction]:
@@ -267,6 +308,8 @@ class VolumeHolding:
         """Leave a phase of a surveyed volume once every server has read again, or packed."""
         if self._pending:
             return
+        if self._refusals and self.phase in (Phase.READING, Phase.PACKING):
+            return self._end_refused()
         match self.phase:
             case Phase.READING:
                 self.phase, self.packing = Phase.SURVEYED, None

@@ -13,15 +13,22 @@ from typing import NamedTuple
 from volsplat.mapshade_server.available_memory import available_memory
 from volsplat.mapshade_server.awaited_parts import AwaitedParts
 from volsplat.mapshade_server.lent_volume import LentVolume, lent
-from volsplat.mapshade_server.packet_store import PacketStore, is_store, open_store
-from volsplat.mapshade_server.readers import VolumeReader, open_volume
+from volsplat.mapshade_server.packet_store import PacketStore, is_store
+from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
 from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.volume_identity import (
+    check_identity,
+    identified_store,
+    identified_volume,
+    identity_of,
+)
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.levels import Prepared
-from volsplat.protocol.volume import Box
+from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.volume_identity import VolumeIdentity
 
 PACKET_BYTES = 4
 NO_PAYLOAD = memoryview(b"")
@@ -70,25 +77,32 @@ class HeldVolume:
 
     def _on_DescribeVolume(self, request: messages.DescribeVolume) -> list[Answer]:
         if is_store(Path(request.path)):
-            return [_described(open_store(request.path))]
-        return [Answer(messages.VolumeDescribed(description=open_volume(request.path).describe(), prepared=[]))]
+            return [_described(*identified_store(request.path))]
+        reader, identity = identified_volume(request.path)
+        described = messages.VolumeDescribed(description=reader.describe(), prepared=[], identity=identity)
+        return [Answer(described)]
 
     def _on_ReadSubCubes(self, request: messages.ReadSubCubes) -> list[Answer]:
         """From the volume that was lent to others, if it is that, which is let go; else from the file."""
         started = time.perf_counter()
         loan = self._lent if self._lent_for == request.assignment else None
+        reader: VolumeReader = loan or _reader_of(request)
         self._drop()  # nothing is held, should the reading fail
-        reader: VolumeReader = loan or open_volume(request.path)
         description = reader.describe()
         sub_cubes = [SubCube(description.geometry, box, description.second_scalar) for box in request.boxes]
         for sub_cube in sub_cubes:
             sub_cube.read(reader)
+        if loan is None:
+            _check_still(request, reader, description)
         return [self._read(sub_cubes, request.assignment, started)]
 
     def _on_LendVolume(self, request: messages.LendVolume) -> list[Answer]:
         started = time.perf_counter()
+        reader = _reader_of(request)
         self._drop()
-        self._lent, self._lent_for = lent(open_volume(request.path)), request.assignment
+        loan = lent(reader)
+        _check_still(request, reader, reader.describe())
+        self._lent, self._lent_for = loan, request.assignment
         answer = messages.VolumeLent(
             assignment=request.assignment,
             scalar_types=self._lent.scalar_types,
@@ -146,8 +160,9 @@ class HeldVolume:
         Coarse levels come first. Where a newer assignment is on its way, this one is given up without an answer.
         """
         started = time.perf_counter()
+        store, identity = identified_store(request.path)
+        check_identity(request.path, identity, request.identity)
         kept = self._let_go_except({(one.level, box) for one in request.levels for box in one.boxes}, request.path)
-        store = open_store(request.path)
         self._path = request.path
         for one in sorted(request.levels, key=lambda one: -one.level):
             self._levels[one.level] = []
@@ -158,6 +173,7 @@ class HeldVolume:
                 if cube is None:
                     return []
                 self._levels[one.level].append(cube)
+        _check_still(request, store, store.description)
         self.assignment = request.assignment
         return [self._packed(request.assignment, started)]
 
@@ -197,11 +213,28 @@ class HeldVolume:
         return Answer(packed)
 
 
-def _described(store: PacketStore) -> Answer:
+def _reader_of(request: messages.ReadSubCubes | messages.LendVolume) -> VolumeReader:
+    """Of the volume that was described. Raises BadInput where there is another one by now."""
+    reader, identity = identified_volume(request.path)
+    check_identity(request.path, identity, request.identity)
+    return reader
+
+
+def _check_still(
+    request: messages.ReadSubCubes | messages.LendVolume | messages.OpenPackets,
+    opened: object,
+    description: VolumeDescription,
+) -> None:
+    """Raises BadInput where the volume was changed while it was read."""
+    check_identity(request.path, identity_of(request.path, opened, description), request.identity)
+
+
+def _described(store: PacketStore, identity: VolumeIdentity) -> Answer:
     prepared = Prepared(
         survey=store.survey,
         quantisation=store.quantisation,
         levels=tuple(level.geometry for level in store.levels),
     )
     counts = [memoryview(array("q", each)).cast("B") for each in (store.density_counts, store.strength_counts)]
-    return Answer(messages.VolumeDescribed(description=store.description, prepared=[prepared]), tuple(counts))
+    described = messages.VolumeDescribed(description=store.description, prepared=[prepared], identity=identity)
+    return Answer(described, tuple(counts))

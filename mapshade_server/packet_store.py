@@ -23,7 +23,7 @@ the CRC-32C that Zarr gives them. What was changed since is refused by its file'
 
 import json
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from itertools import product
 from pathlib import Path
@@ -33,7 +33,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.readers.arrays.zarr_files import files_of_arrays
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.volume_files import VolumeFile
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation, Survey
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
@@ -114,6 +116,11 @@ class PacketStore:
     def strength_counts(self) -> list[int]:
         counts: list[int] = self._whole(STRENGTH_COUNTS).tolist()
         return counts
+
+    @property
+    def files(self) -> Sequence[VolumeFile]:
+        """What tells this store from another one: its documents and some shards of each level."""
+        return files_of_arrays(Path(self._place), self._arrays)
 
     @property
     def brick_size(self) -> int:

@@ -11,6 +11,8 @@ import threading
 import time
 from collections import deque
 
+import msgspec
+
 from volsplat.mapshade_server.data_link import DataLink
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
@@ -105,7 +107,7 @@ class MapShadeServer:
             else:
                 getattr(self, f"_on_{type(request).__name__}")(request)
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
-            self._client.send(refusal(request, error))
+            self._client.send(msgspec.structs.replace(refusal(request, error), held=self._held.assignment))
 
     # -- frames
 

@@ -14,6 +14,7 @@ from volsplat.protocol.machine import Machine
 from volsplat.protocol.printable import printable
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.protocol.volume_identity import VolumeIdentity
 
 LARGEST_ID = 2**31 - 1
 LARGEST_COUNT = 2**62
@@ -142,18 +143,24 @@ class VolumeDescribed(Message, frozen=True):
     """Map/shade server to client: the answer to DescribeVolume.
 
     Of a volume that was prepared, what was decided then follows; the payload is that of HistogramsCounted.
+    Whoever reads the volume for this session must find the same `identity`.
     """
 
     description: VolumeDescription
     prepared: Annotated[list[Prepared], Meta(max_length=1)]
+    identity: VolumeIdentity
 
 
 class ReadSubCubes(Message, frozen=True):
-    """Client to map/shade server: read these boxes and their halo, and survey them. Replaces what was held."""
+    """Client to map/shade server: read these boxes and their halo, and survey them. Replaces what was held.
+
+    Refused, as all that reads the volume, where it is not the one that was described, before and after it is read.
+    """
 
     assignment: AssignmentId
     path: Path
     boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
+    identity: VolumeIdentity
 
     def __post_init__(self) -> None:
         _check_boxes(self.boxes)
@@ -176,6 +183,7 @@ class LendVolume(Message, frozen=True):
 
     assignment: AssignmentId
     path: Path
+    identity: VolumeIdentity
 
 
 class VolumeLent(Message, frozen=True):
@@ -292,6 +300,7 @@ class OpenPackets(Message, frozen=True):
     assignment: AssignmentId
     path: Path
     levels: Annotated[list[LevelBoxes], Meta(max_length=MOST_LEVELS)]
+    identity: VolumeIdentity
 
 
 class ConnectToSplatServers(Message, frozen=True):
@@ -446,6 +455,7 @@ class Refused(Message, frozen=True):
 
     `request` is the message's name; `frame`, `assignment` and `probe` are the request's, 0 where it carries none.
     `peer_lost`: not for what was asked, but because another server is gone or cannot be reached.
+    `held` is the assignment that a map/shade server still holds, 0 for none.
     """
 
     request: Line
@@ -454,6 +464,7 @@ class Refused(Message, frozen=True):
     assignment: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
     peer_lost: bool = False
     probe: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
+    held: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
 
     def __post_init__(self) -> None:
         for field in ("request", "cause"):  # they will be shown

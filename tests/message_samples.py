@@ -24,6 +24,7 @@ from volsplat.protocol.roles import Role, Way
 from volsplat.protocol.scene import ColourTable, ScalarTable, Scene, Step, Tables
 from volsplat.protocol.versions import SPOKEN
 from volsplat.protocol.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
+from volsplat.protocol.volume_identity import VolumeIdentity
 
 RECORDED = Path(__file__).parent / "recorded" / f"protocol-{SPOKEN.newest}"
 
@@ -39,6 +40,8 @@ DESCRIPTION = VolumeDescription(
     kind_from="the segments in its header",
     bands=(Band("bone", 1.0, 1.0, (1.0, 0.5, 0.25)), Band("air", 2.0, 4.0)),
 )
+IDENTITY = VolumeIdentity(size=352, header="0f" * 16, contents="1e" * 16, times="2d" * 16, place="3c" * 16)
+BOXES = [Box((0, 0, 0), (4, 5, 3)), Box((0, 0, 3), (4, 5, 6))]
 QUANTISATION = Quantisation(window=(-1000.0, 2000.0), strength_scale=0.25)
 SCENE = Scene(
     tables=Tables(
@@ -63,10 +66,10 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (greetings.Welcome(3, bytes(range(96, 128))), b""),
         (greetings.Rejected("another token"), b""),
         (messages.DescribeVolume("/data/head.nrrd"), b""),
-        (messages.VolumeDescribed(DESCRIPTION, []), b""),
-        (messages.ReadSubCubes(1, "/data/head.nrrd", [Box((0, 0, 0), (4, 5, 3)), Box((0, 0, 3), (4, 5, 6))]), b""),
+        (messages.VolumeDescribed(DESCRIPTION, [], IDENTITY), b""),
+        (messages.ReadSubCubes(1, "/data/head.nrrd", BOXES, IDENTITY), b""),
         (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 960, 0.125), b""),
-        (messages.LendVolume(1, "/data/head.nrrd"), b""),
+        (messages.LendVolume(1, "/data/head.nrrd", IDENTITY), b""),
         (messages.VolumeLent(1, ["int16"], 240, 0.125), b""),
         (messages.ReadPart(1, PART), b""),
         (messages.PartRead(1, PART), struct.pack("<4h", -1000, 0, 40, 3000)),
@@ -79,7 +82,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.VoxelsPacked(1, 120, 480, 0.0625), b""),
         (messages.DescribeMachine(), b""),
         (messages.MachineDescribed(1 << 34), b""),
-        (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, [Box((0, 0, 0), (2, 3, 3))])]), b""),
+        (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001)]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
         (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, RESOLUTION, [1, 2]), b""),
@@ -149,6 +152,8 @@ lines = st.text(max_size=20)
 paths = st.text(min_size=1, max_size=20)
 blobs = st.binary(min_size=32, max_size=32)
 quantisations = st.builds(Quantisation, window=st.tuples(finite, finite), strength_scale=finite, strength_low=finite)
+digests = st.text("0123456789abcdef", min_size=32, max_size=32)
+identities = st.builds(VolumeIdentity, size=counts, header=digests, contents=digests, times=digests, place=digests)
 surveys = st.builds(Survey, low=finite, high=finite, max_gradient=finite, voxels=counts, no_data=counts)
 descriptions = st.builds(
     VolumeDescription,
@@ -215,10 +220,12 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     greetings.Welcome: st.builds(greetings.Welcome, ids, blobs),
     greetings.Rejected: st.builds(greetings.Rejected, lines),
     messages.DescribeVolume: st.builds(messages.DescribeVolume, paths),
-    messages.VolumeDescribed: st.builds(messages.VolumeDescribed, descriptions, st.lists(_prepared, max_size=1)),
-    messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, max_size=3)),
+    messages.VolumeDescribed: st.builds(
+        messages.VolumeDescribed, descriptions, st.lists(_prepared, max_size=1), identities
+    ),
+    messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, max_size=3), identities),
     messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
-    messages.LendVolume: st.builds(messages.LendVolume, ids, paths),
+    messages.LendVolume: st.builds(messages.LendVolume, ids, paths, identities),
     messages.VolumeLent: st.builds(
         messages.VolumeLent, ids, st.lists(_scalar_types, min_size=1, max_size=2), counts, seconds
     ),
@@ -238,6 +245,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         ids,
         paths,
         st.lists(st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, max_size=2)), max_size=3),
+        identities,
     ),
     messages.ConnectToSplatServers: st.builds(
         messages.ConnectToSplatServers,
@@ -275,7 +283,9 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         ids,
         st.lists(st.builds(messages.ProbedVoxel, _voxel, finite, finite), max_size=1),
     ),
-    messages.Refused: st.builds(messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none),
+    messages.Refused: st.builds(
+        messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none
+    ),
     messages.EndSession: st.builds(messages.EndSession),
 }
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from hand_started import free_port
 from programs import TIME_LIMIT, Person
 
 from volsplat.client.image_file import read_image, read_scene
@@ -193,11 +194,6 @@ def test_a_port_in_use_is_named(person: Person, head: Path) -> None:
         port = taken.getsockname()[1]
         done = person.runs("render", str(head), "-o", "a.png", "--listen", f"127.0.0.1:{port}")
     assert done.returncode == 2 and str(port) in one_line(done)
-
-
-def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return int(free.getsockname()[1])
 
 
 @pytest.mark.parametrize("order", ["servers first", "client first", "splat server last"])

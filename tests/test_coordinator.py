@@ -5,6 +5,7 @@ from itertools import permutations
 
 import msgspec
 import pytest
+from message_samples import IDENTITY
 
 from volsplat.client.coordinator import Coordinator
 from volsplat.client.coordinator_events import (
@@ -70,7 +71,7 @@ def counted(server: int) -> MessageReceived:
 
 def surveyed() -> Coordinator:
     coordinator = Coordinator()
-    for event in [*JOINS, ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION, []))]:
+    for event in [*JOINS, ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))]:
         coordinator.handle(event)
     for server, low, high in ((FIRST, 0.0, 50.0), (SECOND, -3.0, 20.0)):
         survey = Survey(low=low, high=high, max_gradient=high, voxels=360, no_data=1)
@@ -487,7 +488,7 @@ def lending(workers: int = 3) -> Coordinator:
     third = ServerJoined(THIRD, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
     for event in [*JOINS, third, VolumeAsked("/volumes/head.nrrd", workers=workers)]:
         coordinator.handle(event)
-    asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, []))))
+    asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))))
     assert [ask for ask in asked if ask[1] is not messages.ConnectToSplatServers] == [(FIRST, messages.LendVolume)]
     return coordinator
 
@@ -533,7 +534,7 @@ def test_a_single_server_reads_for_itself() -> None:
     coordinator = Coordinator()
     for event in [*JOINS[:2], VolumeAsked("/volumes/head.nrrd", workers=1)]:
         coordinator.handle(event)
-    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [])))
+    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY)))
     assert (FIRST, messages.ReadSubCubes) in sent(told)
 
 
@@ -596,7 +597,7 @@ def opened_store(memory: int | None = None, has: int = 1 << 40) -> Coordinator:
     coordinator = Coordinator()
     for event in [*JOINS, VolumeAsked("/volumes/head.zarr", workers=2, memory=memory)]:
         coordinator.handle(event)
-    described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), [PREPARED])
+    described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), [PREPARED], IDENTITY)
     asked = coordinator.handle(said(FIRST, described, bytes(16 * HISTOGRAM_BINS)))
     assert sent(asked)[-2:] == [(FIRST, messages.DescribeMachine), (SECOND, messages.DescribeMachine)]
     assert coordinator.handle(said(FIRST, messages.MachineDescribed(has))) == []

@@ -1,11 +1,6 @@
 """A volume that only comes whole: one map/shade server reads it, and the others get theirs from it."""
 
 import gzip
-import subprocess
-import sys
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -13,6 +8,7 @@ import numpy as np
 import psutil
 import pytest
 import torch
+from hand_started import joined_by_hand
 from head_volume import SIZE, skin
 from hypothesis import given
 from hypothesis import strategies as st
@@ -27,10 +23,8 @@ from volsplat.mapshade_server.lent_volume import lent
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.messages import AwaitParts, Part
-from volsplat.protocol.tokens import new_token
 from volsplat.protocol.volume import HALO, Box, Geometry, VolumeDescription
 
-PATIENCE = 60.0  # seconds after which what never comes fails its test
 WORKERS = 3
 NAME = "head.nrrd"
 
@@ -48,28 +42,6 @@ def zipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path.write_bytes(header.replace(b"encoding: raw", b"encoding: gzip") + b"\n\n" + gzip.compress(voxels))
     plain.unlink()
     return path
-
-
-@contextmanager
-def joined_by_hand(folders: list[Path], volume: str) -> Iterator[Session]:
-    """A session whose servers were started in these folders, one after the other, the splat server in the last."""
-    token = new_token()
-    programs: list[subprocess.Popen[bytes]] = []
-    with Session(volume, workers=len(folders), spawn=False, token=token) as session:
-        try:
-            modules = ["volsplat.mapshade_server"] * len(folders) + ["volsplat.splat_server"]
-            for n, (module, folder) in enumerate(zip(modules, [*folders, folders[-1]], strict=True)):
-                command = [sys.executable, "-m", module, "--connect", str(session.address)]
-                programs.append(subprocess.Popen(command, cwd=folder, env={"VOLSPLAT_TOKEN": token.key.decode()}))
-                deadline = time.monotonic() + PATIENCE
-                while len(session.servers) <= n:
-                    assert time.monotonic() < deadline
-                    time.sleep(0.01)
-            yield session
-        finally:
-            session.close()
-            for program in programs:
-                program.wait(PATIENCE)
 
 
 def test_the_file_need_only_be_where_the_first_server_is(zipped: Path, tmp_path: Path) -> None:

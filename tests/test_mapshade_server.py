@@ -14,6 +14,7 @@ from phantoms import QUANTISATION, shaded_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.volume_writer import write_volume
 from volsplat.mapshade_server.server import MapShadeServer
+from volsplat.mapshade_server.volume_identity import identified_volume
 from volsplat.protocol import messages
 from volsplat.protocol.closed_tiles import new_tile_map
 from volsplat.protocol.connection import Connection
@@ -92,7 +93,7 @@ class Bench:
         described = self.hears(messages.VolumeDescribed)
         assert isinstance(described, messages.VolumeDescribed)
         geometry = described.description.geometry
-        self.control.send(messages.ReadSubCubes(assignment, str(path), [geometry.box]))
+        self.control.send(messages.ReadSubCubes(assignment, str(path), [geometry.box], described.identity))
         self.hears(messages.SubCubesRead)
         self.control.send(messages.PackVoxels(assignment, QUANTISATION))
         self.hears(messages.VoxelsPacked)
@@ -193,7 +194,9 @@ def test_a_reading_that_fails_leaves_nothing_that_a_frame_could_be_drawn_from(be
     bench.connects(0)
     with bench.accepts(0):
         far = Geometry(dims=(4 * SIZE, SIZE, SIZE)).box
-        failed = bench.refuses(messages.ReadSubCubes(2, str(shells), [geometry.box, far]))
+        failed = bench.refuses(
+            messages.ReadSubCubes(2, str(shells), [geometry.box, far], identified_volume(str(shells))[1])
+        )
         assert failed.assignment == 2
         assert "is for assignment 1" in bench.refuses(render(1, geometry)).cause
 

@@ -21,6 +21,7 @@ from volsplat.mapshade_server.packet_store import open_store
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
+from volsplat.mapshade_server.volume_identity import identified_store
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.messages import LevelBoxes, OpenPackets, VoxelsPacked
 from volsplat.protocol.scene import Quantise, Refine, Scene, Step, View
@@ -208,12 +209,14 @@ def test_reading_is_given_up_between_two_sheets_of_bricks(store: Path) -> None:
 
 
 def test_a_newer_assignment_ends_an_older_one_and_keeps_what_was_read(store: Path) -> None:
-    boxes = [level.geometry.box for level in open_store(str(store)).levels]
+    opened, identity = identified_store(str(store))
+    boxes = [level.geometry.box for level in opened.levels]
     newest = 1
     held = HeldVolume(lambda assignment: newest > assignment)
 
     def opens(assignment: int, *levels: int) -> OpenPackets:
-        return OpenPackets(assignment, str(store), [LevelBoxes(level, [boxes[level]]) for level in levels])
+        held_levels = [LevelBoxes(level, [boxes[level]]) for level in levels]
+        return OpenPackets(assignment, str(store), held_levels, identity)
 
     (answer,) = held.answers(opens(1, 1, 2))
     assert isinstance(answer.message, VoxelsPacked) and answer.message.voxels == boxes[1].voxels + boxes[2].voxels

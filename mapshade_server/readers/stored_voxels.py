@@ -16,6 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Index
@@ -57,6 +58,11 @@ class StoredVoxels:
     dtype: np.dtype[np.generic]
     pieces: tuple[Piece, ...]
     _paused: "dict[Piece, _Paused]" = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    @property
+    def files(self) -> tuple[DiskFile, ...]:
+        """Of header and voxels."""
+        return disk_files([self.source, *(piece.path for piece in self.pieces)])
 
     @property
     def sheet_bytes(self) -> int:

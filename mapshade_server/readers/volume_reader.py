@@ -1,11 +1,12 @@
 """What every volume reader offers, whatever the format behind it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, runtime_checkable
 
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.readers.volume_files import VolumeFile
 from volsplat.protocol.volume import SCALAR_BYTES, Box, VolumeDescription
 
 Voxels = NDArray[Any]  # shaped (k, j, i), C-contiguous, native byte order, the source's own scalar type
@@ -41,6 +42,11 @@ class OpenedVolume:
 
     description: VolumeDescription
     read: Callable[[Box], Voxels]
+    found_files: Callable[[], Sequence[VolumeFile]] = tuple  # where they are not what is named: see volume_files
 
     def describe(self) -> VolumeDescription:
         return self.description
+
+    @property
+    def files(self) -> Sequence[VolumeFile]:
+        return self.found_files()

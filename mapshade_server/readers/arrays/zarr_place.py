@@ -56,14 +56,8 @@ def zip_file(name: str) -> ZarrPlace:
 def remote(name: str) -> ZarrPlace:
     zarr = _zarr()
     scheme = name.partition("://")[0]
-    options: dict[str, Any] = {}
     try:
-        if LIBRARIES.get(scheme) == "aiohttp":
-            timeout = extra.library("aiohttp", "Zarr over http").ClientTimeout(
-                total=None, sock_connect=CONNECT_SECONDS, sock_read=ANSWER_SECONDS
-            )
-            options = {"client_kwargs": {"timeout": timeout}}
-        store = zarr.storage.FsspecStore.from_url(name, storage_options=options, read_only=True)
+        store = zarr.storage.FsspecStore.from_url(name, storage_options=_options(scheme), read_only=True)
     except ImportError as error:
         library = LIBRARIES.get(scheme)
         cure = f"needs {library}, which is not installed: pip install {library}" if library else str(error)
@@ -71,6 +65,21 @@ def remote(name: str) -> ZarrPlace:
     except ValueError:
         raise BadInput(f"{name}: nothing is known of {scheme}://; http, https, s3 and file are read") from None
     return ZarrPlace(name, zarr, store, above=remote)
+
+
+def file_system(name: str) -> Any:
+    """What a URL's files are looked at with, beside the store."""
+    scheme = name.partition("://")[0]
+    return extra.library("fsspec", "Zarr at a URL").filesystem(scheme, **_options(scheme))
+
+
+def _options(scheme: str) -> dict[str, Any]:
+    if LIBRARIES.get(scheme) != "aiohttp":
+        return {}
+    timeout = extra.library("aiohttp", "Zarr over http").ClientTimeout(
+        total=None, sock_connect=CONNECT_SECONDS, sock_read=ANSWER_SECONDS
+    )
+    return {"client_kwargs": {"timeout": timeout}}
 
 
 def _zarr() -> Any:

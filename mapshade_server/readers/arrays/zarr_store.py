@@ -6,7 +6,7 @@ their coordinate arrays. Other arrays are named by their path.
 
 import base64
 import zipfile
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +18,10 @@ from volsplat.mapshade_server.readers.arrays.array_part import array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.ome_zarr import Json, level_axes
+from volsplat.mapshade_server.readers.arrays.zarr_files import fetched_files, files_of_arrays
 from volsplat.mapshade_server.readers.arrays.zarr_place import METADATA, one_line_errors
 from volsplat.mapshade_server.readers.arrays.zarr_search import FoundArray, found_array
+from volsplat.mapshade_server.readers.volume_files import VolumeFile
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -42,7 +44,8 @@ def open_folder(path: Path, part: str) -> OpenedVolume:
         found = found_array(array_part(path, part), zarr_place.folder(str(path)))
         folder = Path(found.place.name) / found.array.path
         _check_has_chunks(found, (entry.name for entry in folder.rglob("*") if entry.is_file()))
-        return _reader(found)
+        root = Path(found.place.name)
+        return _reader(found, lambda: files_of_arrays(root, [found.array]))
 
 
 def open_zip(path: Path, part: str) -> OpenedVolume:
@@ -60,8 +63,14 @@ def open_zip(path: Path, part: str) -> OpenedVolume:
 def open_url(url: str, part: str) -> OpenedVolume:
     """The reader for an array at a URL. Raises BadInput as open_folder does, and where nothing answers there."""
     place = url.rstrip("/")
+
+    def files() -> Sequence[VolumeFile]:
+        with one_line_errors(place):
+            return fetched_files(found.place.name, found.array, lambda: zarr_place.file_system(place))
+
     with one_line_errors(place):
-        return _reader(found_array(array_part(place, part), zarr_place.remote(place)))
+        found = found_array(array_part(place, part), zarr_place.remote(place))
+        return _reader(found, files)
 
 
 def _check_has_chunks(found: FoundArray, names: Iterable[str]) -> None:
@@ -70,7 +79,7 @@ def _check_has_chunks(found: FoundArray, names: Iterable[str]) -> None:
         raise BadInput(f"{found.part.whole}: not one of its chunks is there; copy or fetch the whole Zarr again")
 
 
-def _reader(found: FoundArray) -> OpenedVolume:
+def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple) -> OpenedVolume:
     part, array = found.part, found.array
     attributes: Json = dict(array.attrs)
     if found.image is None:
@@ -104,7 +113,7 @@ def _reader(found: FoundArray) -> OpenedVolume:
         with one_line_errors(part.place):
             return values.of(np.asarray(array[grid.selection(box)]))
 
-    return OpenedVolume(description, read)
+    return OpenedVolume(description, read, files)
 
 
 def _is_one_chunk(array: Any, grid: ArrayGrid) -> bool:

@@ -85,7 +85,7 @@ def open_analyze(path: Path, part: str) -> OpenedVolume:
         why_whole=why_whole,
         warnings=(NO_SIDES,),
     )
-    return OpenedVolume(description, voxels.read)
+    return OpenedVolume(description, voxels.read, lambda: voxels.files)
 
 
 def _text(raw: bytes) -> str:

@@ -18,6 +18,7 @@ from volsplat.mapshade_server.readers.medicine.dicom_folder import images_of, se
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.part_options import PartOptions, part_options
+from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -74,6 +75,10 @@ class DicomReader:
 
     def describe(self) -> VolumeDescription:
         return self._description
+
+    @property
+    def files(self) -> tuple[DiskFile, ...]:
+        return disk_files([frame.pixels.path for frame in self._stack.frames])
 
     def read(self, box: Box) -> Voxels:
         frames = self._stack.frames

@@ -22,6 +22,7 @@ from volsplat.mapshade_server.readers.simple_itk import (
     scalar_type_of,
 )
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Index, VolumeDescription
@@ -63,6 +64,10 @@ class MetaImageReader:
 
     def describe(self) -> VolumeDescription:
         return self._description
+
+    @property
+    def files(self) -> tuple[DiskFile, ...]:
+        return disk_files([self._path]) if self._voxels is None else self._voxels.files
 
     def read(self, box: Box) -> Voxels:
         if self._voxels is None:

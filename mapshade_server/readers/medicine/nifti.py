@@ -16,6 +16,7 @@ from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
 from volsplat.mapshade_server.readers.medicine.modality import kind_beside
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.volume_files import DiskFile
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
@@ -98,6 +99,10 @@ class NiftiReader:
 
     def describe(self) -> VolumeDescription:
         return self._description
+
+    @property
+    def files(self) -> tuple[DiskFile, ...]:
+        return self._voxels.files
 
     def read(self, box: Box) -> Voxels:
         stored = self._voxels.read(box)

@@ -22,6 +22,7 @@ from volsplat.mapshade_server.readers.simple_itk import (
     refuse_vectors,
 )
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
+from volsplat.mapshade_server.readers.volume_files import DiskFile
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Index, VolumeDescription
@@ -94,6 +95,10 @@ class NrrdReader:
 
     def describe(self) -> VolumeDescription:
         return self._description
+
+    @property
+    def files(self) -> tuple[DiskFile, ...]:
+        return self._voxels.files
 
     def read(self, box: Box) -> Voxels:
         (i0, j0, k0), (i1, j1, k1) = box

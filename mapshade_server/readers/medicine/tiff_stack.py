@@ -18,6 +18,7 @@ from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, Ti
 from volsplat.mapshade_server.readers.part_options import PartOptions, index_in, part_options
 from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
+from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
 from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Matrix, Vector
@@ -67,6 +68,10 @@ class TiffStackReader:
 
     def describe(self) -> VolumeDescription:
         return self._description
+
+    @property
+    def files(self) -> tuple[DiskFile, ...]:
+        return disk_files([page.path for page in self._pages])
 
     def read(self, box: Box) -> Voxels:
         scalar_type = self._description.scalar_type

@@ -1,0 +1,142 @@
+"""The identity of the volume that a reader has opened, and its refusal where another one was described.
+
+Looks at a few hundred KiB at most, whatever the volume's size: bytes that lie evenly over all files.
+"""
+
+import hashlib
+import os
+import socket
+from bisect import bisect_right
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from itertools import accumulate
+from pathlib import Path
+from typing import TypeVar
+from urllib.parse import unquote
+
+from volsplat.mapshade_server.packet_store import PacketStore, open_store
+from volsplat.mapshade_server.readers import VolumeReader, open_volume
+from volsplat.mapshade_server.readers.volume_files import Span, VolumeFile, files_of
+from volsplat.protocol.errors import BadInput
+from volsplat.protocol.volume import VolumeDescription
+from volsplat.protocol.volume_identity import VolumeIdentity
+from volsplat.protocol.volume_name import volume_name
+
+LOCAL_URL = "file://"
+HEADER_BYTES = 1024
+BLOCKS = 64
+BLOCK_BYTES = 4096
+DIGEST_BYTES = 16
+
+_Found = TypeVar("_Found")
+
+
+def identified_volume(volume: str) -> tuple[VolumeReader, VolumeIdentity]:
+    """A volume's reader, and the identity of what it has opened. Raises BadInput."""
+
+    def look() -> tuple[VolumeReader, VolumeIdentity]:
+        reader = open_volume(volume)
+        return reader, identity_of(volume, reader, reader.describe())
+
+    return _unchanged(volume, look)
+
+
+def identified_store(place: str) -> tuple[PacketStore, VolumeIdentity]:
+    """A packet store, and its identity. Raises BadInput."""
+
+    def look() -> tuple[PacketStore, VolumeIdentity]:
+        store = open_store(place)
+        return store, identity_of(place, store, store.description)
+
+    return _unchanged(place, look)
+
+
+def identity_of(volume: str, opened: object, description: VolumeDescription) -> VolumeIdentity:
+    """The identity of what is `opened` by this name now. Raises BadInput where its files cannot be looked at."""
+    name = volume_name(volume)
+    place = unquote(name.place.removeprefix(LOCAL_URL)) if name.place.startswith(LOCAL_URL) else name.place
+    try:
+        files = files_of(opened, Path(place))
+        states = [file.state() for file in files]
+        blocks = list(_blocks(files, [state.size for state in states]))
+        first = files[0].read([Span(0, HEADER_BYTES)]) if files else []
+    except OSError as error:
+        raise BadInput(f"{volume}: cannot be read any more ({error.strerror or error}); put it back") from None
+    dims = ",".join(map(str, description.geometry.dims))
+    return VolumeIdentity(
+        size=sum(state.size for state in states),
+        header=_digest([f"{dims} {description.scalar_type}".encode(), *first]),
+        contents=_digest(blocks),
+        times=_digest([f"{state.size} {state.changed}".encode() for state in states]),
+        place=_digest([part.encode() for part in _place(place)]),
+    )
+
+
+def check_identity(volume: str, found: VolumeIdentity, described: VolumeIdentity) -> None:
+    """Raises BadInput unless what is found by this name is what was described."""
+    difference = found.difference(described)
+    if not difference:
+        return
+    name = volume_name(volume)
+    shown = volume if name.is_url else str(name._replace(place=os.path.abspath(name.place)))
+    if found.is_at_the_place_of(described):
+        raise BadInput(
+            f"{shown}: was replaced or changed after it was opened: {difference}; open it again to see what it is now"
+        )
+    raise BadInput(
+        f"{shown}: is another volume here than the one that another server has described: {difference}; "
+        "give every server the same volume"
+    )
+
+
+def _unchanged(volume: str, look: Callable[[], _Found]) -> _Found:
+    """What is found by a name that means the same before and after: its header and its bytes belong together."""
+    before = _stamp(volume)
+    found = look()
+    if _stamp(volume) != before:
+        raise BadInput(f"{volume}: is being changed while it is opened; wait until that is over")
+    return found
+
+
+def _stamp(volume: str) -> tuple[int, int, int] | None:
+    """None of what is no file here: opening it tells."""
+    try:
+        stat = os.stat(volume_name(volume).place)
+    except OSError:
+        return None
+    return (stat.st_ino, stat.st_size, stat.st_mtime_ns)
+
+
+def _blocks(files: Sequence[VolumeFile], sizes: Sequence[int]) -> Iterator[bytes]:
+    """Bytes that lie evenly over all files, as if they were one; all bytes where there are few."""
+    ends = list(accumulate(sizes))
+    total = ends[-1] if ends else 0
+    starts = range(0, total, BLOCK_BYTES)
+    if len(starts) > BLOCKS:
+        starts = [n * (total - BLOCK_BYTES) // (BLOCKS - 1) for n in range(BLOCKS)]  # type: ignore[assignment]
+    spans: dict[int, list[Span]] = defaultdict(list)
+    for start in starts:
+        end = min(start + BLOCK_BYTES, total)
+        while start < end:  # a block may go on in the next file
+            n = bisect_right(ends, start)
+            stop = min(end, ends[n])
+            spans[n].append(Span(start - ends[n] + sizes[n], stop - start))
+            start = stop
+    for n, of_file in spans.items():
+        yield from files[n].read(of_file)
+
+
+def _place(place: str) -> list[str]:
+    """What only this place has: files of one path may be others on other machines, and in other containers."""
+    if "://" in place:
+        return [place]
+    path = os.path.abspath(place)
+    return [socket.gethostname(), str(os.stat(os.path.dirname(path)).st_dev), path]
+
+
+def _digest(parts: Sequence[bytes]) -> str:
+    digest = hashlib.blake2b(digest_size=DIGEST_BYTES)
+    for part in parts:
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()
