@@ -300,11 +300,6 @@ def zipped(path: Path) -> Path:
     return path
 
 
-def classic(path: Path) -> Path:
-    path.write_bytes(b"CDF\x01" + bytes(100))
-    return path
-
-
 def of_another_filter(path: Path) -> Path:
     """Says that its chunks are compressed by a filter that nobody has, in the place of shuffling."""
     one(path, NOISE, chunks=(5, 20, 20), shuffle=True)
@@ -349,7 +344,6 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
         "",
         "filter 32001 (shuffle), which is not installed; convert it",
     ),
-    "NetCDF-3": (classic, "", "is NetCDF-3, volsplat reads NetCDF-4; convert it, as in nccopy -k netCDF-4 v.h5 v-4.nc"),
     "MINC": (lambda p: written(p, lambda file: file.create_group("minc-2.0")), "", "is MINC, whose values are scaled"),
     "zero scale": (
         lambda p: netcdf(p, NOISE[:5, :6, :7], PROJECTED, scale_factor=0.0),

@@ -10,6 +10,7 @@ from urllib.parse import unquote
 from volsplat.mapshade_server.readers.arrays import (
     hdf5_dataset,
     legacy_vtk,
+    netcdf_classic,
     numpy_array,
     raw_voxels,
     vtk_image,
@@ -92,7 +93,7 @@ FORMATS = (
         gzip=True,
     ),
     VolumeFormat("HDF5 dataset (.h5, .nxs)", hdf5_dataset.open_hdf5, hdf5_dataset.recognises),
-    VolumeFormat("NetCDF-4 (.nc)", hdf5_dataset.open_netcdf_3, hdf5_dataset.recognises_netcdf_3),
+    VolumeFormat("NetCDF-3 (.nc)", netcdf_classic.open_netcdf_classic, netcdf_classic.recognises),
     VolumeFormat("NumPy array (.npy)", numpy_array.open_npy, numpy_array.recognises),
     VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
     VolumeFormat("VTK image or grid (.vti, .vtr)", vtk_image.open_vtk_image, vtk_image.recognises),

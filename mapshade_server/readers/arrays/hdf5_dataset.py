@@ -26,7 +26,6 @@ from volsplat.protocol.volume import Box, VolumeDescription
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCKS = (0, 512, 1024, 2048)  # bytes before the magic, which belong to others
-NETCDF_3_MAGICS = (b"CDF\x01", b"CDF\x02", b"CDF\x05")
 NETCDF_FILL = 9.969209968386869e36  # of floats, where nothing was written
 ONLY_A_NAME = "This is a netCDF dimension but not a netCDF variable"
 # No other attributes are read: HDF5 crashes on damaged ones, and a file may have thousands.
@@ -50,18 +49,6 @@ MOST_LISTED = 12
 
 def recognises(head: bytes) -> bool:
     return any(head[at : at + len(MAGIC)] == MAGIC for at in USER_BLOCKS)
-
-
-def recognises_netcdf_3(head: bytes) -> bool:
-    return head.startswith(NETCDF_3_MAGICS)
-
-
-def open_netcdf_3(path: Path, part: str) -> OpenedVolume:
-    """Raises BadInput: what is read is NetCDF-4, which is HDF5."""
-    raise BadInput(
-        f"{path}: is NetCDF-3, volsplat reads NetCDF-4; convert it, as in nccopy -k netCDF-4 {path.name} "
-        f"{path.stem}-4.nc"
-    )
 
 
 def open_hdf5(path: Path, part: str) -> OpenedVolume:
