@@ -30,16 +30,17 @@ LEAST_SIGNAL = 0.001  # of the voxels lie above that, or it is no noise that lie
 PHASE_WHEEL = ("#f04848", "#e8c830", "#50c850", "#38c8c8", "#5078f8", "#d050e0", "#f04848")
 POINT_RADIUS = 1.2  # voxels: a reflection is a point
 FAINT_SHARE, STRONG_SHARE = 0.5, 0.98  # of the reflections, up to which they are clear, and from which they are solid
-NO_PHASE = "#d8dce8"
+NO_PHASE = ("#38406c", "#f4f6ff")  # from the weakest to the strongest
 
 
 def spectral_scene(subject: Subject | None) -> Scene:
     """Glowing gas: colour tells the axis of the spectrum, blue what approaches and red what recedes."""
-    recedes = subject is None or subject.recedes
+    placed = subject if subject is not None and subject.kind is Kind.SPECTRAL_CUBE else None
+    recedes = placed is None or placed.recedes
     hues = APPROACHING_TO_RECEDING if recedes else APPROACHING_TO_RECEDING[::-1]
     return Scene(
         tables=Tables(emit=colours(*zip(PLACES, hues, strict=True)), refl=DARK, opac=_glow(subject)),
-        cross_bar=CrossBar(emit=subject.depth if subject else Field.GRID_K),
+        cross_bar=CrossBar(emit=placed.depth if placed else Field.GRID_K),
         shading=GLOWING,
     )
 
@@ -65,7 +66,7 @@ def structure_factors_scene(subject: Subject | None) -> Scene:
         opacity = _by_amplitude(subject)
         with_phases = subject is None or subject.has_phases
         bar = CrossBar(emit=Field.STRENGTH if with_phases else Field.DENSITY)
-        emit = phase_colours() if with_phases else colours((0.0, NO_PHASE))
+        emit = phase_colours() if with_phases else colours((0.0, NO_PHASE[0]), (1.0, NO_PHASE[1]))
     return Scene(
         tables=Tables(emit=emit, refl=DARK, opac=opacity),
         cross_bar=bar,

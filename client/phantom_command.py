@@ -7,6 +7,7 @@ import click
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
 from volsplat.client.render_options import triple_from_option
 from volsplat.client.volume_writer import NRRD, check_volume_writable, extension_of, write_nrrd, write_volume
+from volsplat.protocol.kind import stated
 from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.volume import Index
 
@@ -30,7 +31,7 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
         seed=seed,
     )
     if extension_of(output) == NRRD:
-        write_nrrd(output, made.slabs, made.dtype, made.geometry)
+        write_nrrd(output, made.slabs, made.dtype, made.geometry, stated(made.kind, made.bands))
     else:
         write_volume(output, *made.whole())
     ni, nj, nk = made.geometry.dims

@@ -5,9 +5,10 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -97,16 +98,25 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
             raise BadInput(f"{path}: could not be written whole; the disk may be full")
 
 
-def write_nrrd(path: Path, slabs: Iterable[torch.Tensor], dtype: torch.dtype, geometry: Geometry) -> None:
-    """As `write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); only one slab is held at a time."""
+def write_nrrd(
+    path: Path,
+    slabs: Iterable[torch.Tensor],
+    dtype: torch.dtype,
+    geometry: Geometry,
+    pairs: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """As `write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); only one slab is held at a time.
+
+    `pairs` are keys and values for the header, each of one line.
+    """
     check_volume_writable(path)
     with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
-        file.write(_nrrd_header(path, dtype, geometry))
+        file.write(_nrrd_header(path, dtype, geometry, pairs))
         for slab in slabs:
             file.write(slab.contiguous().numpy().data)
 
 
-def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry) -> bytes:
+def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry, pairs: Mapping[str, str]) -> bytes:
     if dtype not in NRRD_TYPES:
         raise BadInput(f"{path}: voxels of type {dtype} are no numbers that NRRD holds; convert them")
     steps = [matrices.column(geometry.index_to_physical, axis) for axis in range(3)]
@@ -121,6 +131,7 @@ def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry) -> bytes:
         f"endian: {sys.byteorder}",
         "encoding: raw",
         f"space origin: {_nrrd_vector(geometry.origin)}",
+        *(f"{key}:={value}" for key, value in pairs.items()),
     )
     return "\n".join((*lines, "", "")).encode()
 

@@ -11,6 +11,9 @@ import msgspec
 
 from volsplat.protocol.printable import printable
 
+# The keys by which an NRRD header that volsplat wrote states both; bands as JSON.
+KIND_KEY, BANDS_KEY = "volsplat.kind", "volsplat.bands"
+
 
 class Kind(StrEnum):
     """The kinds that are shown in ways of their own; the values are the words that people are told."""
@@ -48,3 +51,10 @@ class Band(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"the class {self.name} needs a range of values, not {self.low} to {self.high}")
         if self.colour is not None and not all(0.0 <= channel <= 1.0 for channel in self.colour):
             raise ValueError(f"the class {self.name} needs a colour of three numbers 0 to 1, not {self.colour}")
+
+
+def stated(kind: Kind, bands: tuple[Band, ...]) -> dict[str, str]:
+    """The keys and values of an NRRD header that states these; none where nothing is known."""
+    if kind is Kind.UNKNOWN:
+        return {}
+    return {KIND_KEY: kind.value} | ({BANDS_KEY: msgspec.json.encode(bands).decode()} if bands else {})

@@ -6,11 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from dicom_files import MR, PET, series
 from map_files import map_file, map_header
 from reflection_files import mtz
 from volume_files import written
 
+from volsplat.client.phantom_command import phantom
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.molecules.map_kinds import is_difference, kind_of_names
@@ -130,6 +132,23 @@ def test_a_diffusion_nrrd_is_an_mr(tmp_path: Path) -> None:
 def test_damaged_keys_of_a_nrrd_are_refused(tmp_path: Path, keys: str) -> None:
     with pytest.raises(BadInput, match="keys for kind and classes cannot be used"):
         described(nrrd(tmp_path / "damaged.nrrd", VALUES, keys))
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "band"),
+    [
+        ("protein", Kind.ELEMENTS, Band("N", 96, 127)),
+        ("structure-factors", Kind.STRUCTURE_FACTORS, Band("phase 45 to 90 degrees", 32, 63)),
+        ("head", Kind.CT, None),
+        ("slab", Kind.UNKNOWN, None),
+    ],
+)
+def test_the_phantoms_in_nrrd_state_what_they_are(tmp_path: Path, name: str, kind: Kind, band: Band | None) -> None:
+    path = tmp_path / "phantom.nrrd"
+    made = CliRunner().invoke(phantom, [name, "-o", str(path), "--size", "8"])
+    assert made.exit_code == 0, made.output
+    one = described(path)
+    assert one.kind is kind and (band in one.bands if band else one.bands == ())
 
 
 # Molecules

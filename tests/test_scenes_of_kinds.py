@@ -246,7 +246,13 @@ def test_amplitudes_without_phases_have_no_colours_of_phase() -> None:
         default_scene(subject(AMPLITUDES, Kind.STRUCTURE_FACTORS)),
         preset_scene("structure-factors", subject(AMPLITUDES, Kind.UNKNOWN)),
     ):
-        assert scene.cross_bar.emit is Field.DENSITY and len(set(scene.tables.emit.entries())) == 1
+        assert scene.cross_bar.emit is Field.DENSITY
+        assert all(max(colour) == colour[2] for colour in scene.tables.emit.entries())  # of one hue
+
+
+def test_the_galaxy_preset_takes_k_for_the_spectrum_of_what_states_none() -> None:
+    assert preset_scene("galaxy", subject(MAP, Kind.UNKNOWN)).cross_bar.emit is Field.GRID_K
+    assert preset_scene("galaxy").cross_bar.emit is Field.GRID_K
 
 
 def test_seismics_of_one_sign_are_shown_by_their_histogram() -> None:

@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import torch
 
+from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
@@ -17,6 +18,8 @@ class Phantom(NamedTuple):
     geometry: Geometry
     dtype: torch.dtype
     slabs: Iterator[torch.Tensor]  # consecutive sheets, shaped (k, j, i)
+    kind: Kind = Kind.UNKNOWN
+    bands: tuple[Band, ...] = ()  # where its values are classes
 
     def whole(self) -> tuple[torch.Tensor, Geometry]:
         """All voxels, shaped (k, j, i), and their place."""

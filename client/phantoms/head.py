@@ -8,6 +8,7 @@ from torch import Tensor
 from volsplat.client.phantoms import head_anatomy as anatomy
 from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
 from volsplat.client.phantoms.solids import blended_minimum, coverage, union, without
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
@@ -35,7 +36,7 @@ def head(size: Index | None = None, spacing: Vector | None = None, seed: int = 0
     """
     size = size or HEAD_SIZE
     geometry, scale = placed_grid(size, spacing, anatomy.FIELD_OF_VIEW)
-    return Phantom(geometry, torch.uint16, _scanned(geometry, scale, SheetNoise(seed, NOISE)))
+    return Phantom(geometry, torch.uint16, _scanned(geometry, scale, SheetNoise(seed, NOISE)), Kind.CT)
 
 
 def _scanned(geometry: Geometry, scale: float, noise: SheetNoise) -> Iterator[Tensor]:

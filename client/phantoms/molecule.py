@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms.centred_grid import axis_positions
+from volsplat.protocol.kind import Band
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry
 
@@ -24,6 +25,7 @@ ELECTRONS = {"C": 6, "N": 7, "O": 8, "P": 15, "S": 16}
 # Bands of 32 values, by their number: 0 is bond, and nothing at the value 0.
 CLASSES = ("bond", "H", "C", "N", "O", "P", "S", "other")
 BAND = 32
+BANDS = tuple(Band(name, max(n * BAND, 1), (n + 1) * BAND - 1) for n, name in enumerate(CLASSES))
 
 RIM = 2.0  # standard deviations in a covalent radius, where an element's band ends
 NARROWEST = 0.7  # voxels: no standard deviation is less, or heights would depend on the grid

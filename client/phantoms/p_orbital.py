@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms.centred_grid import Phantom, placed_grid, slabs
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
@@ -92,7 +93,7 @@ def bonding_coefficients() -> tuple[float, ...]:
 def p_orbital(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """float32 probability of finding an electron of the bond, per cubic Å; chlorine at -z, copper at +z."""
     geometry, scale = placed_grid(size or P_ORBITAL_SIZE, spacing, FIELD_OF_VIEW)
-    return Phantom(geometry, torch.float32, _probability(geometry, 1 / (scale * BOHR)))
+    return Phantom(geometry, torch.float32, _probability(geometry, 1 / (scale * BOHR)), Kind.ELECTRON_DENSITY)
 
 
 def _probability(geometry: Geometry, unit: float) -> Iterator[Tensor]:

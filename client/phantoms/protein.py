@@ -14,7 +14,8 @@ import torch
 
 from volsplat.client.phantoms.amino_acids import BACKBONE, OXYGEN, SIDE_CHAINS, AtomRule, atom_place
 from volsplat.client.phantoms.centred_grid import Phantom, at_once, placed_grid
-from volsplat.client.phantoms.molecule import Molecule, elements, molecule
+from volsplat.client.phantoms.molecule import BANDS, Molecule, elements, molecule
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Vector, cross, dot, minus, normalised, plus, scaled
 from volsplat.protocol.volume import Index
 
@@ -50,7 +51,8 @@ _SEED: Residue = {"N": (0.0, 0.0, 0.0), "CA": (1.458, 0.0, 0.0), "C": (2.009, 1.
 def protein(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """uint8 elements in bands of 32 values (see molecule.CLASSES): bond, C, N, O and S."""
     geometry, scale = placed_grid(size or PROTEIN_SIZE, spacing, FIELD_OF_VIEW)
-    return Phantom(geometry, torch.uint8, at_once(lambda: elements(protein_atoms(), geometry, scale)))
+    values = at_once(lambda: elements(protein_atoms(), geometry, scale))
+    return Phantom(geometry, torch.uint8, values, Kind.ELEMENTS, BANDS)
 
 
 @cache

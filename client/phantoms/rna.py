@@ -20,6 +20,7 @@ from volsplat.client.phantoms.rna_geometry import (
     place_in_first_strand,
     place_in_second_strand,
 )
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Index
 
@@ -35,7 +36,7 @@ PAIRS = ACCEPTOR_ARM + T_ARM
 def rna(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
     """float32 synthetic electron density of the twelve base pairs; the helix rises along z."""
     geometry, scale = placed_grid(size or RNA_SIZE, spacing, FIELD_OF_VIEW)
-    return Phantom(geometry, torch.float32, at_once(lambda: density(rna_atoms(), geometry, scale)))
+    return Phantom(geometry, torch.float32, at_once(lambda: density(rna_atoms(), geometry, scale)), Kind.ATOM_DENSITY)
 
 
 @cache

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
+from volsplat.protocol.kind import Kind
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
@@ -51,7 +52,7 @@ def seismic(size: Index | None = None, spacing: Vector | None = None, seed: int 
     The seed makes other layers.
     """
     geometry, scale = placed_grid(size or SEISMIC_SIZE, spacing, FIELD_OF_VIEW)
-    return Phantom(geometry, torch.float32, _recorded(geometry, scale, seed))
+    return Phantom(geometry, torch.float32, _recorded(geometry, scale, seed), Kind.SEISMIC)
 
 
 def _recorded(geometry: Geometry, scale: float, seed: int) -> Iterator[Tensor]:

@@ -17,6 +17,7 @@ from torch import Tensor
 from volsplat.client.phantoms.centred_grid import Phantom, at_once, centred_geometry
 from volsplat.client.phantoms.molecule import Molecule
 from volsplat.client.phantoms.protein import protein_atoms
+from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Index
 
@@ -37,6 +38,10 @@ OVERSAMPLING = 2  # of the density: reflections beyond the grid then hardly fold
 NARROWEST = 0.6  # steps of that density's grid: no standard deviation of an atom is less
 
 SECTORS, BAND = 8, 32
+PHASE_BANDS = tuple(
+    Band(f"phase {360 * n // SECTORS} to {360 * (n + 1) // SECTORS} degrees", BAND * n, BAND * (n + 1) - 1)
+    for n in range(SECTORS)
+)
 FULL_SHARE = 0.999  # of the reflections: stronger ones have the highest level
 
 
@@ -47,7 +52,8 @@ def reflections(size: Index | None = None, spacing: Vector | None = None, seed: 
     """
     size = size or STRUCTURE_FACTORS_SIZE
     geometry = centred_geometry(size, spacing or (1 / CELL[0], 1 / CELL[1], 1 / CELL[2]))
-    return Phantom(geometry, torch.uint8, at_once(lambda: _banded(structure_factors(size))))
+    values = at_once(lambda: _banded(structure_factors(size)))
+    return Phantom(geometry, torch.uint8, values, Kind.STRUCTURE_FACTORS, PHASE_BANDS)
 
 
 def _banded(factors: Tensor) -> Tensor:

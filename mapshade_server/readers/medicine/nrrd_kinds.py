@@ -7,10 +7,8 @@ from pathlib import Path
 import msgspec
 
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Band, Kind
+from volsplat.protocol.kind import BANDS_KEY, KIND_KEY, Band, Kind
 
-# What volsplat writes into its own phantoms.
-KIND_KEY, BANDS_KEY = "volsplat.kind", "volsplat.bands"
 # NA-MIC's convention for diffusion-weighted images.
 _DIFFUSION = "DWMRI"
 _SEGMENT = re.compile(r"Segment(\d+)_LabelValue")
