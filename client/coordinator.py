@@ -3,7 +3,8 @@
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
 list of instructions that the session carries out. Handlers are found by name: `_handle_<event>` for events,
 `_received_<message>` for messages of servers. Servers may join at any time; those that join after the sub-cubes
-were handed out stay idle. Where a map/shade server is lost, the others draw what is left.
+were handed out stay idle. Where a map/shade server is lost, the others draw what is left. What a server says in its
+turn (see protocol.exchanges) is checked here for what it says: one that tells what cannot be is cut off.
 """
 
 from collections.abc import Iterable
@@ -14,6 +15,7 @@ import msgspec
 from volsplat.client.coordinator_events import (
     AbortAsked,
     AnswerProbe,
+    CutOff,
     EndFrame,
     Event,
     FailSession,
@@ -35,7 +37,7 @@ from volsplat.client.running_frame import RunningFrame
 from volsplat.client.server_states import ServerState, incomplete, missing_boxes
 from volsplat.client.volume_holding import Phase, VolumeHolding
 from volsplat.protocol import messages
-from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame, resolved_order
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Step
@@ -46,7 +48,8 @@ class Coordinator:
 
     def __init__(self) -> None:
         self.servers: dict[int, ServerJoined] = {}  # those that are there
-        self.server_states: dict[int, ServerState] = {}  # all that ever joined; replaced whole, for other threads
+        # Those that are there, and those that were lost with a part of the volume; replaced whole, for other threads.
+        self.server_states: dict[int, ServerState] = {}
         self.holding = VolumeHolding()
         self.frame: RunningFrame | None = None
         self._probes = Probes()
@@ -85,10 +88,11 @@ class Coordinator:
         """Go on without this server where others hold parts of the volume; else the session fails."""
         if self.servers.pop(number, None) is None:
             return []
+        if number != self._splat_server and number not in self._enlisted_workers:
+            self.server_states = {n: state for n, state in self.server_states.items() if n != number}
+            return []
         lost = replace(self.server_states[number], lost=True, cause=cause)
         self._note([lost])
-        if number != self._splat_server and number not in self._enlisted_workers:
-            return []
         if self.holding.volume is None or number == self._splat_server or len(self.holding.boxes) == 1:
             return self._fail(PeerLost(cause))
         held = self.holding.lose(number)
@@ -137,6 +141,8 @@ class Coordinator:
     def _volume_answered(self, event: MessageReceived) -> list[Instruction]:
         try:
             told = self.holding.received(event.server, event.message, event.payload)
+        except RemoteProtocolError as error:
+            return self._cut_off(event.server, str(error))
         except VolsplatError as error:
             return self._fail(error)
         if isinstance(event.message, messages.VolumeDescribed):
@@ -298,16 +304,24 @@ class Coordinator:
         if frame is None or frame.unacknowledged:
             return []
         if not message.complete:
-            return [instruction for worker in message.lost for instruction in self._cut_off(worker)]
+            if not message.lost or not set(message.lost) <= set(self.holding.boxes):
+                said = f"frame {frame.frame} is incomplete for lack of {message.lost or 'nobody'}"
+                return self._cut_off(server, f"{said}, but its workers are {list(self.holding.boxes)}")
+            return [instruction for worker in message.lost for instruction in self._dismiss(worker)]
         frame.splat, frame.drawn_at = message.stats, event.at
         return []
 
-    def _cut_off(self, worker: int) -> list[Instruction]:
+    def _dismiss(self, worker: int) -> list[Instruction]:
         """A worker from which the splat server hears no more counts as lost, whether or not it lives."""
         if worker not in self.servers:
             return []
         cause = f"{self.servers[worker].name} has lost its connection to the splat server"
         return [Send(worker, messages.EndSession()), *self._lose(worker, cause)]
+
+    def _cut_off(self, server: int, fault: str) -> list[Instruction]:
+        """A server that says what cannot be is lost; the session goes on where it does after any other loss."""
+        cause = f"{self.servers[server].name} broke the protocol: {fault}"
+        return [CutOff(server, cause), *self._lose(server, cause)]
 
     def _received_ImageRead(
         self, server: int, message: messages.ImageRead, event: MessageReceived
@@ -315,6 +329,10 @@ class Coordinator:
         frame = self._current(message.frame)
         if frame is None:
             return []
+        wanted = frame.scene.image
+        if (message.width, message.height, message.step) != (wanted.width, wanted.height, frame.step):
+            said = f"the image of frame {frame.frame} is step {message.step}, {message.width} x {message.height} pixels"
+            return self._cut_off(server, f"{said}, not step {frame.step}, {wanted.width} x {wanted.height}")
         image = PublishImage(
             frame.frame, frame.step, message.width, message.height, event.payload, complete=message.complete
         )

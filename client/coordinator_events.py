@@ -118,6 +118,14 @@ class Send:
 
 
 @dataclass(frozen=True)
+class CutOff:
+    """Close the connection to a server that says what cannot be; it counts as lost."""
+
+    server: int
+    cause: str
+
+
+@dataclass(frozen=True)
 class ReportProgress:
     """Tell the person what is going on."""
 
@@ -172,4 +180,4 @@ class FailSession:
     error: VolsplatError
 
 
-Instruction = Send | ReportProgress | PublishVolume | PublishImage | EndFrame | AnswerProbe | FailSession
+Instruction = Send | CutOff | ReportProgress | PublishVolume | PublishImage | EndFrame | AnswerProbe | FailSession

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from volsplat.client.coordinator_events import Instruction, ReportProgress, Send
 from volsplat.protocol import messages
+from volsplat.protocol.errors import RemoteProtocolError
 from volsplat.protocol.messages import Part, ScalarType
 from volsplat.protocol.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.volume_identity import VolumeIdentity
@@ -41,7 +42,13 @@ class Lending:
         return [Send(self.lender, lend)]
 
     def lent(self, message: messages.VolumeLent) -> list[Instruction]:
-        """The lender has it: say what is to come to all others, and ask for the first part for each."""
+        """The lender has it: say what is to come to all others, and ask for the first part for each.
+
+        Raises RemoteProtocolError where it has more or fewer scalars than it described.
+        """
+        described = 1 if self._description.second_scalar is None else 2
+        if len(message.scalar_types) != described:
+            raise RemoteProtocolError(f"it lends {len(message.scalar_types)} scalars of a volume that has {described}")
         told: list[Instruction] = [ReportProgress("handing the volume's parts to the servers")]
         for server, boxes in self._boxes.items():
             if server == self.lender:

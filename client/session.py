@@ -34,6 +34,7 @@ from volsplat.client.coordinator import Coordinator
 from volsplat.client.coordinator_events import (
     AbortAsked,
     AnswerProbe,
+    CutOff,
     EndFrame,
     Event,
     FailSession,
@@ -67,7 +68,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.addresses import LOOPBACK, Address
 from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.connection import Connection, ConnectionClosed
-from volsplat.protocol.errors import BadInput, LocalProtocolError, PeerLost, VolsplatError
+from volsplat.protocol.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.listener import IdCounter, Listener
 from volsplat.protocol.refusals import refusal
@@ -359,6 +360,8 @@ class Session:
                 self._events.put(MessageReceived(peer.id, received.message, received.payload, at))
         except VolsplatError as error:
             cause = str(error)
+            if isinstance(error, RemoteProtocolError):
+                log.warning("%s; the connection is closed", error)
         with self._connections_lock:
             del self._connections[peer.id]
         self._events.put(ServerLost(peer.id, cause))
@@ -380,6 +383,8 @@ class Session:
         match instruction:
             case Send(server, message, payload):
                 self._send(server, message, payload)
+            case CutOff(server, cause):
+                self._cut_off(server, cause)
             case ReportProgress(text):
                 self._on_progress(text)
             case PublishVolume(volume):
@@ -409,6 +414,13 @@ class Session:
             self._events.put(MessageReceived(server, refused, memoryview(b""), time.perf_counter()))
         except VolsplatError as error:
             self._events.put(ServerLost(server, str(error)))
+
+    def _cut_off(self, server: int, cause: str) -> None:
+        log.warning("%s; the connection is closed", cause)
+        with self._connections_lock:
+            connection = self._connections.get(server)
+        if connection is not None:
+            connection.close()
 
     def _fail(self, error: VolsplatError) -> None:
         with self._frames_lock:

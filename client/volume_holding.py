@@ -14,6 +14,7 @@ from volsplat.client.lending import Lending
 from volsplat.client.packing import Packing
 from volsplat.client.stored_levels import StoredLevels
 from volsplat.client.sub_cubes import divided
+from volsplat.client.survey_checks import check_counts, check_survey
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
 from volsplat.protocol.errors import RemoteProtocolError
@@ -80,7 +81,10 @@ class VolumeHolding:
         return hasattr(self, f"_received_{type(message).__name__}")
 
     def received(self, server: int, message: messages.Message, payload: memoryview) -> list[Instruction]:
-        """Take an answer. Raises VolsplatError where the volume cannot be held."""
+        """Take an answer.
+
+        Raises RemoteProtocolError where it tells what cannot be, another VolsplatError where the volume cannot be held.
+        """
         handler = getattr(self, f"_received_{type(message).__name__}")
         instructions: list[Instruction] = handler(server, message, payload)
         return instructions
@@ -243,6 +247,7 @@ class VolumeHolding:
     ) -> list[Instruction]:
         if message.assignment != self.assignment:
             return []
+        check_survey(message.survey, self._voxels_of(server))
         if self.volume is None:
             self._survey = message.survey if self._survey is None else self._survey.joined(message.survey)
         self._pending.discard(server)
@@ -271,10 +276,14 @@ class VolumeHolding:
         if message.assignment != self.assignment:
             return []
         if message.bins != HISTOGRAM_BINS:
-            raise RemoteProtocolError(f"map/shade server {server} counted {message.bins} bins")
+            raise RemoteProtocolError(f"it counted {message.bins} bins, but {HISTOGRAM_BINS} were asked for")
+        check_counts(payload, self._voxels_of(server))
         self._add_counts(payload)
         self._pending.discard(server)
         return [] if self._pending else self._surveyed()
+
+    def _voxels_of(self, server: int) -> int:
+        return sum(box.voxels for box in self.boxes[server])
 
     def _add_counts(self, payload: memoryview) -> None:
         counts = array("q", payload.tobytes())

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from volsplat.protocol.errors import PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.exchanges import EXCHANGES, Exchanges
 from volsplat.protocol.framing import Allocate, Decoder, Received, encode, new_buffer
 from volsplat.protocol.message_rules import Speech
 from volsplat.protocol.messages import Message
@@ -113,10 +114,12 @@ class Connection:
 
         Raises ConnectionClosed where this side has closed it meanwhile.
         """
-        incoming = Speech(Way(peer.role, own_role), server=peer.id if peer.role == Role.DATA_LINK else 0)
+        there, back = Way(own_role, peer.role), Way(peer.role, own_role)
+        exchanges = next((Exchanges(way) for way in (there, back) if way in EXCHANGES), None)
+        incoming = Speech(back, server=peer.id if peer.role == Role.DATA_LINK else 0, exchanges=exchanges)
         with self._inside():
             self._decoder = Decoder(incoming, allocate)
-            self._outgoing = Speech(Way(own_role, peer.role))
+            self._outgoing = Speech(there, exchanges=exchanges)
             self._peer, self.id = peer, own_id
             self._deadline = None
             self._socket.settimeout(None)

@@ -14,6 +14,7 @@ import msgspec
 from volsplat.protocol import greetings, messages
 from volsplat.protocol.closed_tiles import tile_map_bytes
 from volsplat.protocol.errors import LocalProtocolError, RemoteProtocolError
+from volsplat.protocol.exchanges import Exchanges
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.messages import (
     LARGEST_EXTENT,
@@ -154,10 +155,14 @@ LARGEST_PAYLOAD = max(rule.payload.limit for rule in RULES.values() if rule.payl
 class Speech:
     """What may be said in one direction of a connection, from now on. Sender and receiver each keep one."""
 
-    def __init__(self, way: Way | None = None, server: int = 0) -> None:
-        """`way` is None during the handshake. `server`: where not 0, the only worker that batches may name."""
+    def __init__(self, way: Way | None = None, server: int = 0, exchanges: Exchanges | None = None) -> None:
+        """`way` is None during the handshake. `server`: where not 0, the only worker that batches may name.
+
+        `exchanges` are those of the connection, shared by both directions; None on a data link, where nobody asks.
+        """
         self.way = way
         self.server = server
+        self._exchanges = exchanges
         self.phase = Phase.GREETING if way is None else Phase.OPEN
 
     def payload_bytes(self, message: Message) -> int:
@@ -169,6 +174,8 @@ class Speech:
             raise ValueError(f"{name} came from {self.way}, but it goes from {' or '.join(map(str, rule.ways))}")
         if isinstance(message, Batch) and self.server not in (0, message.worker):
             raise ValueError(f"Batch.worker is {message.worker}, but this data link is of worker {self.server}")
+        if self._exchanges is not None:
+            self._exchanges.check(message)
         if rule.payload is None:
             return 0
         announced = rule.payload.announced(message)
@@ -178,6 +185,8 @@ class Speech:
 
     def said(self, message: Message) -> None:
         """The message is over: move on."""
+        if self._exchanges is not None:
+            self._exchanges.said(message)
         if RULES[type(message)].ends:
             self.phase = Phase.ENDED
 

@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from volsplat.protocol.exchanges import EXCHANGES, State
 from volsplat.protocol.handshake import BEGIN, TRANSITIONS, Side
 from volsplat.protocol.message_rules import RULES, Phase
 
@@ -35,10 +36,29 @@ def message_table() -> str:
     return "\n".join(lines)
 
 
+def exchange_table() -> str:
+    """What may be said once a connection is open: the states of each exchange, and where its answers lead."""
+    lines = [
+        "| from the client to a | request | named by | may wait | state | answer | then |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for way, kinds in EXCHANGES.items():
+        for request, kind in kinds.items():
+            named_by = " and ".join(kind.named_by) or "its place"
+            waits = f"the newest {kind.at_once}" if kind.newest else str(kind.at_once)
+            for state, leads in kind.answers.items():
+                for answer, after in leads.items():
+                    first = state is State.ASKED
+                    head = [str(way.receiver), request.__name__, named_by, waits] if first else [""] * 4
+                    lines.append(f"| {' | '.join([*head, state.value, answer.__name__, after.value])} |")
+    return "\n".join(lines)
+
+
 PICTURES: dict[str, Callable[[], str]] = {
     "dialler": lambda: handshake_picture(Side.DIALLER),
     "accepter": lambda: handshake_picture(Side.ACCEPTER),
     "messages": message_table,
+    "exchanges": exchange_table,
 }
 
 _PLACE = re.compile(r"(<!-- picture: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)

@@ -142,8 +142,8 @@ def test_messages_go_both_ways_and_each_side_knows_the_other(host: str) -> None:
             assert (far.peer.data_host, far.peer.data_port) == (LOOPBACK, 7001)
             assert (near.peer.role, near.peer.id, near.id, near.peer.version) == (Role.CLIENT, 0, 1, 1)
             assert re.fullmatch(rf"splat server 1 \(node7\) {CALLERS[host]}", str(far.peer))
-            far.send(AbortFrame(3))
-            assert expect(near) == AbortFrame(3)
+            far.send(messages.ReadImage(7))
+            assert expect(near) == messages.ReadImage(7)
             image, pixels = SAMPLES[messages.ImageRead]
             near.send(image, pixels)
             received = far.receive()

@@ -37,7 +37,7 @@ from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.levels import Prepared
 from volsplat.protocol.machine import this_machine
 from volsplat.protocol.roles import Role
-from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
+from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Scene, Step, View
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 
 SPLAT, FIRST, SECOND = 1, 2, 3
@@ -49,7 +49,7 @@ JOINS: list[Event] = [
     ServerJoined(SECOND, Role.MAPSHADE_SERVER, "map/shade server 3", "node3", NO_DATA),
 ]
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
-SCENE = preset_scene("ct-skin")
+SCENE = msgspec.structs.replace(preset_scene("ct-skin"), image=Image(width=1, height=1))
 DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint16")
 SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 1, this_machine())
 MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 0.0, 0.0, 0.0, 0.0, 1, this_machine())
@@ -63,10 +63,17 @@ def sent(instructions: list[Instruction]) -> list[tuple[int, type]]:
     return [(i.server, type(i.message)) for i in instructions if isinstance(i, Send)]
 
 
-def counted(server: int) -> MessageReceived:
+def counted(server: int, voxels: int = 360) -> MessageReceived:
     counts = array("q", bytes(8 * HISTOGRAM_BINS))
-    counts[7] = 360
+    counts[7] = voxels
     return said(server, messages.HistogramsCounted(1, HISTOGRAM_BINS), counts.tobytes() * 2)
+
+
+def read_by(coordinator: Coordinator, server: int) -> MessageReceived:
+    """What a server says once it has read what it is to hold."""
+    voxels = sum(box.voxels for box in coordinator.holding.boxes[server])
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=voxels, no_data=0)
+    return said(server, messages.SubCubesRead(coordinator.holding.assignment, survey, 2 * voxels, 0.1))
 
 
 def surveyed() -> Coordinator:
@@ -523,10 +530,9 @@ def test_one_server_reads_for_all_and_each_gets_one_part_at_a_time(monkeypatch: 
     boxes = coordinator.holding.boxes
     assert got == {server: boxes[server][0].grown(1, (8, 9, 10)).voxels for server in (SECOND, THIRD)}
     assert ends == [(FIRST, messages.ReadSubCubes)]
-    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=240, no_data=0)
     for server in (THIRD, FIRST):
-        assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
-    counts = coordinator.handle(said(SECOND, messages.SubCubesRead(1, survey, 720, 0.1)))
+        assert coordinator.handle(read_by(coordinator, server)) == []
+    counts = coordinator.handle(read_by(coordinator, SECOND))
     assert {kind for _, kind in sent(counts)} == {messages.CountHistograms}
 
 
@@ -541,11 +547,10 @@ def test_a_single_server_reads_for_itself() -> None:
 def lending_again() -> Coordinator:
     """The volume was drawn once and is read again for another window."""
     coordinator = lending()
-    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=240, no_data=0)
     for server in (FIRST, SECOND, THIRD):
-        coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1)))
+        coordinator.handle(read_by(coordinator, server))
     for server in (FIRST, SECOND, THIRD):
-        coordinator.handle(counted(server))
+        coordinator.handle(counted(server, 200))
     coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=False))
     for server in (FIRST, SECOND, THIRD):
         coordinator.handle(said(server, messages.VoxelsPacked(1, 240, 960, 0.1)))
@@ -577,7 +582,7 @@ def test_lending_goes_on_without_the_receivers_that_are_lost(lent_before: bool) 
         assert (FIRST, messages.ReadSubCubes) in sent(told)
     for part in late:
         assert coordinator.handle(said(FIRST, messages.PartRead(2, part), bytes(2 * part.box.voxels))) == []
-    coordinator.handle(said(FIRST, messages.SubCubesRead(2, Survey(0.0, 1.0, 1.0, 240, 0), 720, 0.1)))
+    coordinator.handle(read_by(coordinator, FIRST))
     assert coordinator.holding.settled
 
 

@@ -398,12 +398,21 @@ def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
 
 def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(bench: Bench) -> None:
     token, events = new_token(), list[str]()
-    sent = threading.Event()
+    sent, failed = threading.Event(), threading.Event()
+
+    def fail(error: VolsplatError) -> None:
+        events.append(str(error))
+        failed.set()
+
     with Listener(Role.CLIENT, token) as clients:
         client = connect(clients.address, new_hello(Role.SPLAT_SERVER, data_port=1), token, Role.CLIENT)
         control = clients.accept(PATIENCE)
         assert control is not None
-        outbox = Outbox(client, image_sent=sent.set, failed=lambda error: events.append(str(error)))
+        outbox = Outbox(client, image_sent=sent.set, failed=fail)
+        aborts = [messages.AbortFrame(frame) for frame in range(2, 30)]
+        for request in (messages.ReadImage(1), *aborts):
+            control.send(request)
+            client.receive()
         pixels = bytes(2048 * 2048 * 16)  # far more than sockets buffer
         outbox.post_image(messages.ImageRead(1, Step.F, True, 2048, 2048), pixels)
         outbox.post(messages.FrameAborted(2))
@@ -413,8 +422,9 @@ def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(
         assert abort is not None and abort.message == messages.FrameAborted(2)
         assert sent.wait(PATIENCE) and not outbox.holds_image
         control.close()
-        while not events:
-            outbox.post(messages.FrameAborted(3))
+        for abort_of in aborts[1:]:
+            outbox.post(messages.FrameAborted(abort_of.frame))
+        failed.wait(PATIENCE)
         assert "is gone" in events[0]
         client.close()
         outbox.close()

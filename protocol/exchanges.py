@@ -1,0 +1,174 @@
+"""What may be said in an open connection between the client and a server, and when.
+
+The client asks, a server answers: each request opens an exchange, and a server says nothing outside of one. The table
+below holds every exchange; the one in docs/protocol.md is drawn from it. Both ends keep the exchanges of their
+connection, so that a message out of turn ends that connection (see connection) and reaches nobody.
+
+A server works through its requests in order (probes aside). So what it answers of one frame, or of one assignment of
+sub-cubes, ends all exchanges about older ones.
+"""
+
+import threading
+from collections import deque
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from enum import Enum
+
+from volsplat.protocol import messages
+from volsplat.protocol.messages import MAX_SERVERS, Message
+from volsplat.protocol.printable import printable
+from volsplat.protocol.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, Way
+
+RISING = ("frame", "assignment")  # ids that order what they name
+PROBES_AT_ONCE = 1024
+PARTS_AT_ONCE = 4  # each brings its values along
+OTHERS_AT_ONCE = 64
+
+
+class State(Enum):
+    ASKED = "asked"
+    FINISHED = "finished"  # the frame is; its image follows
+    OVER = "over"
+
+
+Answers = Mapping[State, Mapping[type[Message], State]]  # which may come in a state, and where they lead
+
+
+@dataclass(frozen=True)
+class Exchange:
+    """A kind of request, and what may be answered to it. Refused ends any."""
+
+    named_by: tuple[str, ...]  # the fields that tell exchanges of this kind apart, in the request and its answers
+    answers: Answers
+    at_once: int = OTHERS_AT_ONCE  # so many may wait for an answer …
+    newest: bool = False  # … or else the oldest is forgotten: newer ones take the place of older ones
+
+
+def _answered_by(answer: type[Message]) -> Answers:
+    return {State.ASKED: {answer: State.OVER}}
+
+
+EXCHANGES: dict[Way, dict[type[Message], Exchange]] = {
+    CLIENT_TO_MAPSHADE: {
+        messages.DescribeVolume: Exchange((), _answered_by(messages.VolumeDescribed)),
+        messages.ReadSubCubes: Exchange(("assignment",), _answered_by(messages.SubCubesRead)),
+        messages.LendVolume: Exchange(("assignment",), _answered_by(messages.VolumeLent)),
+        messages.ReadPart: Exchange(("assignment", "part"), _answered_by(messages.PartRead), at_once=MAX_SERVERS),
+        messages.AwaitParts: Exchange(("assignment",), _answered_by(messages.SubCubesRead)),
+        messages.HoldPart: Exchange(("assignment",), _answered_by(messages.PartHeld), at_once=PARTS_AT_ONCE),
+        messages.CountHistograms: Exchange(("assignment",), _answered_by(messages.HistogramsCounted)),
+        messages.PackVoxels: Exchange(("assignment",), _answered_by(messages.VoxelsPacked)),
+        messages.DescribeMachine: Exchange((), _answered_by(messages.MachineDescribed)),
+        messages.OpenPackets: Exchange(
+            ("assignment",), _answered_by(messages.VoxelsPacked), at_once=MAX_SERVERS, newest=True
+        ),
+        messages.ConnectToSplatServers: Exchange((), _answered_by(messages.ConnectedToSplatServers)),
+        messages.RenderFrame: Exchange(
+            ("frame",), _answered_by(messages.FrameMapped), at_once=MAX_SERVERS, newest=True
+        ),
+        messages.AbortFrame: Exchange(("frame",), _answered_by(messages.FrameAborted), at_once=MAX_SERVERS),
+        messages.ProbeVoxels: Exchange(("probe",), _answered_by(messages.VoxelProbed), at_once=PROBES_AT_ONCE),
+    },
+    CLIENT_TO_SPLAT: {
+        messages.ReadImage: Exchange(("frame",), _answered_by(messages.ImageRead), at_once=MAX_SERVERS, newest=True),
+        messages.RenderFrame: Exchange(
+            ("frame",),
+            {
+                State.ASKED: {messages.FrameFinished: State.FINISHED},
+                State.FINISHED: {messages.ImageRead: State.OVER},
+            },
+            at_once=MAX_SERVERS,
+            newest=True,
+        ),
+        messages.AbortFrame: Exchange(("frame",), _answered_by(messages.FrameAborted), at_once=MAX_SERVERS),
+    },
+}
+
+
+@dataclass
+class _Open:
+    """An exchange that is not over."""
+
+    name: tuple[object, ...]  # values of the fields that name it
+    state: State = State.ASKED
+
+
+class Exchanges:
+    """Those of one connection. Any thread may call it."""
+
+    def __init__(self, asking: Way) -> None:
+        """`asking` is the way that the requests go."""
+        self._kinds = EXCHANGES[asking]
+        self._lock = threading.Lock()  # guards what follows
+        self._open: dict[type[Message], deque[_Open]] = {kind: deque() for kind in self._kinds}  # oldest first
+
+    def check(self, message: Message) -> None:
+        """Raises ValueError for a message that is out of turn."""
+        with self._lock:
+            if type(message) in self._kinds:
+                self._check_request(type(message))
+            elif not isinstance(message, messages.EndSession):
+                self._find(message)
+
+    def said(self, message: Message) -> None:
+        """A message that has passed the check: move on."""
+        with self._lock:
+            kind = self._kinds.get(type(message))
+            if kind is not None:
+                waiting = self._open[type(message)]
+                waiting.append(_Open(_name(message, kind.named_by)))
+                if len(waiting) > kind.at_once:
+                    waiting.popleft()
+            elif not isinstance(message, messages.EndSession):
+                self._answered(message)
+
+    def _check_request(self, request: type[Message]) -> None:
+        kind, waiting = self._kinds[request], len(self._open[request])
+        if waiting >= kind.at_once and not kind.newest:
+            raise ValueError(f"{request.__name__} came while {waiting} before it wait for an answer, which is too many")
+
+    def _answered(self, answer: Message) -> None:
+        request, exchange, state = self._find(answer)
+        exchange.state = state
+        if state is State.OVER:
+            self._open[request].remove(exchange)
+        for key in RISING:
+            if newest := getattr(answer, key, 0):
+                self._forget_older(key, newest)
+
+    def _forget_older(self, key: str, newest: int) -> None:
+        for request, kind in self._kinds.items():
+            if kind.named_by[:1] == (key,):
+                waiting = self._open[request]
+                while waiting and waiting[0].name[0] < newest:  # type: ignore[operator]  # it is an id
+                    waiting.popleft()
+
+    def _find(self, answer: Message) -> tuple[type[Message], _Open, State]:
+        """The exchange in which this is an answer, and the state that it leads to. Raises ValueError for none."""
+        for request, exchange, state in self._answerable(answer):
+            named_by = self._kinds[request].named_by
+            known = [n for n, key in enumerate(named_by) if hasattr(answer, key)]  # Refused names no part
+            if all(exchange.name[n] == getattr(answer, named_by[n]) for n in known):
+                return request, exchange, state
+        raise ValueError(f"{_told(answer)} came unasked")
+
+    def _answerable(self, answer: Message) -> Iterator[tuple[type[Message], _Open, State]]:
+        """Open exchanges in which a message of this kind may come."""
+        for request, kind in self._kinds.items():
+            for exchange in self._open[request]:
+                if isinstance(answer, messages.Refused):
+                    if answer.request == request.__name__:
+                        yield request, exchange, State.OVER
+                elif (state := kind.answers[exchange.state].get(type(answer))) is not None:
+                    yield request, exchange, state
+
+
+def _name(message: Message, named_by: tuple[str, ...]) -> tuple[object, ...]:
+    return tuple(getattr(message, key) for key in named_by)
+
+
+def _told(answer: Message) -> str:
+    """An answer for a person: its kind, and the ids that it carries."""
+    ids = [f"{key}={id}" for key in ("frame", "assignment", "probe") if (id := getattr(answer, key, 0))]
+    of = [f"request={printable(answer.request)[:40]}"] if isinstance(answer, messages.Refused) else []
+    return type(answer).__name__ + (f" ({', '.join(of + ids)})" if of or ids else "")
