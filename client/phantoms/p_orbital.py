@@ -22,7 +22,7 @@ from volsplat.protocol.matrices import Vector
 from volsplat.protocol.volume import Geometry, Index
 
 P_ORBITAL_SIZE: Index = (64, 64, 64)
-FIELD_OF_VIEW: Vector = (6.0, 6.0, 6.0)  # Å; holds all but a few thousandths of the electron
+FIELD_OF_VIEW: Vector = (4.2, 4.2, 6.0)  # Å; holds all but a few thousandths of the electron
 BOHR = 0.529177  # Å
 BOND_LENGTH = 2.0512  # Å
 HELMHOLZ_FACTOR = 1.75
@@ -91,8 +91,13 @@ def bonding_coefficients() -> tuple[float, ...]:
 
 
 def p_orbital(size: Index | None = None, spacing: Vector | None = None, seed: int = 0) -> Phantom:
-    """float32 probability of finding an electron of the bond, per cubic Å; chlorine at -z, copper at +z."""
-    geometry, scale = placed_grid(size or P_ORBITAL_SIZE, spacing, FIELD_OF_VIEW)
+    """float32 probability of finding an electron of the bond, per cubic Å; chlorine at -z, copper at +z.
+
+    Without a spacing the grid fills the field of view, with finer steps across the bond than along it.
+    """
+    size = size or P_ORBITAL_SIZE
+    i, j, k = (length / count for length, count in zip(FIELD_OF_VIEW, size, strict=True))
+    geometry, scale = placed_grid(size, spacing or (i, j, k), FIELD_OF_VIEW)
     return Phantom(geometry, torch.float32, _probability(geometry, 1 / (scale * BOHR)), Kind.ELECTRON_DENSITY)
 
 
