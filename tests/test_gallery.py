@@ -12,8 +12,8 @@ import torch
 from arbitrary import plain_scene
 from programs import Person
 
-from volsplat.client.gallery.drawing import Drawn, check_places, draw_gallery, plate_sheet, sized
-from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, PlateImage, scene_path
+from volsplat.client.gallery.drawing import Drawn, check_places, draw_gallery, label, plate_sheet, sized
+from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, DataSet, PlateImage, scene_path
 from volsplat.client.image_file import read_image, read_properties, read_scene
 from volsplat.client.phantoms import PHANTOMS, make_phantom
 from volsplat.client.picture_sheet import PAPER
@@ -61,8 +61,7 @@ def test_every_scene_file_is_of_some_image() -> None:
     assert used == set(SCENES.rglob("*.toml"))
 
 
-@pytest.mark.parametrize("pair", ["galaxy", "seismic"])
-@pytest.mark.parametrize("measured", [False, True])
+@pytest.mark.parametrize(("pair", "measured"), [("galaxy", False), ("galaxy", True), ("seismic", False)])
 def test_only_a_rotation_tells_the_two_views_apart(pair: str, measured: bool) -> None:
     first, second = scene_of(f"{pair}-1", measured), scene_of(f"{pair}-2", measured)
     assert first.view.rotation != second.view.rotation
@@ -163,6 +162,14 @@ def test_a_plate_says_below_each_image_what_it_was_made_of() -> None:
     assert labelled.shape[0] > plain.shape[0]
     strips = labelled[300 + 60 :][: labelled.shape[0] - plain.shape[0] + 24]
     assert strips.max() > 2 * PAPER
+
+
+@pytest.mark.parametrize("measured", [False, True])
+@pytest.mark.parametrize("data_set", dict.fromkeys(image.data for image in IMAGES), ids=lambda one: one.phantom)
+def test_a_label_says_what_a_volume_is_and_its_size(data_set: DataSet, measured: bool) -> None:
+    text = label(data_set, measured, (96, 128, 113))
+    assert text.startswith(data_set.measured_label if measured else data_set.phantom_label)
+    assert text.endswith(", 96 x 128 x 113") and text.count(" x ") == 2
 
 
 # With measured volumes.

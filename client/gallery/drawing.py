@@ -20,6 +20,7 @@ from volsplat.client.scene_file import read_scene_file
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Scene
+from volsplat.protocol.volume import Index
 
 COLUMNS = 2
 
@@ -92,7 +93,6 @@ def _drawn(
 ) -> Iterator[PlateImage]:
     """Draws and writes all images of a volume, and gives each when it is in `drawn`."""
     measured = data is not None and bool(data_set.measured) and (data / data_set.measured).exists()
-    label = data_set.measured_label if measured else data_set.phantom_label
     with _volume(data_set, data if measured else None, say) as volume, opened(volume) as renderer:
         for image in IMAGES:
             if image.data != data_set:
@@ -101,8 +101,16 @@ def _drawn(
             finished = renderer.finish(scene, image.step).image
             properties = image_properties(renderer.volume.description, scene)
             write_image(image_path(folder, image), finished, scene, properties)
-            drawn[image.name] = Drawn(over_background(finished, scene.image.background), label)
+            pixels_shown = over_background(finished, scene.image.background)
+            dims = renderer.volume.description.geometry.dims
+            drawn[image.name] = Drawn(pixels_shown, label(data_set, measured, dims))
             yield image
+
+
+def label(data_set: DataSet, measured: bool, dims: Index) -> str:
+    """What stands below an image: which volume it shows, and its size."""
+    named = data_set.measured_label if measured else data_set.phantom_label
+    return f"{named}, {' x '.join(map(str, dims))}"
 
 
 @contextmanager

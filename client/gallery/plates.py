@@ -11,7 +11,10 @@ SCENES = Path(__file__).parent / "scenes"
 
 @dataclass(frozen=True)
 class DataSet:
-    """One of the paper's volumes: the measured one that stands for it, if any, and the phantom where that is absent."""
+    """One of the paper's volumes: the measured one that stands for it, if any, and the phantom where that is absent.
+
+    Labels say what a volume is; its size is added when it is opened.
+    """
 
     phantom: str
     phantom_label: str
@@ -43,41 +46,38 @@ class Plate:
 
 HEAD = DataSet(
     phantom="head",
-    phantom_label="head phantom, 96 x 128 x 113",
+    phantom_label="head phantom",
     measured="ct_head/ct_head_96x128x113.nrrd",
-    measured_label="CT of a head (UNC), 96 x 128 x 113",
+    measured_label="CT of a head (UNC)",
 )
-ORBITAL = DataSet(phantom="p-orbital", phantom_label="sigma bond of CuCl, computed, 64 x 64 x 64")
+ORBITAL = DataSet(phantom="p-orbital", phantom_label="sigma bond of CuCl, computed")
 RNA = DataSet(
     phantom="rna",
-    phantom_label="RNA phantom: two stacked arms, 64 x 64 x 64",
+    phantom_label="RNA phantom: two stacked arms",
     measured="trna/1ehz.pdb",
     measured_label="tRNA-Phe of yeast (1EHZ), density from its atoms",
 )
 PROTEIN = DataSet(
     phantom="protein",
-    phantom_label="protein phantom: helices of a globin, 64 x 64 x 64",
+    phantom_label="protein phantom: helices of a globin",
     measured="hemoglobin/4HHB.pdb",
     part="elements",
     measured_label="human hemoglobin (4HHB), elements from its atoms",
 )
 STRUCTURE_FACTORS = DataSet(
     phantom="structure-factors",
-    phantom_label="crystal of the protein phantom, 64 x 64 x 64",
+    phantom_label="crystal of the protein phantom",
+    measured="sod/1JK9_l_u.pdb",
+    part="frequency,3",
+    measured_label="yeast superoxide dismutase (1JK9), from its atoms",
 )
 GALAXY = DataSet(
     phantom="galaxy",
-    phantom_label="galaxy phantom, 100 x 100 x 80",
+    phantom_label="galaxy phantom",
     measured="galaxy/ngc6946.fits",
-    measured_label="NGC 6946, neutral hydrogen (WSRT), 100 x 100 x 101",
+    measured_label="NGC 6946, neutral hydrogen (WSRT)",
 )
-SEISMIC = DataSet(
-    phantom="seismic",
-    phantom_label="seismic phantom: folds and faults, 64 x 64 x 64",
-    measured="seismic/f3.sgy",
-    part="velocity=4000",
-    measured_label="F3, North Sea, 23 x 18 x 75, heights doubled",
-)
+SEISMIC = DataSet(phantom="seismic", phantom_label="seismic phantom: folds and faults")
 
 
 def _step(step: Step) -> PlateImage:
