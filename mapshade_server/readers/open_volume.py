@@ -24,6 +24,7 @@ from volsplat.mapshade_server.readers.medicine import (
     analyze,
     dicom_series,
     metaimage,
+    mgh,
     nifti,
     nrrd,
     tiff_folder,
@@ -71,6 +72,7 @@ FORMATS = (
     VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises, gzip=True),
     VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises, gzip=True),
     VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",), gzip=True),
+    VolumeFormat("FreeSurfer (.mgh, .mgz)", mgh.open_mgh, extensions=mgh.EXTENSIONS, gzip=True),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
