@@ -1,27 +1,57 @@
-"""Ctrl-C at a moment when the exception that it raises could be lost."""
+"""Ctrl-C, and being told to end, at a moment when the exception that it raises could be lost."""
 
+import os
 import signal
+import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
+ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+LONGEST_IMPORT_SECONDS = 1.0  # that whoever wants the program to end is made to wait for
+
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Ctrl-C within waits for the end of the block, and is raised there.
+def interrupts_held(on_signal: Callable[[], None] | None = None) -> Iterator[None]:
+    """Ctrl-C and its like within wait for the end of the block, and are raised there.
 
-    For imports of large libraries: what a module catches while it loads can be a KeyboardInterrupt.
+    Without `on_signal` the block imports large libraries: what a module catches while it loads can be a
+    KeyboardInterrupt. Where that goes on for LONGEST_IMPORT_SECONDS the process ends at once; its servers notice.
+    With it, it is called when a signal comes, and sees to it that the block ends.
     """
-    before = signal.getsignal(signal.SIGINT)
-    if threading.current_thread() is not threading.main_thread() or not callable(before):
+    before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}
+    held = {number: handler for number, handler in before.items() if callable(handler)}
+    if threading.current_thread() is not threading.main_thread() or not held:
         yield  # it is not raised here, or ends the process without a word
         return
-    came: list[FrameType | None] = []
-    signal.signal(signal.SIGINT, lambda number, frame: came.append(frame))
+    came: list[tuple[int, FrameType | None]] = []
+    ended = threading.Event()
+
+    def hold(number: int, frame: FrameType | None) -> None:
+        came.append((number, frame))
+        if on_signal is not None:
+            on_signal()
+        elif len(came) == 1:
+            threading.Thread(target=_end_unless, args=(ended, number), name="end", daemon=True).start()
+
+    for number in held:
+        signal.signal(number, hold)
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        ended.set()
+        for number, handler in held.items():
+            signal.signal(number, handler)
         if came:
-            before(signal.SIGINT, came[0])
+            first, frame = came[0]
+            handler = held[signal.Signals(first)]
+            assert callable(handler)
+            handler(first, frame)
+
+
+def _end_unless(ended: threading.Event, number: int) -> None:
+    if not ended.wait(LONGEST_IMPORT_SECONDS):
+        if number == signal.SIGINT:
+            print("volsplat: interrupted", file=sys.stderr, flush=True)
+        os._exit(128 + number)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import socket
 from contextlib import nullcontext
@@ -17,8 +18,10 @@ from volsplat.client.opened_volume import ignored, memory_option, opened, server
 from volsplat.client.presets import PRESETS
 from volsplat.client.render_options import SceneOptions
 from volsplat.client.session import Session
+from volsplat.client.terminal_watch import ended_with_its_reader
 from volsplat.client.ui.browser_tab import BrowserTab
 from volsplat.client.ui.page_address import PageAddress
+from volsplat.client.ui.port_holder import port_holder
 from volsplat.protocol.addresses import LOOPBACK
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.plain_console import PlainConsole
@@ -63,8 +66,9 @@ def view(
 ) -> None:
     """Show VOLUME in the browser: turn, cut and re-colour it while it refines.
 
-    The page is served to this machine alone, at an address with a token; from elsewhere, forward its port:
-    ssh -L PORT:localhost:PORT machine. Ctrl-C ends everything.
+    The page is served to this machine alone, and to nobody without the token of the address that is printed. From
+    elsewhere, forward its port: ssh -t -L PORT:localhost:PORT machine volsplat view VOLUME --no-browser --port PORT.
+    Ctrl-C ends everything, and so does the end of the terminal.
     """
     _need_extra()
     options = SceneOptions(scene=scene, preset=preset)
@@ -73,7 +77,7 @@ def view(
         check_is_there(volume)
     servers = servers_from_options(workers, listen, token_file, memory=memory)
     console = PlainConsole(stderr=True)
-    with _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE):
+    with ended_with_its_reader(), _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE):
         address = PageAddress(bound)
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored) as session:
@@ -97,7 +101,7 @@ def _serve(
     first = options.scene_of(session.volume)
     if options.scene is None:
         first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
-    viewing = opened_viewing(session, first, address.url)
+    viewing = opened_viewing(session, first)
     application = Application(viewing, page, address, grace)
 
     def ready() -> None:
@@ -127,5 +131,6 @@ def _bound(port: int) -> socket.socket:
         bound.bind((LOOPBACK, port))
     except OSError as error:
         bound.close()
-        raise BadInput(f"--port {port}: {error.strerror}; choose another, or leave it out") from error
+        why = port_holder(port) if error.errno == errno.EADDRINUSE else error.strerror
+        raise BadInput(f"--port {port}: {why}; or choose another port, or leave it out") from error
     return bound

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from playwright.sync_api import Browser, Page
     from starlette.types import ASGIApp
 
+_POLICY = "Content Security Policy"
+
 STATIC = Path(volsplat.client.ui.__file__).parent / "static"
 """The page's own modules and style sheets."""
 
@@ -41,11 +43,12 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def browser_page(browser: Browser) -> Iterator[Page]:
-    """An empty tab of 1280x800. The test fails where a script of the page fails."""
+    """An empty tab of 1280x800. The test fails where a script of the page fails, or breaks the page's own policy."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     page = context.new_page()
     failures: list[str] = []
     page.on("pageerror", lambda error: failures.append(f"{error.message}\n{error.stack}"))
+    page.on("console", lambda told: failures.append(told.text) if _POLICY in told.text else None)
     yield page
     context.close()
     assert not failures, "a script of the page failed:\n" + "\n".join(failures)

@@ -96,7 +96,7 @@ def application(viewing: Viewing) -> FastAPI:
 def main(volume: str) -> None:
     with Session(volume, workers=2) as session, socket.create_server(("127.0.0.1", 0)) as listener:
         url = f"http://127.0.0.1:{listener.getsockname()[1]}"
-        viewing = opened_viewing(session, session.default_scene(), url)
+        viewing = opened_viewing(session, session.default_scene())
         server = uvicorn.Server(uvicorn.Config(application(viewing), log_level="warning"))
         print(url, flush=True)
         server.run(sockets=[listener])

@@ -238,10 +238,11 @@ def test_a_copied_link_restores_the_scene(view: Viewed, page: Page) -> None:
     page.get_by_text("copy a link").click()
     page.get_by_text("copied").wait_for()
     link = page.evaluate("() => navigator.clipboard.readText()")
-    assert link.startswith(view.url)
+    assert link.startswith(f"http://127.0.0.1:{view.port}/?scene=") and "token" not in link
     after(page, lambda: drag(page, -99, 10))
     opened(page, link)
     assert torch.equal(canvas(page), seen)
+    assert httpx.get(link).status_code == 403  # it opens the page to nobody
     page.goto(view.url + "&scene=AAAA")
     page.get_by_text("this link holds no").wait_for()
 

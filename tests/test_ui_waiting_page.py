@@ -40,6 +40,38 @@ def opened_addresses(person: Person) -> list[str]:
     return path.read_text().splitlines()
 
 
+def test_no_command_line_holds_what_opens_the_page(person: Person, browser_page: Page) -> None:
+    words, _ = listening(person)
+    view = person.starts(*words)
+    try:
+        (address,) = opened_addresses(person)
+        redirect = Path(address.removeprefix("file://"))
+        assert redirect.stat().st_mode & 0o777 == 0o600
+        assert view.stderr is not None
+        browser_page.goto(address)
+        browser_page.get_by_text("waiting for servers").wait_for()
+        assert not redirect.exists()
+        assert "token" not in browser_page.url
+        view.send_signal(signal.SIGINT)
+        view.communicate(timeout=TIME_LIMIT)
+    finally:
+        view.kill()
+        view.communicate()
+
+
+def test_a_redirect_file_that_nobody_opened_is_gone_at_the_end(person: Person) -> None:
+    words, _ = listening(person)
+    view = person.starts(*words)
+    try:
+        (address,) = opened_addresses(person)
+        view.send_signal(signal.SIGTERM)
+        view.communicate(timeout=TIME_LIMIT)
+    finally:
+        view.kill()
+        view.communicate()
+    assert not Path(address.removeprefix("file://")).exists()
+
+
 def listening(person: Person) -> tuple[list[str], str]:
     """A command's words that lets it wait for servers, and where it waits."""
     with socket.create_server(("127.0.0.1", 0)) as free:
@@ -74,10 +106,10 @@ def test_nothing_is_told_without_the_token_and_ctrl_c_ends_it(person: Person, br
         (address,) = opened_addresses(person)
         browser_page.goto(address)
         browser_page.get_by_text("waiting for servers").wait_for()
-        bare = address.partition("?")[0]
+        bare = browser_page.url
         for url in (bare, f"{bare}waiting", f"{bare}?token=wrong", f"{bare}waiting?token="):
             refused = httpx.get(url)
-            assert (refused.status_code, refused.content) == (403, b"")
+            assert refused.status_code == 403 and "waiting for" not in refused.text
         view.send_signal(signal.SIGINT)
         view.communicate(timeout=TIME_LIMIT)
         browser_page.get_by_text("volsplat has ended; its terminal tells why").wait_for()
@@ -86,15 +118,16 @@ def test_nothing_is_told_without_the_token_and_ctrl_c_ends_it(person: Person, br
         view.communicate()
 
 
-def test_a_volume_that_is_there_at_once_is_opened_once(person: Person) -> None:
+def test_a_volume_that_is_there_at_once_is_opened_once(person: Person, browser_page: Page) -> None:
     view = person.starts("view", "head.nrrd", "--workers", "1")
     try:
         (address,) = opened_addresses(person)
         assert view.stderr is not None
         said = ""
-        while address not in said:  # the page is served
+        while "token=" not in said:  # the page is served
             said += view.stderr.readline()
-        assert "head.nrrd" in httpx.get(address, follow_redirects=True).text
+        browser_page.goto(address)
+        browser_page.get_by_text("head.nrrd").first.wait_for()
         view.send_signal(signal.SIGINT)
         view.communicate(timeout=TIME_LIMIT)
         assert opened_addresses(person) == [address]

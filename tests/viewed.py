@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import parse_qs, urlsplit
+from urllib.parse import urlsplit
 
 import httpx
 import psutil
@@ -38,12 +38,9 @@ class Viewed:
         return port
 
     @property
-    def token(self) -> str:
-        return parse_qs(urlsplit(self.url).query)["token"][0]
-
-    @property
     def cookie(self) -> str:
-        return f"volsplat-{self.port}={self.token}"
+        """What a browser gets for the token."""
+        return httpx.get(self.url, timeout=TIME_LIMIT).headers["set-cookie"].partition(";")[0]
 
     def page(self) -> str:
         """The page's HTML."""
@@ -55,9 +52,10 @@ class Viewed:
         return [server for server in self.person.servers() if "volsplat.mapshade_server" in server.cmdline()]
 
     @contextmanager
-    def viewport(self, tab: str, port: int | None = None) -> Iterator[Viewport]:
+    def viewport(self, tab: str, port: int | None = None, **headers: str) -> Iterator[Viewport]:
         address = f"ws://127.0.0.1:{port or self.port}/viewport?tab={tab}"
-        with connect(address, additional_headers={"Cookie": self.cookie}, max_size=None) as socket:
+        cookie = self.cookie.replace(f"volsplat-{self.port}=", f"volsplat-{port or self.port}=")
+        with connect(address, additional_headers={"Cookie": cookie, **headers}, max_size=None) as socket:
             yield Viewport(socket)
 
 

@@ -4,29 +4,45 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
+from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
+from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
+from volsplat.client.interrupts import interrupts_held
 from volsplat.client.ui.gate import Gate
 from volsplat.client.ui.loss_watch import watch_for_losses
 from volsplat.client.ui.page_address import PageAddress
-from volsplat.client.ui.saving import SCENE_PARAMETER, scene_from_link
+from volsplat.client.ui.page_policy import ScriptNonces, StrictHeaders
+from volsplat.client.ui.saving import LARGEST_SCENE_FILE, SCENE_PARAMETER, scene_from_link
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.ui.viewport_link import serve_viewport
+from volsplat.client.ui.waiting_page import WAITING_PATH
 from volsplat.protocol.errors import BadInput
 
 STATIC = Path(__file__).parent / "static"
 SHUTDOWN_SECONDS = 1  # for open sockets, at the end
 LONGEST_ADDRESS = 1 << 18  # bytes: a link may hold four tables drawn freehand
+LARGEST_FORM = 1 << 16  # bytes around a file that is uploaded
+SMALLEST_COMPRESSED = 500  # bytes
+STATIC_PATH = "/volsplat/static"
 CHECK_SECONDS = 1.0  # between looks at whether a page is open
+
+
+class _Server(uvicorn.Server):
+    """Leaves signals to whoever runs it: raised within its loop, they would come out as tracebacks."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        yield
 
 
 class OpenPages:
@@ -59,16 +75,28 @@ class Application:
         self._build_page = build_page
         self._pages = OpenPages()
         self._grace = grace
-        application = FastAPI(lifespan=self._lifespan)
-        application.mount("/volsplat/static", StaticFiles(directory=STATIC))
+        application = FastAPI(lifespan=self._lifespan, openapi_url=None, docs_url=None, redoc_url=None)
+        application.mount(STATIC_PATH, StaticFiles(directory=STATIC))
         application.add_api_websocket_route("/viewport", self._viewport)
+        application.add_api_route(WAITING_PATH, _waiting_is_over, include_in_schema=False)
         ui.page("/")(self._page)
-        ui.run_with(application, title="volsplat", dark=None, tailwind=False, show_welcome_message=False)
+        ui.run_with(
+            application,
+            title="volsplat",
+            dark=None,
+            tailwind=False,
+            show_welcome_message=False,
+            gzip_middleware_factory=None,  # nonces come first
+        )
+        compressed = GZipMiddleware(ScriptNonces(application), minimum_size=SMALLEST_COMPRESSED)
+        guarded = Gate(compressed, address.admission, LARGEST_SCENE_FILE + LARGEST_FORM)
         self._bound = address.bound
-        self._server = uvicorn.Server(
+        self._server = _Server(
             uvicorn.Config(
-                Gate(application, address.token, address.port),
-                log_level="warning",
+                StrictHeaders(guarded, {STATIC_PATH: "no-cache"}),
+                log_config=None,  # as everything else is logged
+                server_header=False,
+                proxy_headers=False,  # who asks is who connects, whatever a header says
                 timeout_graceful_shutdown=SHUTDOWN_SECONDS,
                 ws_max_size=1 << 16,  # a page says little
                 ws_per_message_deflate=False,  # pictures are compressed already
@@ -78,9 +106,13 @@ class Application:
         self.ended_by_grace = False
 
     def run(self, on_ready: Callable[[], None]) -> None:
-        """Serve; `on_ready` is called once the port is open. Raises KeyboardInterrupt on Ctrl-C."""
+        """Serve; `on_ready` is called once the port is open. What Ctrl-C and its like raise is raised at the end."""
         self._on_ready = on_ready
-        self._server.run(sockets=[self._bound])
+        with interrupts_held(self._end):
+            self._server.run(sockets=[self._bound])
+
+    def _end(self) -> None:
+        self._server.should_exit = True
 
     @asynccontextmanager
     async def _lifespan(self, application: FastAPI) -> AsyncIterator[None]:
@@ -103,7 +135,7 @@ class Application:
         while not self._pages.none_for(self._grace):
             await asyncio.sleep(CHECK_SECONDS)
         self.ended_by_grace = True
-        self._server.should_exit = True
+        self._end()
 
     async def _viewport(self, socket: WebSocket, tab: str) -> None:
         async with self._pages.one_more():
@@ -118,3 +150,7 @@ class Application:
             except (BadInput, ValueError) as error:
                 ui.notify(str(error), type="warning", timeout=0, close_button=True)
         self._build_page(self._viewing)
+
+
+def _waiting_is_over() -> Response:
+    return Response(status_code=204)

@@ -7,6 +7,7 @@ import webbrowser
 from types import TracebackType
 
 from volsplat.client.ui.page_address import PageAddress
+from volsplat.client.ui.redirect_file import RedirectFile
 from volsplat.client.ui.waiting_page import WaitingPage
 
 OPEN_AFTER_SECONDS = 1.0
@@ -16,11 +17,13 @@ class BrowserTab:
     """Shows a waiting page from when it is entered until `make_room`."""
 
     def __init__(self, address: PageAddress, name: str) -> None:
-        self._url = address.url
+        self._address = address
+        self._redirect: RedirectFile | None = None
         self._waiting = WaitingPage(address, name)
         self._timer = threading.Timer(OPEN_AFTER_SECONDS, self.open)
         self._timer.daemon = True
-        self._opening = threading.Lock()  # taken for good by whoever opens it
+        self._lock = threading.Lock()  # guards what follows
+        self._opened = False  # or never to be
 
     def say(self, line: str) -> None:
         """Tell what is being done while the volume is not there, from any thread."""
@@ -32,8 +35,16 @@ class BrowserTab:
 
     def open(self) -> None:
         """Open it, if it is not open yet."""
-        if self._opening.acquire(blocking=False):
-            webbrowser.open(self._url)
+        with self._lock:
+            if self._opened:
+                return
+            self._opened = True
+            redirect = self._redirect = RedirectFile(self._address.url_for_once(self._remove_redirect))
+        webbrowser.open(redirect.address)
+
+    def _remove_redirect(self) -> None:
+        if self._redirect is not None:
+            self._redirect.remove()
 
     def __enter__(self) -> BrowserTab:
         self._waiting.start()
@@ -45,3 +56,6 @@ class BrowserTab:
     ) -> None:
         self._timer.cancel()
         self._waiting.close()
+        with self._lock:
+            self._opened = True
+        self._remove_redirect()

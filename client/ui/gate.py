@@ -1,67 +1,90 @@
-"""Nothing without the token: no page, no script, no socket, no image.
-
-The address that `volsplat view` prints carries it; the first answer turns it into a cookie, so that it stays out of
-what the page links to.
-"""
+"""Nothing without being admitted: no page, no script, no socket, no upload, no image."""
 
 from __future__ import annotations
 
-import hmac
-from http.cookies import CookieError, SimpleCookie
-from urllib.parse import parse_qsl, urlencode
-
-from starlette.responses import PlainTextResponse, RedirectResponse
-from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.responses import HTMLResponse, PlainTextResponse, RedirectResponse, Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from volsplat.client.ui.page_address import TOKEN_PARAMETER
+from volsplat.client.ui.admission import Admission, Admitted, Asked, Refused, Welcomed
+from volsplat.client.ui.leading_page import leading_page
 
-_REFUSAL = "volsplat: this page needs the token of its address; use the whole address that `volsplat view` printed\n"
+_TOO_LARGE = "volsplat: this is more than the page takes\n"
 
 
 class Gate:
     """An ASGI application before another one."""
 
-    def __init__(self, application: ASGIApp, token: str, port: int) -> None:
+    def __init__(self, application: ASGIApp, admission: Admission, largest_body: int) -> None:
+        """A request's body may have `largest_body` bytes, and is held as a whole."""
         self._application = application
-        self._token = token
-        # Cookies do not tell ports apart, and several sessions may run on one machine.
-        self._cookie = f"volsplat-{port}"
+        self._admission = admission
+        self._largest_body = largest_body
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["type"] == "lifespan" or self._has_cookie(scope):
+        if scope["type"] == "lifespan":
             await self._application(scope, receive, send)
-        elif scope["type"] == "http" and self._in_address(scope):
-            await self._welcome(scope)(scope, receive, send)
-        elif scope["type"] == "http":
-            await PlainTextResponse(_REFUSAL, 403)(scope, receive, send)
+            return
+        verdict = self._admission.judge(_asked(scope))
+        if scope["type"] == "websocket":
+            if isinstance(verdict, Admitted):
+                await self._application(scope, receive, send)
+            else:
+                await WebSocketClose(code=1008, reason="refused")(scope, receive, send)
+        elif isinstance(verdict, Admitted):
+            await self._with_body(scope, receive, send)
         else:
-            await WebSocketClose(code=1008, reason="the token is missing")(scope, receive, send)
+            answer = _refusal(verdict) if isinstance(verdict, Refused) else _welcome(verdict)
+            await answer(scope, receive, send)
 
-    def _has_cookie(self, scope: Scope) -> bool:
-        for name, value in scope["headers"]:
-            if name == b"cookie":
-                try:
-                    cookie = SimpleCookie(value.decode("latin-1")).get(self._cookie)
-                except CookieError:
-                    continue
-                if cookie is not None and self._is_token(cookie.value):
-                    return True
-        return False
+    async def _with_body(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if scope["method"] != "POST":
+            await self._application(scope, receive, send)
+            return
+        body = await _body(receive, self._largest_body)
+        if body is None:
+            await PlainTextResponse(_TOO_LARGE, 413, {"Connection": "close"})(scope, receive, send)
+            return
+        whole: list[Message] = [{"type": "http.request", "body": body, "more_body": False}]
 
-    def _in_address(self, scope: Scope) -> bool:
-        return any(name == TOKEN_PARAMETER and self._is_token(value) for name, value in _parameters(scope))
+        async def receiving() -> Message:
+            return whole.pop() if whole else await receive()
 
-    def _is_token(self, text: str) -> bool:
-        return hmac.compare_digest(text.encode(), self._token.encode())
-
-    def _welcome(self, scope: Scope) -> RedirectResponse:
-        others = [(name, value) for name, value in _parameters(scope) if name != TOKEN_PARAMETER]
-        response = RedirectResponse(scope["path"] + ("?" + urlencode(others) if others else ""), 303)
-        response.set_cookie(self._cookie, self._token, httponly=True, samesite="strict")
-        response.headers["Referrer-Policy"] = "no-referrer"
-        return response
+        await self._application(scope, receiving, send)
 
 
-def _parameters(scope: Scope) -> list[tuple[str, str]]:
-    return parse_qsl(scope["query_string"].decode("latin-1"))
+def _asked(scope: Scope) -> Asked:
+    return Asked(
+        method=scope.get("method", "GET"),
+        path=scope["path"],
+        query=scope["query_string"].decode("latin-1"),
+        headers=[(name.decode("latin-1"), value.decode("latin-1")) for name, value in scope["headers"]],
+        peer=tuple(scope["client"]),
+        here=tuple(scope["server"]),
+        is_socket=scope["type"] == "websocket",
+    )
+
+
+def _refusal(verdict: Refused) -> Response:
+    return PlainTextResponse(f"volsplat: {verdict.reason}\n", verdict.status)
+
+
+def _welcome(verdict: Welcomed) -> Response:
+    headers = {"Set-Cookie": verdict.cookie}
+    if verdict.steps_aside:
+        return HTMLResponse(leading_page(verdict.location), headers=headers)
+    return RedirectResponse(verdict.location, 303, headers)
+
+
+async def _body(receive: Receive, largest: int) -> bytes | None:
+    """A request's whole body; None where it is larger, or its sender has gone."""
+    body = bytearray()
+    while True:
+        message = await receive()
+        if message["type"] == "http.disconnect":
+            return None
+        body += message.get("body", b"")
+        if len(body) > largest:
+            return None
+        if not message.get("more_body", False):
+            return bytes(body)

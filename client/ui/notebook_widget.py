@@ -52,7 +52,7 @@ class VolumeWidget(anywidget.AnyWidget):
         """Raises RuntimeError outside an event loop; a notebook has one."""
         first = session.default_scene() if scene is None else checked_scene(scene)
         super().__init__(modules=modules_from(START), height=height, scene=first)
-        self._viewing = opened_viewing(session, first, "")
+        self._viewing = opened_viewing(session, first)
         self._viewing.pictures.attach(asyncio.get_running_loop())
         self._viewing.troubles.attach(asyncio.get_running_loop())
         self._talks: dict[str, ViewportTalk] = {}  # by the view, of which a notebook may show several

@@ -11,10 +11,10 @@ from volsplat.protocol.errors import VolsplatError
 from volsplat.protocol.scene import Scene
 
 
-def opened_viewing(session: Session, scene: Scene, url: str) -> Viewing:
+def opened_viewing(session: Session, scene: Scene) -> Viewing:
     """Everything that a page needs; the drawing loop is not started yet."""
     pictures: Feed[Picture] = Feed()
     troubles: Feed[VolsplatError] = Feed()
     model = SceneModel(scene)
     loop = DrawingLoop(session, model, pictures.tell, troubles.tell)
-    return Viewing(session, model, loop, session.volume, session.default_scene(), url, pictures, troubles)
+    return Viewing(session, model, loop, session.volume, session.default_scene(), pictures, troubles)

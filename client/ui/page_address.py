@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import secrets
 import socket
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
+from volsplat.client.ui.admission import TOKEN_PARAMETER, Admission
 from volsplat.protocol.addresses import LOOPBACK
-
-TOKEN_PARAMETER = "token"
-TOKEN_BYTES = 24
 
 
 @dataclass(frozen=True)
 class PageAddress:
-    """A socket that is bound on this machine alone, and the token without which nothing is answered there."""
+    """A socket that is bound on this machine alone, and who is admitted there."""
 
     bound: socket.socket
-    token: str = field(default_factory=lambda: secrets.token_urlsafe(TOKEN_BYTES))
+    admission: Admission = field(default_factory=Admission)
 
     @property
     def port(self) -> int:
@@ -26,4 +24,12 @@ class PageAddress:
 
     @property
     def url(self) -> str:
-        return f"http://{LOOPBACK}:{self.port}/?{TOKEN_PARAMETER}={self.token}"
+        """For the person's eyes: it opens the page as long as the session lasts."""
+        return self._with(self.admission.token)
+
+    def url_for_once(self, on_use: Callable[[], None]) -> str:
+        """An address that opens the page one time; `on_use` is called then."""
+        return self._with(self.admission.token_for_once(on_use))
+
+    def _with(self, token: str) -> str:
+        return f"http://{LOOPBACK}:{self.port}/?{TOKEN_PARAMETER}={token}"

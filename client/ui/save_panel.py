@@ -6,16 +6,14 @@ import asyncio
 import re
 from functools import partial
 
-from nicegui import events, ui
+from nicegui import context, events, ui
 
 from volsplat.client.scene_file import scene_from_toml
 from volsplat.client.ui.movie_dialog import MovieDialog
 from volsplat.client.ui.picture import Picture
-from volsplat.client.ui.saving import ImageFormat, image_bytes, scene_bytes, scene_link
+from volsplat.client.ui.saving import LARGEST_SCENE_FILE, ImageFormat, image_bytes, scene_bytes, scene_link
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol.errors import VolsplatError
-
-LARGEST_SCENE_FILE = 1 << 20  # bytes
 
 
 def save_panel(viewing: Viewing) -> None:
@@ -73,9 +71,10 @@ def _save_scene(viewing: Viewing) -> None:
 
 
 def _copy_link(viewing: Viewing) -> None:
-    link = scene_link(viewing.url, viewing.model.scene, viewing.default_scene)
-    ui.clipboard.write(link)
-    ui.notify("copied: the link restores this scene, for whoever may see this page")
+    """As the browser reaches the page, perhaps through a forwarded port, and without anything that opens it."""
+    page = str(context.client.request.base_url)
+    ui.clipboard.write(scene_link(page, viewing.model.scene, viewing.default_scene))
+    ui.notify("copied: the link restores this scene in a browser that may see this page; it opens the page to nobody")
 
 
 def _scene_upload(viewing: Viewing) -> ui.upload:

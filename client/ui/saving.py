@@ -34,6 +34,7 @@ log = logging.getLogger(__name__)
 
 ImageFormat = Literal["png", "exr"]
 SCENE_PARAMETER = "scene"  # of a link, in its query
+LARGEST_SCENE_FILE = 1 << 20  # bytes
 
 _LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to
 

@@ -58,7 +58,6 @@ class Viewing:
     loop: DrawingLoop
     volume: SurveyedVolume
     default_scene: Scene
-    url: str  # with the token
     pictures: Feed[Picture]
     troubles: Feed[VolsplatError]
     image_size: ImageSize = field(default_factory=ImageSize)

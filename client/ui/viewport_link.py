@@ -6,12 +6,14 @@ import asyncio
 import contextlib
 import logging
 
-from starlette.websockets import WebSocket, WebSocketDisconnect
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
 
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.ui.viewport_talk import ViewportTalk
 
 log = logging.getLogger(__name__)
+
+_NO_TEXT = 1003  # the close code for what cannot be accepted
 
 
 async def serve_viewport(viewing: Viewing, socket: WebSocket, tab: str) -> None:
@@ -22,15 +24,26 @@ async def serve_viewport(viewing: Viewing, socket: WebSocket, tab: str) -> None:
     sending = asyncio.create_task(_send(socket, outgoing))
     talk.begin()
     try:
-        while True:
-            talk.heard(await socket.receive_text())
-    except WebSocketDisconnect:
+        while (text := await _received(socket)) is not None:
+            talk.heard(text)
         log.info("tab %s has gone", tab)
     finally:
         talk.end()
         sending.cancel()
         with contextlib.suppress(asyncio.CancelledError):
             await sending
+
+
+async def _received(socket: WebSocket) -> str | None:
+    """What the page says next, None once it is gone. Anything but text is taken for a page of something else."""
+    if socket.application_state is WebSocketState.DISCONNECTED:  # sending has noticed it
+        return None
+    message = await socket.receive()
+    if message["type"] == "websocket.receive" and message.get("text") is None:
+        await socket.close(code=_NO_TEXT)
+        return None
+    text: str | None = message.get("text")
+    return text
 
 
 async def _send(socket: WebSocket, outgoing: asyncio.Queue[str | bytes]) -> None:

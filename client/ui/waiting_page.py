@@ -5,7 +5,8 @@ It answers on the socket that the real page takes over, and needs nothing that t
 
 from __future__ import annotations
 
-import hmac
+import logging
+import secrets
 import socket
 import threading
 from html import escape
@@ -13,12 +14,21 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from string import Template
-from urllib.parse import parse_qs, urlsplit
+from typing import Any
+from urllib.parse import urlsplit
 
-from volsplat.client.ui.page_address import TOKEN_PARAMETER, PageAddress
+from volsplat.client.ui.admission import Admitted, Asked, Refused
+from volsplat.client.ui.leading_page import leading_page
+from volsplat.client.ui.page_address import PageAddress
+from volsplat.client.ui.page_policy import HEADERS, NOTHING, page_policy
+
+log = logging.getLogger(__name__)
+
+WAITING_PATH = "/waiting"  # where the page asks what is being done
 
 _PAGE = Path(__file__).parent / "static" / "waiting.html"
 _POLL_SECONDS = 0.05  # until it notices that it shall end
+_TEXT, _HTML = "text/plain; charset=utf-8", "text/html; charset=utf-8"
 
 
 class WaitingPage:
@@ -26,8 +36,9 @@ class WaitingPage:
 
     def __init__(self, address: PageAddress, name: str) -> None:
         self.line = "starting"  # what is being done; set from any thread
-        self._token = address.token
-        self._page = Template(_PAGE.read_text("utf-8")).substitute(name=escape(name)).encode()
+        self._admission = address.admission
+        self._name = escape(name)
+        self._page = Template(_PAGE.read_text("utf-8"))
         self._server = _Server(address.bound, self)
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(_POLL_SECONDS,), name="waiting page", daemon=True
@@ -41,15 +52,20 @@ class WaitingPage:
         self._server.shutdown()
         self._thread.join()
 
-    def answer(self, address: str) -> tuple[HTTPStatus, str, bytes]:
-        """Status, type and body for what a browser asks for. Nothing without the token."""
-        url = urlsplit(address)
-        (given, *_) = parse_qs(url.query).get(TOKEN_PARAMETER, [""])
-        if not hmac.compare_digest(given.encode(), self._token.encode()):
-            return HTTPStatus.FORBIDDEN, "text/plain", b""
-        if url.path == "/waiting":
-            return HTTPStatus.OK, "text/plain; charset=utf-8", self.line.encode()
-        return HTTPStatus.OK, "text/html; charset=utf-8", self._page
+    def answer(self, asked: Asked) -> tuple[int, dict[str, str], str]:
+        """Status, headers and body for what a browser asks for."""
+        verdict = self._admission.judge(asked)
+        if isinstance(verdict, Refused):
+            return verdict.status, {"Content-Type": _TEXT}, f"volsplat: {verdict.reason}\n"
+        if not isinstance(verdict, Admitted):
+            return HTTPStatus.OK, {"Content-Type": _HTML, "Set-Cookie": verdict.cookie}, leading_page(verdict.location)
+        if asked.path == WAITING_PATH:
+            return HTTPStatus.OK, {"Content-Type": _TEXT}, self.line
+        if asked.path != "/":
+            return HTTPStatus.NOT_FOUND, {"Content-Type": _TEXT}, "volsplat: the page is not there yet\n"
+        nonce = secrets.token_urlsafe(18)
+        policy = {"Content-Security-Policy": page_policy(nonce, verdict.host)}
+        return HTTPStatus.OK, {"Content-Type": _HTML} | policy, self._page.substitute(name=self._name, nonce=nonce)
 
 
 class _Server(ThreadingHTTPServer):
@@ -62,19 +78,29 @@ class _Server(ThreadingHTTPServer):
         self.socket = bound
         self.server_activate()
 
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        log.debug("a browser went away", exc_info=True)
+
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
 
     def do_GET(self) -> None:
-        status, kind, body = self.server.page.answer(self.path)
+        url = urlsplit(self.path)
+        status, headers, text = self.server.page.answer(
+            Asked(
+                method=self.command,
+                path=url.path,
+                query=url.query,
+                headers=[(name.lower(), value) for name, value in self.headers.items()],
+                peer=self.client_address[:2],
+                here=self.request.getsockname()[:2],
+            )
+        )
+        body = text.encode("utf-8", "replace")
         self.send_response(status)
-        for name, value in (
-            ("Content-Type", kind),
-            ("Content-Length", str(len(body))),
-            ("Cache-Control", "no-store"),
-            ("Referrer-Policy", "no-referrer"),
-        ):
+        standing = HEADERS | {"Content-Security-Policy": NOTHING, "Cache-Control": "no-store"}
+        for name, value in (standing | headers | {"Content-Length": str(len(body))}).items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(body)
