@@ -1,10 +1,11 @@
-"""The entry point of the command `volsplat`: how errors and Ctrl-C end it.
+"""The entry point of the command `volsplat`: how errors, Ctrl-C and other ends end it.
 
 Every mistake of the person at the keyboard is one line on stderr and exit status 2.
 """
 
 import signal
 import sys
+from contextlib import suppress
 from typing import NoReturn
 
 from volsplat.protocol.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
@@ -14,31 +15,53 @@ def main() -> NoReturn:
     """Run a sub-command and exit with its status."""
     # Until there is something to clean up, Ctrl-C ends the process at once and without a word.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from volsplat.client.import_ahead import leave
+
+    leave(_status())
+
+
+def _status() -> int:
+    """Of the sub-command, once it has ended in whatever way, and told why."""
     import click
 
     from volsplat.client.commands import volsplat
     from volsplat.protocol.errors import BadInput, VolsplatError
+    from volsplat.protocol.load_failures import load_failure
 
     try:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
-        signal.signal(signal.SIGTERM, _terminate)
+        _listen_to_signals()
         volsplat.main(standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()
-        sys.exit(EXIT_BAD_INPUT)
+        return EXIT_BAD_INPUT
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         hint = f"; see {context.command_path} --help" if context is not None else ""
-        _end(error.format_message().rstrip(".") + hint, EXIT_BAD_INPUT)
+        return _told(error.format_message().rstrip(".") + hint, EXIT_BAD_INPUT)
     except BadInput as error:
-        _end(str(error), EXIT_BAD_INPUT)
+        return _told(str(error), EXIT_BAD_INPUT)
     except VolsplatError as error:
-        _end(str(error), EXIT_FAILED)
+        return _told(str(error), EXIT_FAILED)
     except MemoryError:
-        _end("not enough memory on this machine; choose a smaller --size, or more servers elsewhere", EXIT_FAILED)
+        return _told(
+            "not enough memory on this machine; choose a smaller --size, or more servers elsewhere", EXIT_FAILED
+        )
     except (KeyboardInterrupt, click.Abort):
-        _end("interrupted", EXIT_INTERRUPTED)
-    sys.exit(0)
+        return _told("interrupted", EXIT_INTERRUPTED)
+    except SystemExit as error:
+        return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else 0
+    except Exception as error:
+        if (line := load_failure(error)) is None:
+            raise
+        return _told(line, EXIT_BAD_INPUT)
+    return 0
+
+
+def _listen_to_signals() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, _terminate)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup has it
+        signal.signal(signal.SIGHUP, _terminate)
 
 
 def _terminate(signal_number: int, frame: object) -> NoReturn:
@@ -46,8 +69,9 @@ def _terminate(signal_number: int, frame: object) -> NoReturn:
     raise SystemExit(128 + signal_number)
 
 
-def _end(line: str, status: int) -> NoReturn:
+def _told(line: str, status: int) -> int:
     from volsplat.protocol.printable import one_line
 
-    print(f"volsplat: {one_line(line)}", file=sys.stderr)
-    sys.exit(status)
+    with suppress(OSError):  # nobody may be there any more
+        print(f"volsplat: {one_line(line)}", file=sys.stderr, flush=True)
+    return status

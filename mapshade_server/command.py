@@ -13,7 +13,7 @@ from volsplat.protocol.dialling import connect
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.log_lines import log_to_stderr
 from volsplat.protocol.roles import Role
-from volsplat.protocol.server_process import address_option, process_name, run_server
+from volsplat.protocol.server_process import address_option, process_name
 from volsplat.protocol.tokens import need_token
 
 
@@ -29,6 +29,3 @@ def mapshade_server(client: Address, token_file: Path | None, patience: float, v
     hello = new_hello(Role.MAPSHADE_SERVER, name=process_name())
     connection = connect(client, hello, token, Role.CLIENT, patience=patience, allocate=BufferPool())
     MapShadeServer(connection, token).run()
-
-
-run_server(mapshade_server, "mapshade-server")

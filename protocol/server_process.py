@@ -3,6 +3,7 @@
 import os
 import socket
 import sys
+from importlib import import_module
 from typing import NoReturn
 
 import click
@@ -10,6 +11,7 @@ import click
 from volsplat.protocol.addresses import Address, parse_address
 from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+from volsplat.protocol.load_failures import load_failure
 from volsplat.protocol.printable import one_line
 
 
@@ -23,9 +25,10 @@ def process_name() -> str:
     return f"{socket.gethostname()}, process {os.getpid()}"
 
 
-def run_server(command: click.Command, title: str) -> NoReturn:
-    """Run a server's command line; an error is one line on stderr, exit status 2 where a person must put it right."""
+def run_server(module: str, name: str, title: str) -> NoReturn:
+    """Run the command `name` of a module; an error is one line on stderr, exit status 2 where a person must act."""
     try:
+        command: click.Command = getattr(import_module(module), name)
         command.main(prog_name=command.name, standalone_mode=False)
     except click.ClickException as error:
         _end(title, error.format_message(), EXIT_BAD_INPUT)
@@ -35,6 +38,10 @@ def run_server(command: click.Command, title: str) -> NoReturn:
         _end(title, str(error), EXIT_FAILED)
     except (KeyboardInterrupt, click.Abort):
         _end(title, "interrupted", EXIT_INTERRUPTED)
+    except Exception as error:
+        if (line := load_failure(error)) is None:
+            raise
+        _end(title, line, EXIT_BAD_INPUT)
     sys.exit(0)
 
 

@@ -13,7 +13,7 @@ from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.log_lines import log_to_stderr
 from volsplat.protocol.roles import Role
-from volsplat.protocol.server_process import address_option, process_name, run_server
+from volsplat.protocol.server_process import address_option, process_name
 from volsplat.protocol.tokens import need_token
 from volsplat.splat_server.server import SplatServer
 
@@ -44,6 +44,3 @@ def splat_server(
         host = "" if data_links.address.host in ("0.0.0.0", "::") else data_links.address.host
         hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=data_links.address.port, name=process_name())
         SplatServer(connect(client, hello, token, Role.CLIENT, patience=patience), data_links, threads).run()
-
-
-run_server(splat_server, "splat-server")

@@ -1,0 +1,36 @@
+"""Libraries that cannot be loaded, mostly for want of memory: what the system says of it, in one line."""
+
+from __future__ import annotations
+
+import errno
+from collections.abc import Iterator
+
+_FOR_WANT_OF_MEMORY = ("failed to map segment", "cannot allocate memory", "can't start new thread", "bad_alloc")
+_SHARED_OBJECTS = (".so", ".dylib")
+
+
+def load_failure(error: BaseException) -> str | None:
+    """The cause and the cure where the error is that a library could not be loaded, else None."""
+    for cause in _causes(error):
+        said = str(cause).strip().partition("\n")[0]
+        if isinstance(cause, MemoryError) or _for_want_of_memory(cause, said):
+            told = f" ({said})" if said else ""
+            return f"not enough memory to load a library{told}; free some, or raise the limit (`ulimit -v`)"
+        if isinstance(cause, ImportError) and any(kind in said for kind in _SHARED_OBJECTS):
+            return f"a library cannot be loaded ({said}); install volsplat anew"
+    return None
+
+
+def _for_want_of_memory(error: BaseException, said: str) -> bool:
+    if isinstance(error, OSError) and error.errno == errno.ENOMEM:
+        return True
+    loading = isinstance(error, ImportError | OSError | RuntimeError)
+    return loading and any(words in said.lower() for words in _FOR_WANT_OF_MEMORY)
+
+
+def _causes(error: BaseException) -> Iterator[BaseException]:
+    """The error, and what it came from."""
+    seen: BaseException | None = error
+    while seen is not None:
+        yield seen
+        seen = seen.__cause__ or seen.__context__
