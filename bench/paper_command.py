@@ -68,7 +68,7 @@ def paper(
             known = rows[0].renderer.volume
             shown = subject.scene_of(known)
             geometry = known.description.geometry
-            scenes = [seen(shown, geometry, turned, pixels) for turned in around(repeats, known)]
+            scenes = [seen(shown, geometry, turned, pixels) for turned in around(repeats)]
             seconds = step_seconds(rows, scenes)
             seen_shares = shares(rows[0].renderer, scenes[0])
     names = [row.name for row in rows]

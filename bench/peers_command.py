@@ -85,10 +85,12 @@ def peers(
             status.stop()
             renderer, shown, contenders = opened
             known = renderer.volume
-            rotations = around(views, known)
+            rotations = around(views)
             runs = []
             for size in sizes:
-                scenes = [seen(shown, known.description.geometry, turned, (size, size)) for turned in rotations]
+                scenes = [
+                    known.settled(seen(shown, known.description.geometry, turned, (size, size))) for turned in rotations
+                ]
                 runs.append(measured(renderer, contenders, scenes, size, pictures))
     report(runs, steps, volume_words(known), subject.tables, views, outputs)
 

@@ -88,7 +88,7 @@ def scaling(
             status.stop()
             known = rows[0].renderer.volume
             shown, geometry = subject.scene_of(known), known.description.geometry
-            rotations = around(repeats, known)
+            rotations = around(repeats)
 
             def views(changed: Scene, side: int) -> list[Scene]:
                 return [seen(changed, geometry, turned, (side, side)) for turned in rotations]

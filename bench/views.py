@@ -2,9 +2,7 @@
 
 import msgspec
 
-from volsplat.client.presets import start_view
-from volsplat.client.surveyed_volume import SurveyedVolume
-from volsplat.client.view_rotation import Quaternion, named_view, rotation_from_angles
+from volsplat.client.view_rotation import Quaternion, rotation_from_angles
 from volsplat.protocol.scene import Image, Scene, View
 from volsplat.protocol.volume import Geometry
 
@@ -13,11 +11,9 @@ FIRST_AZIMUTH = 5.0
 SEEN_OF_LONGEST = 0.55  # half the image's height in longest sides of the volume
 
 
-def around(views: int, volume: SurveyedVolume) -> list[Quaternion]:
+def around(views: int) -> list[Quaternion]:
     """Rotations once around the vertical axis, seen from a little above."""
-    start = start_view(volume.subject()).rotation
-    elevation, roll = (-ELEVATION, 180.0) if start == named_view("stack") else (ELEVATION, 0.0)
-    return [rotation_from_angles(FIRST_AZIMUTH + 360.0 * n / views, elevation, roll) for n in range(views)]
+    return [rotation_from_angles(FIRST_AZIMUTH + 360.0 * n / views, ELEVATION) for n in range(views)]
 
 
 def benchmark_zoom(geometry: Geometry, height: int) -> float:

@@ -221,6 +221,7 @@ class Coordinator:
         if frame.whole and missing_boxes(self.server_states.values()):
             return self._end_frame(incomplete(self.server_states.values()))
         geometry = volume.description.geometry
+        frame.scene = volume.settled(frame.scene)
         try:
             packing = self.holding.wanted(frame.scene, frame.step, steady=not frame.whole)
             if not self.holding.settled:
@@ -362,7 +363,8 @@ class Coordinator:
 
     def _handle_ProbeAsked(self, event: ProbeAsked) -> list[Instruction]:
         assert self.holding.volume is not None, "who asks knows the volume"
-        refused = self._probes.add(event, self.holding.volume.description.geometry)
+        settled = replace(event, scene=self.holding.volume.settled(event.scene))
+        refused = self._probes.add(settled, self.holding.volume.description.geometry)
         return [*refused, *self._send_probes()]
 
     def _send_probes(self) -> list[Instruction]:

@@ -26,5 +26,6 @@ def info(volume: str) -> None:
         prepared=known.prepared,
         strength_scale=known.strength_scale,
         contour=contour_level(known.subject()),
+        stands_up=known.stands_up,
     )
     PlainConsole().print(told)

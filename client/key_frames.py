@@ -24,6 +24,7 @@ from volsplat.protocol.scene import (
     Tables,
     View,
 )
+from volsplat.protocol.upright import Up, upright
 from volsplat.protocol.volume import Geometry, Index
 
 TurningAxis = Literal["screen-x", "screen-y", "screen-z", "grid-i", "grid-j", "grid-k"]
@@ -74,7 +75,8 @@ def _turned(scene: Scene, geometry: Geometry, axis: TurningAxis, turn: Fraction)
         unit: Vector = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))["xyz".index(name)]
         turned = product(_about(unit, turn), rotation)
     else:
-        unit = matrices.normalised(matrices.column(geometry.index_to_physical, "ijk".index(name)))
+        along = matrices.column(geometry.index_to_physical, "ijk".index(name))
+        unit = matrices.normalised(matrices.applied(upright(scene.view.up), along))
         turned = product(rotation, _about(unit, turn))
     view = msgspec.structs.replace(scene.view, rotation=_unit(turned))
     return msgspec.structs.replace(scene, view=view)
@@ -96,7 +98,7 @@ def _at(keys: Sequence[Scene], geometry: Geometry, place: Fraction) -> Scene:
 
 
 def _view_between(a: Scene, b: Scene, geometry: Geometry, part: float) -> View:
-    """Where both keys leave zoom or centre to the volume, so does what lies between them."""
+    """Where both keys leave zoom or centre to the volume, so does what lies between them; up is the first key's."""
     zoom = a.view.zoom
     if zoom != b.view.zoom:
         first, second = resolved_zoom(a, geometry), resolved_zoom(b, geometry)
@@ -104,7 +106,16 @@ def _view_between(a: Scene, b: Scene, geometry: Geometry, part: float) -> View:
     center = a.view.center
     if center != b.view.center:
         center = _vector_between(resolved_center(a, geometry), resolved_center(b, geometry), part)
-    return View(rotation=rotation_between(a.view.rotation, b.view.rotation, part), zoom=zoom, center=center)
+    second_rotation = product(b.view.rotation, _from_up_to_up(a.view.up, b.view.up))
+    rotation = rotation_between(a.view.rotation, second_rotation, part)
+    return View(rotation=rotation, up=a.view.up, zoom=zoom, center=center)
+
+
+def _from_up_to_up(a: Up | Literal["auto"], b: Up | Literal["auto"]) -> Quaternion:
+    """The turn from the axes that are upright by `a` to those by `b`."""
+    if a == b:
+        return (0.0, 0.0, 0.0, 1.0)
+    return matrices.quaternion_from_rotation(matrices.product(upright(b), matrices.transposed(upright(a))))
 
 
 def rotation_between(a: Quaternion, b: Quaternion, part: float) -> Quaternion:

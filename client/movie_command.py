@@ -15,7 +15,7 @@ from volsplat.client.movie_formats import check_movie_writable
 from volsplat.client.opened_volume import memory_option, opened_quietly, servers_from_options
 from volsplat.client.presets import PRESETS
 from volsplat.client.progress_bar import shown_progress
-from volsplat.client.render_options import SceneOptions, size_from_option
+from volsplat.client.render_options import SceneOptions, size_from_option, up_from_option, up_option
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.plain_console import PlainConsole
@@ -47,6 +47,7 @@ from volsplat.protocol.volume_name import check_is_there, volume_name
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
 @click.option("--size", metavar="WxH", help="Image size in pixels (512x512).")
 @click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
+@up_option
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
 @click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
 @memory_option
@@ -62,6 +63,7 @@ def movie(
     preset: str | None,
     size: str | None,
     rotate: str | None,
+    up: str | None,
     step: str,
     workers: int,
     memory: str | None,
@@ -74,7 +76,13 @@ def movie(
     is taken from that scene, and the other options hold for every key. A turn can be looped. Until the movie is
     whole, nothing lies at its name.
     """
-    options = SceneOptions(scene=scene, preset=preset, size=size_from_option(size) if size else None, rotate=rotate)
+    options = SceneOptions(
+        scene=scene,
+        preset=preset,
+        size=size_from_option(size) if size else None,
+        rotate=rotate,
+        up=up_from_option(up),
+    )
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
     check_is_there(volume)
@@ -90,8 +98,8 @@ def movie(
     def scenes_of(known: SurveyedVolume) -> list[Scene]:
         geometry = known.description.geometry
         if keys:
-            return key_framed(options.key_scenes(known, keys), geometry, frames)
-        return turntable(options.scene_of(known), geometry, frames, axis or "screen-y")
+            return key_framed([known.settled(key) for key in options.key_scenes(known, keys)], geometry, frames)
+        return turntable(known.settled(options.scene_of(known)), geometry, frames, axis or "screen-y")
 
     console = PlainConsole(stderr=True)
     began = time.perf_counter()

@@ -35,19 +35,14 @@ def preset_scene(name: str, subject: Subject | None = None) -> Scene:
     preset = PRESETS.get(name)
     if preset is None:
         raise BadInput(f"--preset {name}: no such preset; choose one of {', '.join(PRESETS)}")
-    return msgspec.structs.replace(preset.build(subject), view=start_view(subject, Kind.CT in preset.kinds))
+    return msgspec.structs.replace(preset.build(subject), view=start_view(subject))
 
 
-def start_view(subject: Subject | None, patient: bool = False) -> View:
-    """The view that every scene starts with, preset or not: the front; of a spectral cube, turned.
-
-    Where a patient's scan does not tell its orientation, its slices are taken to count from the top of the head down
-    and its rows from the nose backwards, as in the paper's. A CT is stated, recognised, or where `patient` says so.
-    """
+def start_view(subject: Subject | None) -> View:
+    """The view that every scene starts with, preset or not: the front; of a spectral cube, turned."""
     if subject is not None and subject.kind is Kind.SPECTRAL_CUBE:
         return View(rotation=rotation_from_angles(*SPECTRUM_ANGLES))
-    stacked = subject is not None and not subject.anatomical and (patient or subject.ct is not None)
-    return View(rotation=named_view("stack" if stacked else "front"))
+    return View(rotation=named_view("front"))
 
 
 def fits(name: str, subject: Subject) -> bool:

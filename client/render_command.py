@@ -19,6 +19,8 @@ from volsplat.client.render_options import (
     bounds_from_option,
     size_from_option,
     triple_from_option,
+    up_from_option,
+    up_option,
 )
 from volsplat.client.render_outputs import Outputs, step_image_path
 from volsplat.client.renderer import Refinement, Renderer, finished_whole
@@ -44,7 +46,8 @@ if TYPE_CHECKING:
     "--order", type=click.Choice([order.value for order in Order]), help="Back-to-front or front-to-back (fastest)."
 )
 @click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
-@click.option("--zoom", type=float, metavar="PIXELS", help="Pixels a voxel; else the volume fits the image.")
+@up_option
+@click.option("--zoom", type=float, metavar="PIXELS", help="Pixels a voxel; else what is visible fits the image.")
 @click.option("--center", metavar="I,J,K", help="Grid point at the image's centre.")
 @click.option("--bounds", metavar="I0:I1,J0:J1,K0:K1", help="Draw only this part of the grid.")
 @click.option("--edges/--no-edges", default=None, help="Draw the volume's boundary as white edges.")
@@ -67,6 +70,7 @@ def render(
     steps_dir: Path | None,
     order: str | None,
     rotate: str | None,
+    up: str | None,
     zoom: float | None,
     center: str | None,
     bounds: str | None,
@@ -89,6 +93,7 @@ def render(
         size=size_from_option(size) if size else None,
         order=Order(order) if order else None,
         rotate=rotate,
+        up=up_from_option(up),
         zoom=zoom,
         center=triple_from_option("--center", center, float) if center else None,
         bounds=bounds_from_option(bounds) if bounds else None,
@@ -113,7 +118,7 @@ def render(
 def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: PlainConsole) -> None:
     """Draw the last step, or all up to it where each is wanted, and write the files."""
     scene = options.scene_of(renderer.volume)
-    properties = image_properties(renderer.volume.description, scene)
+    properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
     with interrupts_held():  # takes a second to import; by now every server works
         from volsplat.client.image_file import write_image
 

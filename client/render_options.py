@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
+import click
 import msgspec
 
 from volsplat.client.image_formats import DEPTHS
@@ -17,6 +18,13 @@ from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.view_rotation import rotation_from_option
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import Bounds, Order, Scene
+from volsplat.protocol.upright import UPS, Up
+
+up_option = click.option(
+    "--up",
+    type=click.Choice(UPS),
+    help="The axis of the volume's space that is up (as its file tells, or by a guess; see volsplat info).",
+)
 
 Number = TypeVar("Number", int, float)
 
@@ -30,6 +38,7 @@ class SceneOptions:
     size: tuple[int, int] | None = None
     order: Order | None = None
     rotate: str | None = None
+    up: Up | None = None
     zoom: float | None = None
     center: tuple[float, float, float] | None = None
     bounds: Bounds | None = None
@@ -64,6 +73,8 @@ class SceneOptions:
         try:
             if self.rotate is not None:
                 view = msgspec.structs.replace(view, rotation=rotation_from_option(self.rotate))
+            if self.up is not None:
+                view = msgspec.structs.replace(view, up=self.up)
             if self.zoom is not None:
                 view = msgspec.structs.replace(view, zoom=self.zoom)
             if self.center is not None:
@@ -100,6 +111,11 @@ def size_from_option(text: str) -> tuple[int, int]:
     if match is None or not all(1 <= int(number) <= 16384 for number in match.groups()):
         raise BadInput(f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to 16384, as in 512x512")
     return int(match[1]), int(match[2])
+
+
+def up_from_option(text: str | None) -> Up | None:
+    """What --up, which is one of UPS, says."""
+    return next((up for up in UPS if up == text), None)
 
 
 def triple_from_option(option: str, text: str, kind: Callable[[str], Number]) -> tuple[Number, Number, Number]:

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from volsplat.protocol.scene import Field, Kernel, Order, Step
+from volsplat.protocol.upright import UPS
 
 
 class SceneKey(NamedTuple):
@@ -75,15 +76,22 @@ KEYS: dict[str, SceneKey] = {
     ),
     "view.rotation": SceneKey(
         "[x, y, z, w], a quaternion of any length but zero",
-        "From the volume's physical axes to the screen's. [0, 0, 0, 1] looks against the physical z axis with y up;\n"
-        "the front of a patient is [-0.70710678, 0, 0, 0.70710678].",
+        "From upright axes (see up) to the screen's. [0, 0, 0, 1] looks from above, with the back up; the front is\n"
+        "[-0.70710678, 0, 0, 0.70710678], the viewer at -y with z up.",
+    ),
+    "view.up": SceneKey(
+        _one_of([*UPS, "auto"]),
+        "The physical axis that stands upright, as z, before rotation; nothing is mirrored. Auto is what the file\n"
+        "tells, or a guess by the end at which what is there tapers; `volsplat info` says which.",
     ),
     "view.zoom": SceneKey(
         '1/64 to 256 pixels per reference spacing, or "fit"',
-        "The reference spacing is the cube root of a voxel's volume. Fit shows the volume's bounding sphere.",
+        "The reference spacing is the cube root of a voxel's volume. Fit shows all that is visible under the tables\n"
+        "and bounds, from whichever side: the smallest ball about it fills the image.",
     ),
     "view.center": SceneKey(
-        '[i, j, k] in voxels, fractions allowed, or "middle"', "The grid point shown at the image's centre."
+        '[i, j, k] in voxels, fractions allowed, or "middle"',
+        "The grid point shown at the image's centre. Middle is that of the grid, or of what a fit shows.",
     ),
     "bounds.low": SceneKey("[i, j, k], whole voxels from 0", "The first voxel on each axis."),
     "bounds.high": SceneKey(

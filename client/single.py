@@ -129,7 +129,7 @@ class SingleProcess:
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
         scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
-        geometry = self.volume.description.geometry
+        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
         packing = self._packed(scene, Step.F)
         resolution = self._holding.finest()
         try:
@@ -198,7 +198,7 @@ class SingleProcess:
             yield batch
 
     def _stages(self, scene: Scene, step: Step) -> tuple[Resolution, FrameWalk, FrameAssembly]:
-        geometry = self.volume.description.geometry
+        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
         if self._ahead is not None:
             self._ahead.result()  # an older frame's walk must not go on beside this one's
         self._frame += 1

@@ -32,7 +32,6 @@ class Subject:
     has_phases: bool = False  # in the packets' second byte
     whole_numbers: bool = False
     in_hounsfield: bool = False
-    anatomical: bool = True
     depth: Field = Field.GRID_K  # the grid's axis that leads away from the viewer in front
     recedes: bool = True  # along this axis
     fine: ValueCounts | None = None  # the values before they became bytes
@@ -65,7 +64,6 @@ def subject_of(
         has_phases=description.second_scalar is not None,
         whole_numbers="int" in description.scalar_type,
         in_hounsfield=description.value_unit == HOUNSFIELD,
-        anatomical=description.anatomical,
         depth=GRID_FIELDS[depth],
         recedes=away[depth] > 0,
         fine=ValueCounts(survey.low, survey.high, density_counts) if survey.low <= survey.high else None,

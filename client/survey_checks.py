@@ -3,8 +3,10 @@
 import math
 from array import array
 
+from volsplat.protocol.block_extremes import BLOCK_BYTES, block_dims
 from volsplat.protocol.errors import RemoteProtocolError
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.volume import Index
 
 
 def check_survey(survey: Survey, voxels: int) -> None:
@@ -28,3 +30,12 @@ def check_counts(payload: memoryview, voxels: int) -> None:
                 f"its histogram of {scalar} counts {sum(counted)} voxels, the least bin {min(counted)}, but its boxes "
                 f"have {voxels}"
             )
+
+
+def check_extremes(payload: memoryview, dims: Index) -> None:
+    """Raises RemoteProtocolError for what cannot be the extremes of the blocks of a volume of these dimensions."""
+    blocks = math.prod(block_dims(dims))
+    if payload.nbytes != BLOCK_BYTES * blocks:
+        raise RemoteProtocolError(f"it told of {payload.nbytes // BLOCK_BYTES} blocks, but the volume has {blocks}")
+    if any(map(math.isnan, array("d", payload.tobytes()))):
+        raise RemoteProtocolError("it told of a block whose least or greatest value is not a number")

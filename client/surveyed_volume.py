@@ -1,17 +1,28 @@
 """The volume as the client knows it; scenes and quantisation follow from it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+
+import msgspec
 
 from volsplat.client.default_scene import default_scene
 from volsplat.client.density_histogram import DensityHistogram, density_histogram
+from volsplat.client.enclosing_ball import Ball
 from volsplat.client.subject import Subject, subject_of
+from volsplat.client.up_guess import StandsUp, stands_up
+from volsplat.client.visible_part import fitting_view, visible_ball
 from volsplat.protocol import index_rules
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation, Survey
 from volsplat.protocol.levels import Prepared
-from volsplat.protocol.scene import Quantise, Scene
+from volsplat.protocol.scene import ColourTable, Quantise, Scene
+from volsplat.protocol.upright import Up
 from volsplat.protocol.volume import VolumeDescription
+
+REMEMBERED = 16  # scenes
+NO_COLOUR = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
 
 
 @dataclass(frozen=True)
@@ -22,6 +33,7 @@ class SurveyedVolume:
     survey: Survey
     density_counts: list[int]  # over survey.low..survey.high
     strength_counts: list[int]  # over strength_range
+    extremes: BlockExtremes
     prepared: Prepared | None = None  # where its packets were made before
 
     @cached_property
@@ -58,6 +70,43 @@ class SurveyedVolume:
         """The histogram of density bytes under the window that the data chooses."""
         return density_histogram(self.survey, self.density_counts, self.automatic_window)
 
+    @cached_property
+    def stands_up(self) -> StandsUp:
+        """Which physical axis is up where the scene leaves it open."""
+        return stands_up(self.description, self.extremes)
+
+    def settled(self, scene: Scene) -> Scene:
+        """The scene with numbers for all that its view leaves to the volume: up, and zoom and centre of a fit.
+
+        What does not fit the volume is left for whoever plans the frame.
+        """
+        view = msgspec.structs.replace(scene.view, up=self.up_in(scene))
+        return self.fitted(msgspec.structs.replace(scene, view=view))
+
+    def up_in(self, scene: Scene) -> Up:
+        """The physical axis that the scene has up."""
+        return self.stands_up.up if scene.view.up == "auto" else scene.view.up
+
+    def fitted(self, scene: Scene) -> Scene:
+        """The scene with numbers for the zoom and centre of a fit, which hold however it is turned."""
+        if scene.view.zoom != "fit":
+            return scene
+        try:
+            ball = self._visible_ball(_deciding_visibility(scene))
+        except ValueError:  # bounds that the volume does not have
+            return scene
+        zoom, center = fitting_view(scene, self.description.geometry, ball)
+        return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom, center=center))
+
+    @cached_property
+    def _visible_ball(self) -> Callable[[Scene], Ball]:
+        """Remembered, since the frames of a refinement, and a scene that is turned, have the same."""
+
+        def found(scene: Scene) -> Ball:
+            return visible_ball(scene, self.description.geometry, self.quantisation(scene.quantise), self.extremes)
+
+        return lru_cache(REMEMBERED)(found)
+
     def check_has_values(self) -> None:
         """Raises BadInput where there is nothing to draw."""
         if self.survey.low > self.survey.high:
@@ -78,3 +127,23 @@ class SurveyedVolume:
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""
         return default_scene(self.subject())
+
+
+def asking_for_fit(scene: Scene) -> Scene:
+    """The scene from the same side, with zoom and centre left to what is visible."""
+    return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom="fit", center="middle"))
+
+
+def _deciding_visibility(scene: Scene) -> Scene:
+    """The scene with whatever does not decide what is visible left as it is in every scene."""
+    plain = Scene(tables=scene.tables)
+    return msgspec.structs.replace(
+        plain,
+        tables=msgspec.structs.replace(scene.tables, emit=NO_COLOUR, refl=NO_COLOUR),
+        cross_bar=msgspec.structs.replace(plain.cross_bar, opac=scene.cross_bar.opac, modu=scene.cross_bar.modu),
+        shading=msgspec.structs.replace(plain.shading, modulation=scene.shading.modulation),
+        view=msgspec.structs.replace(plain.view, center=scene.view.center),
+        bounds=scene.bounds,
+        image=msgspec.structs.replace(plain.image, edges=scene.image.edges),
+        quantise=scene.quantise,
+    )

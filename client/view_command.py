@@ -16,7 +16,7 @@ from volsplat.client.import_ahead import imported_ahead
 from volsplat.client.interrupts import interrupts_held
 from volsplat.client.opened_volume import ignored, memory_option, opened, servers_from_options
 from volsplat.client.presets import PRESETS
-from volsplat.client.render_options import SceneOptions
+from volsplat.client.render_options import SceneOptions, up_from_option, up_option
 from volsplat.client.session import Session
 from volsplat.client.terminal_watch import ended_with_its_reader
 from volsplat.client.ui.browser_tab import BrowserTab
@@ -38,6 +38,7 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
 @click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
+@up_option
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine (any free).")
 @click.option("--no-browser", is_flag=True, help="Print the page's address only.")
 @click.option(
@@ -57,6 +58,7 @@ def view(
     workers: int,
     scene: Path | None,
     preset: str | None,
+    up: str | None,
     port: int,
     no_browser: bool,
     grace: float,
@@ -71,7 +73,7 @@ def view(
     Ctrl-C ends everything, and so does the end of the terminal.
     """
     _need_extra()
-    options = SceneOptions(scene=scene, preset=preset)
+    options = SceneOptions(scene=scene, preset=preset, up=up_from_option(up))
     options.scene_of(None)
     if listen is None:
         check_is_there(volume)

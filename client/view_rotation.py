@@ -1,8 +1,8 @@
 """The ways to name a view: quaternion, azimuth and elevation, or a side of the volume.
 
-Physical axes are LPS where the volume is anatomical: x to the patient's left, y to posterior, z to superior. Every
-view starts from the front: the viewer at -y, +z up, +x (the patient's left) on the right of the screen. Names are
-used alike for other volumes, whose physical axes then have no anatomical meaning.
+All are told in upright axes (protocol/upright.py): the physical ones, turned so that what is up in the volume is z.
+Of a patient they are LPS: x to the left, y to posterior, z to superior. Every view starts from the front: the viewer
+at -y, +z up, +x (the patient's left) on the right of the screen.
 """
 
 import math
@@ -21,7 +21,6 @@ _NAMED_ANGLES = {
     "right": (90.0, 0.0, 0.0),  # the viewer at -x
     "top": (180.0, 90.0, 0.0),  # the viewer at +z, anterior (-y) up
     "bottom": (0.0, -90.0, 0.0),  # the viewer at -z, anterior (-y) up: the radiologist's axial view
-    "stack": (0.0, 0.0, 180.0),  # slices that count from the top down: the viewer at -y, -z up, -x on the right
 }
 VIEW_NAMES = tuple(_NAMED_ANGLES)
 
@@ -32,9 +31,9 @@ def named_view(name: str) -> Quaternion:
 
 
 def rotation_from_angles(azimuth: float, elevation: float, roll: float = 0.0) -> Quaternion:
-    """The rotation from physical to screen axes, by degrees from the front view.
+    """The rotation from upright to screen axes, by degrees from the front view.
 
-    Azimuth turns the volume about the physical +z axis, counter-clockwise as seen from above; elevation then tips
+    Azimuth turns the volume about the upright +z axis, counter-clockwise as seen from above; elevation then tips
     its top towards the viewer; roll turns the picture counter-clockwise.
     """
     turned = product(_FRONT, about(2, azimuth))

@@ -14,15 +14,19 @@ from volsplat.client.lending import Lending
 from volsplat.client.packing import Packing
 from volsplat.client.stored_levels import StoredLevels
 from volsplat.client.sub_cubes import divided
-from volsplat.client.survey_checks import check_counts, check_survey
+from volsplat.client.survey_checks import check_counts, check_extremes, check_survey
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import RemoteProtocolError
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.levels import Prepared, Resolution, own_resolution, resolution_of
+from volsplat.protocol.message_rules import HISTOGRAM_BYTES
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume import Box, VolumeDescription
 from volsplat.protocol.volume_identity import VolumeIdentity
+
+HISTOGRAMS_BYTES = HISTOGRAM_BINS * HISTOGRAM_BYTES
 
 
 class Phase(Enum):
@@ -56,6 +60,7 @@ class VolumeHolding:
         self._survey: Survey | None = None
         self._density_counts: list[int] = []
         self._strength_counts: list[int] = []
+        self._extremes: BlockExtremes | None = None
         self._pending: set[int] = set()  # servers whose answer the phase waits for
         self._lending: Lending | None = None  # while a volume that only comes whole is read
         self.newest_assignment = 0
@@ -277,7 +282,9 @@ class VolumeHolding:
             return []
         if message.bins != HISTOGRAM_BINS:
             raise RemoteProtocolError(f"it counted {message.bins} bins, but {HISTOGRAM_BINS} were asked for")
-        check_counts(payload, self._voxels_of(server))
+        assert self._description is not None
+        check_counts(payload[:HISTOGRAMS_BYTES], self._voxels_of(server))
+        check_extremes(payload[HISTOGRAMS_BYTES:], self._description.geometry.dims)
         self._add_counts(payload)
         self._pending.discard(server)
         return [] if self._pending else self._surveyed()
@@ -286,15 +293,22 @@ class VolumeHolding:
         return sum(box.voxels for box in self.boxes[server])
 
     def _add_counts(self, payload: memoryview) -> None:
-        counts = array("q", payload.tobytes())
+        counts = array("q", payload[:HISTOGRAMS_BYTES].tobytes())
         self._density_counts = _added(self._density_counts, counts[:HISTOGRAM_BINS])
         self._strength_counts = _added(self._strength_counts, counts[HISTOGRAM_BINS:])
+        extremes = BlockExtremes.of_bytes(payload[HISTOGRAMS_BYTES:])
+        self._extremes = extremes if self._extremes is None else self._extremes.joined(extremes)
 
     def _surveyed(self) -> list[Instruction]:
-        assert self._description is not None and self._survey is not None
+        assert self._description is not None and self._survey is not None and self._extremes is not None
         self.phase = Phase.SURVEYED
         self.volume = SurveyedVolume(
-            self._description, self._survey, self._density_counts, self._strength_counts, self._prepared
+            self._description,
+            self._survey,
+            self._density_counts,
+            self._strength_counts,
+            self._extremes,
+            self._prepared,
         )
         return [PublishVolume(self.volume)]
 

@@ -7,6 +7,7 @@ from rich.table import Table
 from rich.text import Text
 
 from volsplat.client.contour_scenes import Level
+from volsplat.client.up_guess import StandsUp
 from volsplat.protocol import matrices
 from volsplat.protocol.index_rules import Survey, percentile
 from volsplat.protocol.kind import Kind
@@ -34,18 +35,20 @@ def info_text(
     prepared: Prepared | None = None,
     strength_scale: float = 0.0,
     contour: Level | None = None,
+    stands_up: StandsUp | None = None,
 ) -> Group:
     """What a person wants to know of a volume before rendering it, for rich's console.
 
     `density_counts` splits survey.low..survey.high into even bins, `strength_counts` the range of strengths;
     `window` is the density window that the servers will use, `strength_scale` their bytes per unit of strength;
-    `prepared` what was decided when the volume was prepared; `contour` where the default scene has its surface.
+    `prepared` what was decided when the volume was prepared; `contour` where the default scene has its surface;
+    `stands_up` which way is up.
     """
     table = Table(box=None, show_header=False, pad_edge=False)
     table.add_column(style="bold", no_wrap=True)
     table.add_column(overflow="fold")
     strength = _strength_text(description, survey, strength_counts, strength_scale)
-    for name, text in _rows(description, survey, density_counts, window, strength, prepared, contour):
+    for name, text in _rows(description, survey, density_counts, window, strength, prepared, contour, stands_up):
         table.add_row(name, Text(text))
     if survey.low > survey.high:
         return Group(table)
@@ -60,6 +63,7 @@ def _rows(
     strength: str,
     prepared: Prepared | None,
     contour: Level | None,
+    stands_up: StandsUp | None,
 ) -> list[tuple[str, str]]:
     geometry = description.geometry
     unit = f" {description.unit}" if description.unit else " (the file states no unit)"
@@ -72,6 +76,7 @@ def _rows(
         ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
         ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
         ("orientation", orientation_text(description)),
+        *([("up", f"{stands_up.up}, {stands_up.why}")] if stands_up is not None else []),
         *_axis_rows(description),
         ("type", description.scalar_type + (f", in {description.value_unit}" if description.value_unit else "")),
     ]

@@ -40,10 +40,15 @@ def histograms(
     second: object | None,
     density: tuple[float, float],
     strength: tuple[float, float],
-) -> tuple[Array, Array]:
+    begin: Index,
+    block_size: Index,
+    block_count: Index,
+) -> tuple[Array, Array, Array]:
     """int64 counts of values over the range `density` and of strengths over the range `strength`, 65536 bins each.
 
-    Strength is |gradient|, or what `second` holds, an array of the box alone: (k, j, i), of any scalar type.
+    Strength is |gradient|, or what `second` holds, an array of the box alone: (k, j, i), of any scalar type. Then
+    float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes), in whose grid the box
+    begins at `begin`.
     """
 
 def pack(

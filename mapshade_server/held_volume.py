@@ -24,6 +24,7 @@ from volsplat.mapshade_server.volume_identity import (
     identity_of,
 )
 from volsplat.protocol import messages
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.levels import Prepared
@@ -136,12 +137,18 @@ class HeldVolume:
 
     def _on_CountHistograms(self, request: messages.CountHistograms) -> list[Answer]:
         density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
-        for sub_cube in self.sub_cubes(0):
+        sub_cubes = self.sub_cubes(0)
+        extremes = BlockExtremes.nothing(sub_cubes[0].geometry.dims)
+        for sub_cube in sub_cubes:
             more = sub_cube.histograms(request.low, request.high, request.max_gradient)
-            density = array("q", map(int.__add__, density, more[0]))
-            strength = array("q", map(int.__add__, strength, more[1]))
-        counted = messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS)
-        return [Answer(counted, (memoryview(density).cast("B"), memoryview(strength).cast("B")))]
+            density = array("q", map(int.__add__, density, more.density))
+            strength = array("q", map(int.__add__, strength, more.strength))
+            extremes = extremes.joined(more.extremes)
+        counted = messages.HistogramsCounted(
+            assignment=request.assignment, bins=HISTOGRAM_BINS, blocks=len(extremes.least)
+        )
+        payload = (memoryview(density).cast("B"), memoryview(strength).cast("B"), memoryview(extremes.as_bytes()))
+        return [Answer(counted, payload)]
 
     def _on_PackVoxels(self, request: messages.PackVoxels) -> list[Answer]:
         started = time.perf_counter()
@@ -237,4 +244,4 @@ def _described(store: PacketStore, identity: VolumeIdentity) -> Answer:
     )
     counts = [memoryview(array("q", each)).cast("B") for each in (store.density_counts, store.strength_counts)]
     described = messages.VolumeDescribed(description=store.description, prepared=[prepared], identity=identity)
-    return Answer(described, tuple(counts))
+    return Answer(described, (*counts, memoryview(store.extremes.as_bytes())))

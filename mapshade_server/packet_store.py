@@ -12,6 +12,7 @@ A Zarr v3 group that `volsplat prepare` writes:
                          is stored, else 0
     histograms/density   int64 counts over the survey's low..high
     histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
+    blocks               float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes)
 
 Level L + 1 halves level L: each of its voxels is the mean of 2x2x2 source values, as many as there are and are finite.
 A second scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All
@@ -36,6 +37,7 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server.readers.arrays.zarr_files import files_of_arrays
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.volume_files import VolumeFile
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation, Survey
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
@@ -47,6 +49,7 @@ CHECKSUM = "volsplat_crc32"  # of the attribute
 FORMAT = 2
 BRICKS = "bricks"
 DENSITY_COUNTS, STRENGTH_COUNTS = "histograms/density", "histograms/strength"
+BLOCKS = "blocks"
 METADATA = "zarr.json"
 BRICK_FIELDS = 5  # least and greatest density byte, least and greatest strength byte, whether it is stored
 STORED = 4
@@ -116,6 +119,10 @@ class PacketStore:
     def strength_counts(self) -> list[int]:
         counts: list[int] = self._whole(STRENGTH_COUNTS).tolist()
         return counts
+
+    @cached_property
+    def extremes(self) -> BlockExtremes:
+        return BlockExtremes.of_bytes(self._whole(BLOCKS).tobytes())
 
     @property
     def files(self) -> Sequence[VolumeFile]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader, Voxels
 from volsplat.mapshade_server.sub_cube import Histograms, SubCube
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.volume import HALO, SCALAR_BYTES, Box, Geometry, Index
 
@@ -111,11 +112,13 @@ class PassedBox:
 
     def histograms(self, low: float, high: float, max_gradient: float) -> Histograms:
         density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
+        extremes = BlockExtremes.nothing(self._reader.geometry.dims)
         for slab in self._reader.slabs(self.box):
-            more_density, more_strength = self._counted(slab).histograms(low, high, max_gradient)
-            density += np.asarray(more_density)
-            strength += np.asarray(more_strength)
-        return Histograms(density.data, strength.data)
+            more = self._counted(slab).histograms(low, high, max_gradient)
+            density += np.asarray(more.density)
+            strength += np.asarray(more.strength)
+            extremes = extremes.joined(more.extremes)
+        return Histograms(density.data, strength.data, extremes)
 
     def _counted(self, slab: Slab) -> SubCube:
         self.source_bytes += slab.sub_cube.source_bytes

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader
+from volsplat.protocol.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.errors import BadInput, LocalProtocolError
 from volsplat.protocol.index_rules import Quantisation, Survey, physical_gradient
 from volsplat.protocol.levels import LISTS_PER_STORED_PACKET
@@ -14,10 +15,11 @@ LISTS_PER_PACKET = 0.65  # of the packets' bytes, for the lists of what can be s
 
 
 class Histograms(NamedTuple):
-    """Counts of index_rules.HISTOGRAM_BINS bins each, int64."""
+    """Counts of index_rules.HISTOGRAM_BINS bins each, int64, and what lies where."""
 
     density: memoryview  # over the survey's low..high
     strength: memoryview  # over 0..max_gradient, or over the second scalar's range
+    extremes: BlockExtremes  # of the whole volume's blocks, as far as this box knows
 
 
 class SubCube:
@@ -93,8 +95,18 @@ class SubCube:
     def histograms(self, low: float, high: float, max_gradient: float) -> Histograms:
         """Counts of the box's voxels over the whole volume's ranges."""
         strengths = self._second_scalar or (0.0, max_gradient)
-        density, strength = _kernels.histograms(*self._source_box(), self._second, (low, high), strengths)
-        return Histograms(memoryview(density), memoryview(strength))
+        dims = self.geometry.dims
+        density, strength, extremes = _kernels.histograms(
+            *self._source_box(),
+            self._second,
+            (low, high),
+            strengths,
+            begin=self.box.low,
+            block_size=block_size(dims),
+            block_count=block_dims(dims),
+        )
+        told = BlockExtremes.of_bytes(memoryview(extremes).cast("B"))
+        return Histograms(memoryview(density), memoryview(strength), told)
 
     def pack(self, quantisation: Quantisation) -> None:
         """Make the voxel packets and let the source go."""

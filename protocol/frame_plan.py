@@ -20,8 +20,9 @@ from volsplat.protocol.levels import (
 )
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.refinement import STEP_RULES
-from volsplat.protocol.scene import Order, Scene, Step
+from volsplat.protocol.scene import Order, Scene, Step, View
 from volsplat.protocol.traversal import AxisVisits, Traversal, traversal_of, visits_of
+from volsplat.protocol.upright import upright
 from volsplat.protocol.volume import Box, Geometry, Index
 
 FRACTION_BITS = 32
@@ -30,7 +31,7 @@ LARGEST_POSITION = 1 << 29  # pixels; beyond it 64 bits would not hold the DDA
 
 FROZEN_ALPHA = 1.0 - 1.0 / 1024.0  # front-to-back: from here on a pixel no longer changes
 
-FIT_FRACTION = 0.95  # of the image's shorter side, for the volume's bounding sphere
+FIT_FRACTION = 0.98  # of the image's shorter side, for the ball that a fit shows: without a volume's data all of it
 
 
 class Reach(StrEnum):
@@ -106,11 +107,11 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolut
     level = drawn.geometry
     factors, thickness = factors_of(geometry, level), thickness_of(geometry, level)
     bounds = bounds_at_level(resolved_bounds(scene, geometry), factors)
-    rotation = matrices.rotation_from_quaternion(scene.view.rotation)
+    rotation = screen_rotation(scene.view)
     zoom = resolved_zoom(scene, geometry) * thickness
     scale = zoom / level.reference_spacing
-    upright = matrices.times(matrices.product(rotation, level.index_to_physical), scale)
-    to_pixels: Matrix = (upright[0], matrices.scaled(upright[1], -1.0), upright[2])
+    in_pixels = matrices.times(matrices.product(rotation, level.index_to_physical), scale)
+    to_pixels: Matrix = (in_pixels[0], matrices.scaled(in_pixels[1], -1.0), in_pixels[2])
     center = point_at_level(resolved_center(scene, geometry), factors)
     middle = ((scene.image.width - 1) / 2, (scene.image.height - 1) / 2, 0.0)
     origin = matrices.minus(middle, matrices.applied(to_pixels, center))
@@ -134,13 +135,18 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolut
         x=x,
         y=y,
         depth=depth,
-        screen_index=_screen_index_ddas(upright, geometry, factors),
+        screen_index=_screen_index_ddas(in_pixels, geometry, factors),
         order=order,
         traversal=traversal,
         visits=(visits[0], visits[1], visits[2]),
         bounds=bounds,
         reach=reach,
     )
+
+
+def screen_rotation(view: View) -> Matrix:
+    """The rotation from physical to screen axes."""
+    return matrices.product(matrices.rotation_from_quaternion(view.rotation), upright(view.up))
 
 
 def resolved_bounds(scene: Scene, geometry: Geometry) -> Box:
@@ -209,20 +215,20 @@ def _dda(origin: float, steps: Vector) -> Dda:
     )
 
 
-def _screen_index_ddas(upright: Matrix, geometry: Geometry, factors: Index) -> tuple[Dda, Dda, Dda]:
+def _screen_index_ddas(in_pixels: Matrix, geometry: Geometry, factors: Index) -> tuple[Dda, Dda, Dda]:
     """The fields screen x, y, z over the volume's bounding sphere, as values whose integer part is the byte.
 
-    `upright` is the level's.
+    `in_pixels` is the level's grid step, y up.
     """
     ni, nj, nk = geometry.dims
     middle = point_at_level(((ni - 1) / 2, (nj - 1) / 2, (nk - 1) / 2), factors)
-    step_length = matrices.length(matrices.column(upright, 0)) / matrices.length(
+    step_length = matrices.length(matrices.column(in_pixels, 0)) / matrices.length(
         matrices.column(geometry.index_to_physical, 0)
     )
     radius = bounding_radius(geometry) * step_length / factors[0]
     per_pixel = 256 / (2 * radius)
     x, y, z = (
-        _dda(128 - matrices.dot(upright[axis], middle) * per_pixel, matrices.scaled(upright[axis], per_pixel))
+        _dda(128 - matrices.dot(in_pixels[axis], middle) * per_pixel, matrices.scaled(in_pixels[axis], per_pixel))
         for axis in range(3)
     )
     return (x, y, z)

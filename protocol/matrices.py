@@ -99,6 +99,23 @@ def rotation_from_quaternion(q: tuple[float, float, float, float]) -> Matrix:
     )
 
 
+def quaternion_from_rotation(m: Matrix) -> tuple[float, float, float, float]:
+    """The unit quaternion (x, y, z, w) of a rotation, by the largest of its parts (Shepperd 1978)."""
+    xx, yy, zz = m[0][0], m[1][1], m[2][2]
+    squares = (1 + xx - yy - zz, 1 - xx + yy - zz, 1 - xx - yy + zz, 1 + xx + yy + zz)  # 4 times x^2, y^2, z^2, w^2
+    xy, xz, yz = m[0][1] + m[1][0], m[0][2] + m[2][0], m[1][2] + m[2][1]
+    xw, yw, zw = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
+    largest = squares.index(max(squares))
+    x, y, z, w = (
+        (squares[0], xy, xz, xw),
+        (xy, squares[1], yz, yw),
+        (xz, yz, squares[2], zw),
+        (xw, yw, zw, squares[3]),
+    )[largest]
+    size = math.sqrt(x * x + y * y + z * z + w * w)
+    return (x / size, y / size, z / size, w / size)
+
+
 def cube_root(value: float) -> float:
     """The cube root of a positive number by Newton's method, since libm's differs between machines."""
     _, exponent = math.frexp(value)

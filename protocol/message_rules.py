@@ -3,6 +3,7 @@
 It knows nothing of bytes on the wire (see framing) nor of the handshake's order (see handshake).
 """
 
+import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ from typing import Any, NamedTuple, Union
 import msgspec
 
 from volsplat.protocol import greetings, messages
+from volsplat.protocol.block_extremes import BLOCK_BYTES, MOST_BLOCKS, block_dims
 from volsplat.protocol.closed_tiles import tile_map_bytes
 from volsplat.protocol.errors import LocalProtocolError, RemoteProtocolError
 from volsplat.protocol.exchanges import Exchanges
@@ -43,7 +45,7 @@ from volsplat.protocol.volume import SCALAR_BYTES
 
 MIB = 1 << 20
 LARGEST_BATCH = 16 * MIB  # bytes of runs and packets; senders choose far less
-LARGEST_HISTOGRAMS = MIB
+LARGEST_HISTOGRAMS = MIB + BLOCK_BYTES * MOST_BLOCKS**3
 LARGEST_PART = 16 * MIB  # bytes of values; senders choose less
 RGBA_BYTES = 16  # four float32
 HISTOGRAM_BYTES = 16  # two int64 for each bin
@@ -84,11 +86,14 @@ def _batch_bytes(batch: Batch) -> int:
 
 
 def _description_bytes(described: VolumeDescribed) -> int:
-    return HISTOGRAM_BINS * HISTOGRAM_BYTES if described.prepared else 0
+    if not described.prepared:
+        return 0
+    blocks = math.prod(block_dims(described.description.geometry.dims))
+    return HISTOGRAM_BINS * HISTOGRAM_BYTES + blocks * BLOCK_BYTES
 
 
 def _histogram_bytes(counted: HistogramsCounted) -> int:
-    return counted.bins * HISTOGRAM_BYTES
+    return counted.bins * HISTOGRAM_BYTES + counted.blocks * BLOCK_BYTES
 
 
 def _part_bytes(carried: PartRead | HoldPart) -> int:

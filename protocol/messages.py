@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from volsplat.protocol.block_extremes import MOST_BLOCKS
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.levels import Prepared, Resolution
 from volsplat.protocol.machine import Machine
@@ -249,10 +250,13 @@ class CountHistograms(Message, frozen=True):
 
 
 class HistogramsCounted(Message, frozen=True):
-    """Map/shade server to client: payload `bins` int64 of density, then `bins` int64 of strength."""
+    """Map/shade server to client: payload `bins` int64 of density, then `bins` int64 of strength, then float64 of least
+    values of the whole volume's `blocks`, then of their greatest (block_extremes).
+    """
 
     assignment: AssignmentId
     bins: Annotated[int, Meta(ge=1, le=HISTOGRAM_BINS)]
+    blocks: Annotated[int, Meta(ge=1, le=MOST_BLOCKS**3)]
 
 
 class PackVoxels(Message, frozen=True):

@@ -11,6 +11,7 @@ from typing import Literal
 
 import msgspec
 
+from volsplat.protocol.upright import Up
 from volsplat.protocol.volume import Index
 
 Colour = tuple[float, float, float]
@@ -181,9 +182,13 @@ class Light(Part, frozen=True):
 
 
 class View(Part, frozen=True):
-    """Orthographic view. `rotation` is a quaternion (x, y, z, w) from physical axes to screen axes."""
+    """Orthographic view. `rotation` is a quaternion (x, y, z, w) from upright axes to screen axes.
+
+    `up` is the physical axis that stands upright (see upright); "auto" is what the file tells, or a guess.
+    """
 
     rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    up: Up | Literal["auto"] = "auto"
     zoom: float | Literal["fit"] = "fit"  # pixels per reference spacing
     center: tuple[float, float, float] | Literal["middle"] = "middle"  # grid point at the image's centre
 

@@ -9,6 +9,7 @@ from volsplat.protocol import matrices
 from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.printable import printable
+from volsplat.protocol.upright import Up
 
 Index = tuple[int, int, int]  # always grid (i, j, k)
 
@@ -122,6 +123,7 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
     kind: Kind = Kind.UNKNOWN
     kind_from: str = ""  # what in the file states the kind; "" where nothing does
     bands: tuple[Band, ...] = ()  # what the values mean, where they are classes; they do not overlap
+    up: Up | None = None  # the physical axis that points up, None where the file does not tell; superior of a patient
     density_name: str = "density"  # what the packet's first byte holds
     strength_name: str = "gradient strength"  # what its second byte holds
     second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
@@ -135,6 +137,8 @@ class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknow
         msgspec.structs.force_setattr(self, "warnings", tuple(printable(warning) for warning in self.warnings))
         if min(self.chunk) < 1:
             raise ValueError(f"a chunk needs at least one voxel on each axis, not {self.chunk}")
+        if self.anatomical and self.up is None:
+            msgspec.structs.force_setattr(self, "up", "+z")
         if self.second_scalar is not None:
             low, high = self.second_scalar
             if not (low < high and math.isfinite(1.0 / (high - low)) and math.isfinite(high - low)):

@@ -3,7 +3,8 @@
 import torch
 from torch import Tensor
 
-from volsplat.protocol.matrices import IDENTITY, Matrix, rotation_from_quaternion
+from volsplat.protocol.frame_plan import screen_rotation
+from volsplat.protocol.matrices import IDENTITY, Matrix
 from volsplat.protocol.scene import Scene
 from volsplat.protocol.volume import Geometry
 
@@ -21,7 +22,7 @@ SQUARE = (0.0, 0.0, 0.0, 1.0)
 def pixels_per_index(geometry: Geometry, scene: Scene) -> Tensor:
     """(3, 3) float64: columns are a step of i, j, k in pixels, x right, y DOWN, z to the viewer."""
     matrix = torch.tensor(geometry.index_to_physical, dtype=torch.float64)
-    rotation = torch.tensor(rotation_from_quaternion(scene.view.rotation), dtype=torch.float64)
+    rotation = torch.tensor(screen_rotation(scene.view), dtype=torch.float64)
     zoom = scene.view.zoom
     assert zoom != "fit"
     upright = rotation @ matrix * (zoom / float(torch.linalg.det(matrix).abs()) ** (1 / 3))

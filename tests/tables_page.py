@@ -24,6 +24,7 @@ from volsplat.client.presets import preset_scene
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.scene_model import SceneModel
 from volsplat.client.ui.tables_panel import TablesPanel
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.index_rules import Survey
 from volsplat.protocol.scene import ColourTable, Quantise, ScalarTable, Scene, Tables
 from volsplat.protocol.volume import Geometry, VolumeDescription
@@ -45,6 +46,7 @@ VOLUME = SurveyedVolume(
         sum(parts) for parts in zip(peak(70, 20, 9e4), peak(390, 15, 2e4), peak(500, 90, 500), strict=True)
     ],
     strength_counts=[round(1e5 * math.exp(-n / 40)) for n in range(1000)],
+    extremes=BlockExtremes.nothing((64, 64, 64)),
 )
 SCENE = Scene(
     tables=Tables(

@@ -32,6 +32,7 @@ from volsplat.client.presets import preset_scene
 from volsplat.client.volume_holding import Phase
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput, PeerLost
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.levels import Prepared
@@ -66,7 +67,9 @@ def sent(instructions: list[Instruction]) -> list[tuple[int, type]]:
 def counted(server: int, voxels: int = 360) -> MessageReceived:
     counts = array("q", bytes(8 * HISTOGRAM_BINS))
     counts[7] = voxels
-    return said(server, messages.HistogramsCounted(1, HISTOGRAM_BINS), counts.tobytes() * 2)
+    extremes = BlockExtremes.nothing(DESCRIPTION.geometry.dims)
+    message = messages.HistogramsCounted(1, HISTOGRAM_BINS, len(extremes.least))
+    return said(server, message, counts.tobytes() * 2 + extremes.as_bytes())
 
 
 def read_by(coordinator: Coordinator, server: int) -> MessageReceived:
@@ -603,7 +606,8 @@ def opened_store(memory: int | None = None, has: int = 1 << 40) -> Coordinator:
     for event in [*JOINS, VolumeAsked("/volumes/head.zarr", workers=2, memory=memory)]:
         coordinator.handle(event)
     described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), [PREPARED], IDENTITY)
-    asked = coordinator.handle(said(FIRST, described, bytes(16 * HISTOGRAM_BINS)))
+    extremes = BlockExtremes.nothing(CUBE.dims).as_bytes()
+    asked = coordinator.handle(said(FIRST, described, bytes(16 * HISTOGRAM_BINS) + extremes))
     assert sent(asked)[-2:] == [(FIRST, messages.DescribeMachine), (SECOND, messages.DescribeMachine)]
     assert coordinator.handle(said(FIRST, messages.MachineDescribed(has))) == []
     told = coordinator.handle(said(SECOND, messages.MachineDescribed(has)))

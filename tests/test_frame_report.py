@@ -13,6 +13,7 @@ from volsplat.client.frame_report import PAPER_SECONDS, FrameReport, report_of, 
 from volsplat.client.presets import preset_scene
 from volsplat.client.renderer import StepOutcome
 from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Survey
 from volsplat.protocol.machine import this_machine
@@ -27,6 +28,7 @@ VOLUME = SurveyedVolume(
     survey=Survey(low=0, high=255, max_gradient=1, voxels=1, no_data=0),
     density_counts=[1],
     strength_counts=[1],
+    extremes=BlockExtremes.nothing((96, 128, 113)),
 )
 
 

@@ -1,6 +1,7 @@
 """The preprocessing kernel against the reference: surveys, histograms and voxel packets."""
 
 import gc
+import math
 import weakref
 
 import pytest
@@ -18,6 +19,7 @@ from volsplat.bench.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol import matrices
+from volsplat.protocol.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.errors import LocalProtocolError
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, second_scalar_scale
 from volsplat.protocol.packet_layout import NO_DATA_BIT
@@ -85,8 +87,26 @@ def test_surveys_and_histograms_of_sub_cubes_add_up_to_the_volumes(data: st.Data
         joined = joined.joined(part.survey())
     assert joined == survey
     added = [part.histograms(survey.low, survey.high, survey.max_gradient) for part in parts]
-    for kind in range(2):
-        assert torch.equal(sum_of([histogram[kind] for histogram in added]), sum_of([counts[kind]]))
+    assert torch.equal(sum_of([one.density for one in added]), sum_of([counts.density]))
+    assert torch.equal(sum_of([one.strength for one in added]), sum_of([counts.strength]))
+    extremes = BlockExtremes.nothing(geometry.dims)
+    for one in added:
+        extremes = extremes.joined(one.extremes)
+    assert extremes == counts.extremes
+
+
+def test_blocks_have_the_extremes_of_their_voxels() -> None:
+    dims = (70, 33, 5)
+    values = torch.rand(dims[::-1])
+    values[0, :, :40] = math.nan
+    extremes = SubCube.of_volume(Geometry(dims), values).histograms(0.0, 1.0, 1.0).extremes
+    assert block_size(dims) == (3, 2, 1) and block_dims(dims) == (24, 17, 5)
+    for n in range(24 * 17 * 5):
+        i, j, k = 3 * (n % 24), 2 * (n // 24 % 17), n // (24 * 17)
+        block = values[k, j : j + 2, i : i + 3]
+        there = block[~block.isnan()].tolist() or [math.inf]
+        assert extremes.least[n] == min(there)
+        assert extremes.greatest[n] == (max(there) if there != [math.inf] else -math.inf)
 
 
 def sum_of(counts: list[memoryview]) -> Tensor:

@@ -96,7 +96,7 @@ def test_a_field_of_another_type_is_refused_by_name(kind: type[Message]) -> None
         (greetings.Proof(bytes(31)), "$.proof", "x00", "32"),
         (messages.ConnectedToSplatServers([1, 0]), "$.servers[1]", "0", "1"),
         (messages.ConnectToSplatServers([messages.Route(1, "here", 65536)]), "$.routes[0].port", "65536", "65535"),
-        (messages.HistogramsCounted(1, 65537), "$.bins", "65537", "65536"),
+        (messages.HistogramsCounted(1, 65537, 1), "$.bins", "65537", "65536"),
         (messages.Refused("x" * 1001, ""), "$.request", "xxx", "1000"),
         (messages.VoxelsPacked(1, 1, 1, float("nan")), "$.seconds", "nan", "0"),
     ],

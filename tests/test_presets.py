@@ -30,7 +30,7 @@ from volsplat.client.view_rotation import named_view
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.kind import Kind
-from volsplat.protocol.scene import CrossBar, Field, Scene
+from volsplat.protocol.scene import CrossBar, Field, Scene, View
 
 AIR, FAT, TISSUE, BONE = -1000, -100, 40, 1000  # Hounsfield units
 
@@ -109,7 +109,7 @@ def test_every_preset_takes_any_histogram(name: str, data: st.DataObject) -> Non
     low = data.draw(st.floats(-1e5, 1e5))
     width = data.draw(st.floats(1e-3, 1e6))
     histogram = DensityHistogram((low, low + width), tuple(counts.get(byte, 0) for byte in range(LAST + 1)))
-    known = Subject(histogram, kind=data.draw(st.sampled_from(Kind)), anatomical=data.draw(st.booleans()))
+    known = Subject(histogram, kind=data.draw(st.sampled_from(Kind)))
     scene = preset_scene(name, known)
     assert all(0 <= opacity <= 1 for opacity in scene.tables.opac.entries())
 
@@ -130,18 +130,10 @@ def test_atoms_are_grey_blue_red_and_yellow_with_rising_density() -> None:
     assert min(sulphur) == sulphur[2] and min(sulphur[:2]) > 2 * sulphur[2]
 
 
-def test_patients_are_seen_from_the_front_and_unoriented_stacks_with_their_first_slice_up() -> None:
-    assert preset_scene("ct-skin").view.rotation == named_view("front")
-    stack = Subject(DensityHistogram((0.0, 1.0), (0,) * (LAST + 1)), anatomical=False)
-    assert preset_scene("ct-bone", stack).view.rotation == named_view("stack")
-    assert preset_scene("molecules", stack).view.rotation == named_view("front")
-
-
 @pytest.mark.parametrize("name", PRESETS)
-@pytest.mark.parametrize("scan", SCANS)
-def test_a_ct_starts_with_the_same_view_under_every_preset(name: str, scan: str) -> None:
-    for anatomical, view in ((True, "front"), (False, "stack")):
-        assert preset_scene(name, Subject(SCANS[scan][0], anatomical=anatomical)).view.rotation == named_view(view)
+def test_every_preset_of_a_scan_is_seen_from_the_front(name: str) -> None:
+    for known in (None, *(Subject(scan[0]) for scan in SCANS.values())):
+        assert preset_scene(name, known).view == View(rotation=named_view("front"))
 
 
 def test_an_unknown_preset_is_refused_with_the_known_ones() -> None:

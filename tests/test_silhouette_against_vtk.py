@@ -44,7 +44,6 @@ STANDS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]]
     "right": ((-1, 0, 0), (0, 0, 1)),
     "top": ((0, 0, 1), (0, -1, 0)),
     "bottom": ((0, 0, -1), (0, -1, 0)),
-    "stack": ((0, -1, 0), (0, 0, -1)),
 }
 ANGLES = [(30.0, 20.0, 0.0), (-70.0, 35.0, 0.0), (200.0, -35.0, 50.0), (15.0, 10.0, -120.0)]  # azimuth, elevation, roll
 QUATERNIONS = [(0.21, -0.33, 0.47, 0.79), (1.0, 1.0, 1.0, 0.2)]  # x, y, z, w
@@ -112,7 +111,7 @@ def opaque_scene(rotate: str, reach: float) -> Scene:
         plain,
         tables=msgspec.structs.replace(plain.tables, opac=ScalarTable(points=((at, 0.0), (at, 1.0)))),
         shading=Shading(diffuse=False, specular=False, modulation=False),
-        view=View(rotation=rotation_from_option(rotate), zoom=ZOOM, center=CENTER),
+        view=View(rotation=rotation_from_option(rotate), up="+z", zoom=ZOOM, center=CENTER),
         bounds=Bounds(high=DIMS),
         reconstruction=Reconstruction(radius=reach),
         quantise=Quantise(window=WINDOW),

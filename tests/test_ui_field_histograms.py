@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from tolerances import ROUNDING
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.client.ui.field_histograms import field_axis, field_histogram
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.index_rules import Survey, grid_index_bytes
 from volsplat.protocol.scene import TABLE_ENTRIES, Field, Quantise
 from volsplat.protocol.volume import Geometry, VolumeDescription
@@ -38,6 +39,7 @@ def volume_of(
         survey=Survey(low=low, high=high, max_gradient=500.0, voxels=voxels, no_data=0),
         density_counts=counts,
         strength_counts=strengths,
+        extremes=BlockExtremes.nothing(DIMS),
     )
 
 
@@ -102,6 +104,7 @@ def test_a_volume_without_gradients_still_has_an_axis() -> None:
         survey=Survey(low=5.0, high=5.0, max_gradient=0.0, voxels=9, no_data=0),
         density_counts=[9],
         strength_counts=[9],
+        extremes=BlockExtremes.nothing(DIMS),
     )
     assert field_histogram(constant, Field.STRENGTH, Quantise()) == (9,) + (0,) * 255
     axis = field_axis(constant, Field.STRENGTH, Quantise())

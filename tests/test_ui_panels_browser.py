@@ -246,7 +246,7 @@ def test_fixing_the_light_to_the_grid_leaves_it_where_it_is(tab: Tab) -> None:
 # -- view and bounds
 
 
-@pytest.mark.parametrize("side", [name for name in VIEW_NAMES if name != "stack"])
+@pytest.mark.parametrize("side", VIEW_NAMES)
 def test_a_side_is_seen_at_one_click(tab: Tab, side: str) -> None:
     tab.button("roll left", "view").click()
     tab.until(lambda state: state.scene.view.rotation != named_view(side))
@@ -261,9 +261,10 @@ def test_roll_turns_the_picture_and_reset_and_fit_lead_back(tab: Tab) -> None:
     up = matrices.applied(matrices.transposed(matrices.rotation_from_quaternion(beginning.rotation)), (0.0, 1.0, 0.0))
     assert matrices.applied(matrices.rotation_from_quaternion(rolled.rotation), up)[0] < 0
     tab.types("centre i", "3")
-    tab.until(lambda state: state.scene.view.center != "middle")
+    tab.until(lambda state: state.scene.view.center != beginning.center)
     tab.button("fit", "view").click()
-    assert tab.becomes(lambda scene: scene.view.center, "middle").view.rotation == rolled.rotation
+    fitted = tab.becomes(lambda scene: scene.view.center, beginning.center).view
+    assert fitted.rotation == rolled.rotation and fitted.zoom == beginning.zoom != "fit"
     tab.button("roll right", "view").click()
     back = tab.until(lambda state: state.scene.view.rotation != rolled.rotation).view
     assert back.rotation == pytest.approx(beginning.rotation, abs=ROTATION_ENTRY)
@@ -272,12 +273,28 @@ def test_roll_turns_the_picture_and_reset_and_fit_lead_back(tab: Tab) -> None:
 
 
 def test_the_centre_is_typed_and_set_to_the_middle(tab: Tab) -> None:
+    fitted = tab.scene.view.center
     tab.types("centre j", "4.5")
-    tab.becomes(lambda scene: scene.view.center, ((DIMS[0] - 1) / 2, 4.5, (DIMS[2] - 1) / 2))
+    tab.becomes(lambda scene: scene.view.center, (fitted[0], 4.5, fitted[2]))
     tab.page.wait_for_selector('[aria-pressed="false"]:has-text("middle")')
     tab.button("middle", "view").click()
     tab.becomes(lambda scene: scene.view.center, "middle")
     tab.page.wait_for_selector('[aria-pressed="true"]:has-text("middle")')
+
+
+def test_another_up_turns_the_volume_under_every_name(tab: Tab) -> None:
+    beginning = tab.scene.view
+    tab.page.locator('[aria-label="up"]').click()
+    tab.page.locator(".q-menu .q-item", has_text="-z").last.click()
+    turned = tab.becomes(lambda scene: scene.view.up, "-z").view
+    assert (turned.rotation, turned.zoom, turned.center) == (beginning.rotation, beginning.zoom, beginning.center)
+    top = tab.button("top", "view")
+    top.hover()
+    tab.page.get_by_text("seen from inferior").wait_for()
+    top.click()
+    assert tab.becomes(lambda scene: scene.view.rotation, named_view("top")).view.up == "-z"
+    tab.button("reset", "view").click()
+    assert tab.becomes(lambda scene: scene.view.rotation, beginning.rotation).view.up == "-z"
 
 
 def test_bounds_are_typed_counted_and_reset(tab: Tab) -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from browser import browser, browser_page, serving
 from playwright.sync_api import Browser, Page
-from viewport_process import SIZE, VIEW, VOLUME, Message, ShownViewport, ViewportProcess
+from viewport_process import FIT, SIZE, VIEW, VOLUME, Message, ShownViewport, ViewportProcess
 
 from tolerances import CAMERA_PIXELS, ROUNDING
 from volsplat.client.view_rotation import named_view
@@ -232,15 +232,22 @@ def test_plus_and_minus_zoom(shown: ShownViewport) -> None:
 
 
 @pytest.mark.parametrize("key", ["0", "f"])
-def test_reset_and_fit_show_the_whole_volume(shown: ShownViewport, key: str) -> None:
+def test_reset_and_fit_show_what_the_process_says_is_visible(shown: ShownViewport, key: str) -> None:
     shown.canvas.focus()
     shown.page.keyboard.press("+")
     shown.page.keyboard.press("Shift+ArrowUp")
     shown.page.keyboard.press(key)
     view = shown.wait_for_the_last_to_settle()
-    radius = math.hypot(32, 24, 40)
-    assert view["zoom"] == pytest.approx(0.95 * SIZE[1] / (2 * radius / VOLUME["reference_spacing"]))
-    assert view["center"] == VIEW["center"]
+    assert (view["zoom"], view["center"]) == (FIT["zoom"], FIT["center"])
+    assert_same_rotation(view, VIEW)
+
+
+def test_while_somebody_is_at_the_tables_the_last_fit_is_kept(shown: ShownViewport) -> None:
+    shown.process.say_scene(settled=False, fit=None)
+    shown.canvas.focus()
+    shown.page.keyboard.press("f")
+    view = shown.wait_for_the_last_to_settle()
+    assert (view["zoom"], view["center"]) == (FIT["zoom"], FIT["center"])
 
 
 def test_undo_and_redo_are_asked_for(shown: ShownViewport) -> None:

@@ -232,7 +232,7 @@ def test_the_cube_stands_as_the_picture_and_turns_to_a_side(shown: ShownViewport
 
 
 def test_the_cube_of_other_volumes_names_the_axes(shown: ShownViewport) -> None:
-    shown.process.say({**VOLUME, "anatomical": False})
+    shown.process.say({**VOLUME, "sides": {**VOLUME["sides"], "front": "−y", "left": "+x", "top": "+z"}})
     shown.show_and_wait(view=OBLIQUE)
     letters = shown.page.locator(".vs-side:not([hidden]) .vs-letter").all_text_contents()
     assert set(letters) == {"−y", "+x", "+z"}

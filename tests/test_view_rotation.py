@@ -20,7 +20,6 @@ SIDES = {
     "right": (ANTERIOR, UP, RIGHT),
     "top": (RIGHT, ANTERIOR, UP),
     "bottom": (LEFT, ANTERIOR, DOWN),
-    "stack": (RIGHT, DOWN, ANTERIOR),
 }
 
 

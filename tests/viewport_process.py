@@ -28,11 +28,10 @@ VOLUME: Message = {
     "type": "volume",
     "name": "phantom",
     "dims": [64, 48, 40],
-    "index_to_physical": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]],
-    "origin": [0.0, 0.0, 0.0],
+    "index_to_upright": [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]],
     "reference_spacing": 2.0 ** (1 / 3),
     "unit": "mm",
-    "anatomical": True,
+    "sides": {"front": "A", "back": "P", "left": "L", "right": "R", "top": "S", "bottom": "I"},
     "density_name": "density",
     "strength_name": "gradient strength",
     "value_unit": "",
@@ -40,6 +39,7 @@ VOLUME: Message = {
 }
 FRONT = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
 VIEW: Message = {"rotation": FRONT, "zoom": 5.0, "center": [31.5, 23.5, 19.5]}
+FIT: Message = {"zoom": 6.5, "center": [30.0, 24.0, 18.5]}
 SIZE = (640, 480)
 
 _PAGE = """<!doctype html><meta charset="utf-8"><title>viewport</title>
@@ -111,7 +111,8 @@ class ViewportProcess:
         bounds = others.pop("bounds", {"low": [0, 0, 0], "high": VOLUME["dims"]})
         size = others.pop("size", SIZE)
         told = {"revision": 1, "by": by, "settled": settled, "view": view or VIEW, "bounds": bounds, "edges": False}
-        self.say({"type": "scene", **told, "width": size[0], "height": size[1]})
+        fit = others.pop("fit", FIT)
+        self.say({"type": "scene", **told, "fit": fit, "width": size[0], "height": size[1]})
 
     def show(self, picture: bytes | None = None, *, number: int | None = None, **header: Any) -> int:
         """Send a picture; numbers rise by themselves. Returns its number."""

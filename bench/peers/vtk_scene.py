@@ -12,7 +12,7 @@ from volsplat.bench.peers.vtk_ray_caster import PlacesCamera, RayCaster, image_d
 from volsplat.bench.ssim import LUMINANCE
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.frame_plan import resolved_center, resolved_zoom
+from volsplat.protocol.frame_plan import resolved_center, resolved_zoom, screen_rotation
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.scene import Bounds, Colour, CrossBar, Scene, Tables
@@ -72,7 +72,7 @@ class VtkScene:
 
     def draw(self, scene: Scene) -> None:
         """A frame in the scene's view, with its light; everything else stays as it was."""
-        to_screen = matrices.product(matrices.rotation_from_quaternion(scene.view.rotation), self._placed.axes)
+        to_screen = matrices.product(screen_rotation(scene.view), self._placed.axes)
         frame = self._placed.axes if scene.light.fixed_to == "grid" else to_screen
         self._caster.light(matrices.applied(matrices.transposed(frame), scene.light.direction), scene.shading.two_sided)
         size = (scene.image.width, scene.image.height)

@@ -99,7 +99,7 @@ def _drawn(
                 continue
             scene = sized(read_scene_file(scene_path(image, measured), renderer.volume.default_scene()), pixels)
             finished = renderer.finish(scene, image.step).image
-            properties = image_properties(renderer.volume.description, scene)
+            properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
             write_image(image_path(folder, image), finished, scene, properties)
             pixels_shown = over_background(finished, scene.image.background)
             dims = renderer.volume.description.geometry.dims

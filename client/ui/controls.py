@@ -111,12 +111,13 @@ def choose(
     chooser: ui.toggle | ui.select | ui.switch,
     get: Callable[[Scene], Any],
     put: Callable[[Scene, Any], Scene],
+    undoable: bool = True,
 ) -> None:
     """Have a toggle, select or switch show and change the scene. `put` must take each of its values."""
 
     def chosen(value: Any) -> None:
         if value != get(editor.scene):
-            editor.change(lambda scene: put(scene, value))
+            editor.change(lambda scene: put(scene, value), undoable=undoable)
 
     chooser.on_value_change(lambda event: chosen(event.value))
     editor.follow(lambda scene: chooser.set_value(get(scene)))

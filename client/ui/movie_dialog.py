@@ -67,9 +67,10 @@ class MovieDialog:
         geometry = self._viewing.volume.description.geometry
         frames = int(self._frames.value or 0)
         if self._path.value == TURNTABLE:
-            return turntable(self._viewing.model.scene, geometry, max(frames, 2))
+            return turntable(self._viewing.volume.settled(self._viewing.model.scene), geometry, max(frames, 2))
         size = self._viewing.model.scene.image  # the window may have changed since a key was taken
-        return key_framed([msgspec.structs.replace(key, image=size) for key in self._keys], geometry, frames)
+        keys = [self._viewing.volume.settled(msgspec.structs.replace(key, image=size)) for key in self._keys]
+        return key_framed(keys, geometry, frames)
 
     def _start(self) -> None:
         folder = Path(tempfile.mkdtemp(prefix="volsplat-movie-"))

@@ -15,6 +15,6 @@ def opened_viewing(session: Session, scene: Scene) -> Viewing:
     """Everything that a page needs; the drawing loop is not started yet."""
     pictures: Feed[Picture] = Feed()
     troubles: Feed[VolsplatError] = Feed()
-    model = SceneModel(scene)
+    model = SceneModel(scene, session.volume.fitted)
     loop = DrawingLoop(session, model, pictures.tell, troubles.tell)
     return Viewing(session, model, loop, session.volume, session.default_scene(), pictures, troubles)

@@ -37,8 +37,10 @@ Subscriber = Callable[[SceneState], None]
 class SceneModel:
     """Takes changes, remembers what can be undone, and tells its subscribers."""
 
-    def __init__(self, scene: Scene) -> None:
-        self._state = SceneState(scene, 1)
+    def __init__(self, scene: Scene, fitted: Callable[[Scene], Scene] = lambda scene: scene) -> None:
+        """`fitted` gives a scene that asks for a fit its numbers: they stay, whatever is done to the tables then."""
+        self._fitted = fitted
+        self._state = SceneState(fitted(scene), 1)
         self._before: list[Scene] = []  # for undo, oldest first
         self._after: list[Scene] = []  # for redo
         self._gesture: Scene | None = None  # the scene before the change that is not yet settled
@@ -66,7 +68,7 @@ class SceneModel:
         A row of changes that are not settled, and the settled one that ends it, are undone as one. Raises ValueError
         where the edit makes no valid scene; the last good one stays in force.
         """
-        scene = edit(self.scene)
+        scene = self._fitted(edit(self.scene))
         if undoable and scene != self.scene:
             if self._gesture is None:
                 self._gesture = self.scene

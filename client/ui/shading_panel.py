@@ -14,6 +14,7 @@ from volsplat.client.ui.slider import Slider
 from volsplat.client.ui.text_field import number_field
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol import matrices
+from volsplat.protocol.frame_plan import screen_rotation
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.scene import CrossBar, Field, Light, Scene, Shading
 from volsplat.protocol.volume import VolumeDescription
@@ -167,15 +168,14 @@ def screen_direction(scene: Scene) -> Vector:
     """Where the light comes from along screen axes, at length 1."""
     direction = matrices.normalised(scene.light.direction)
     if scene.light.fixed_to == "grid":
-        direction = matrices.applied(matrices.rotation_from_quaternion(scene.view.rotation), direction)
+        direction = matrices.applied(screen_rotation(scene.view), direction)
     return direction
 
 
 def _lit_from(scene: Scene, direction: Vector) -> Scene:
     """The scene with its light where `direction` along screen axes points, fixed to what it was fixed to."""
     if scene.light.fixed_to == "grid":
-        rotation = matrices.rotation_from_quaternion(scene.view.rotation)
-        direction = matrices.applied(matrices.transposed(rotation), direction)
+        direction = matrices.applied(matrices.transposed(screen_rotation(scene.view)), direction)
     return replace(scene, light=replace(scene.light, direction=direction))
 
 

@@ -6,7 +6,7 @@ import msgspec
 from nicegui import ui
 
 from volsplat.client.colours import colour_from_hex, nearest_hex
-from volsplat.client.surveyed_volume import SurveyedVolume
+from volsplat.client.surveyed_volume import SurveyedVolume, asking_for_fit
 from volsplat.client.ui.colour_swatch import ColourSwatch
 from volsplat.client.ui.controls import (
     TOGGLE_PROPS,
@@ -22,19 +22,13 @@ from volsplat.client.ui.steps_bar import ORDER_WORDS
 from volsplat.client.ui.text_field import TextField, number_field, whole_number_field
 from volsplat.client.ui.viewing import Viewing
 from volsplat.client.view_rotation import Quaternion, about, named_view, product
+from volsplat.client.view_sides import STANDPOINTS, sides
 from volsplat.protocol.footprint_shape import DEFAULT_RADIUS
 from volsplat.protocol.frame_plan import resolved_bounds, resolved_center
-from volsplat.protocol.scene import Bounds, Colour, Kernel, Order, Scene, Step, View
+from volsplat.protocol.scene import Bounds, Colour, Kernel, Order, Scene, Step
+from volsplat.protocol.upright import UPS
 from volsplat.protocol.volume import Geometry, Index
 
-SIDES = {  # the viewer's place; what is there of a patient, and of anything else
-    "front": ("anterior", "-y"),
-    "back": ("posterior", "+y"),
-    "left": ("the patient's left", "+x"),
-    "right": ("the patient's right", "-x"),
-    "top": ("superior", "+z"),
-    "bottom": ("inferior", "-z"),
-}
 ROLL_DEGREES = 15.0
 ORDERS = {Order.FASTEST: "fastest", **ORDER_WORDS}
 AXES = "ijk"
@@ -48,7 +42,8 @@ def view_panel(viewing: Viewing) -> None:
     editor = SceneEditor(viewing.model, description.geometry, "view")
     with ui.element("section").classes("vs-panel").props('aria-label="view"'):
         ui.label("View").classes("vs-title")
-        _sides(editor, description.anatomical)
+        _sides(editor, viewing.volume)
+        _up(editor, viewing.volume)
         _moves(editor, viewing.default_scene)
         _center(editor, description.geometry)
     with ui.element("section").classes("vs-panel").props('aria-label="bounds"'):
@@ -72,21 +67,37 @@ def view_panel(viewing: Viewing) -> None:
 # -- view
 
 
-def _sides(editor: SceneEditor, anatomical: bool) -> None:
+def _sides(editor: SceneEditor, volume: SurveyedVolume) -> None:
+    tooltips = {}
     with ui.element("div").classes("vs-buttons"):
-        for side, (patient, axis) in SIDES.items():
+        for side in STANDPOINTS:
             button = ui.button(side, color=None, on_click=lambda side=side: _turn(editor, named_view(side)))
-            button.props("dense flat no-caps")
-            button.tooltip(f"seen from {patient if anatomical else axis}")
+            with button.props("dense flat no-caps"):
+                tooltips[side] = ui.tooltip()
+
+    def show(scene: Scene) -> None:
+        for side, seen in sides(volume.description, volume.up_in(scene)).items():
+            tooltips[side].set_text(f"seen from {seen.words}")
+
+    editor.follow(show)
+
+
+def _up(editor: SceneEditor, volume: SurveyedVolume) -> None:
+    told = volume.stands_up
+    with ui.element("div").classes("vs-row"):
+        ui.label("up").classes("vs-label vs-narrow").tooltip(f"by itself {told.up}, {told.why}")
+        select = ui.select({"auto": f"by itself ({told.up})", **{up: up for up in UPS}}).classes("vs-field")
+        select.props('dense outlined options-dense aria-label="up"')
+    choose(editor, select, lambda scene: scene.view.up, lambda scene, up: _viewed(scene, up=up), undoable=False)
 
 
 def _moves(editor: SceneEditor, default_scene: Scene) -> None:
-    def show_again(view: View) -> None:
-        editor.change(lambda scene: replace(scene, view=view), undoable=False)
+    def reset(scene: Scene) -> Scene:
+        return replace(scene, view=replace(default_scene.view, up=scene.view.up))
 
     moves = {
-        "reset": ("the view at the beginning", lambda: show_again(default_scene.view)),
-        "fit": ("the whole volume, from this side", lambda: show_again(View(rotation=editor.scene.view.rotation))),
+        "reset": ("the view at the beginning", lambda: editor.change(reset, undoable=False)),
+        "fit": ("all that is visible, from this side", lambda: editor.change(asking_for_fit, undoable=False)),
         "roll left": ("counter-clockwise", lambda: _turn(editor, rolled(editor.scene.view.rotation, ROLL_DEGREES))),
         "roll right": ("clockwise", lambda: _turn(editor, rolled(editor.scene.view.rotation, -ROLL_DEGREES))),
     }

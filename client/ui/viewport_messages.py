@@ -11,9 +11,12 @@ from volsplat.client.empty_image import why_empty
 from volsplat.client.ui.pacing import StepPacing
 from volsplat.client.ui.picture import Picture
 from volsplat.client.ui.scene_model import SceneState
+from volsplat.client.view_sides import sides
+from volsplat.protocol import matrices
 from volsplat.protocol.frame_plan import resolved_bounds, resolved_center, resolved_zoom
 from volsplat.protocol.refinement import finer
-from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.scene import Scene, Step, View
+from volsplat.protocol.upright import Up, upright
 from volsplat.protocol.volume import Geometry, Index, VolumeDescription
 
 HEADER_LENGTH_BYTES = 4  # little-endian, before a picture's header
@@ -75,17 +78,17 @@ def page_message(text: str) -> PageMessage:
     return message
 
 
-def volume_message(description: VolumeDescription) -> dict[str, Any]:
+def volume_message(description: VolumeDescription, up: Up) -> dict[str, Any]:
+    """The volume as it stands with this physical axis up."""
     geometry = description.geometry
     return {
         "type": "volume",
         "name": description.name,
         "dims": geometry.dims,
-        "index_to_physical": geometry.index_to_physical,
-        "origin": geometry.origin,
+        "index_to_upright": matrices.product(upright(up), geometry.index_to_physical),
         "reference_spacing": geometry.reference_spacing,
         "unit": description.unit,
-        "anatomical": description.anatomical,
+        "sides": {name: side.mark for name, side in sides(description, up).items()},
         "density_name": description.density_name,
         "strength_name": description.strength_name,
         "value_unit": description.value_unit,
@@ -93,7 +96,8 @@ def volume_message(description: VolumeDescription) -> dict[str, Any]:
     }
 
 
-def scene_message(state: SceneState, geometry: Geometry) -> dict[str, Any]:
+def scene_message(state: SceneState, geometry: Geometry, fit: View | None) -> dict[str, Any]:
+    """`fit` is the view at which what is visible fits; None where it is the one that was told before."""
     scene = state.scene
     bounds = resolved_bounds(scene, geometry)
     return {
@@ -102,6 +106,7 @@ def scene_message(state: SceneState, geometry: Geometry) -> dict[str, Any]:
         "by": state.by,
         "settled": state.settled,
         "view": _view(scene, geometry),
+        "fit": {"zoom": fit.zoom, "center": fit.center} if fit is not None else None,
         "bounds": {"low": bounds.low, "high": bounds.high},
         "edges": scene.image.edges,
         "width": scene.image.width,

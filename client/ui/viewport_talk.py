@@ -15,6 +15,7 @@ from typing import Any
 
 import msgspec
 
+from volsplat.client.surveyed_volume import asking_for_fit
 from volsplat.client.ui import viewport_messages as said
 from volsplat.client.ui.image_size import sized
 from volsplat.client.ui.picture import Picture
@@ -22,7 +23,8 @@ from volsplat.client.ui.scene_model import SceneState
 from volsplat.client.ui.viewing import Viewing
 from volsplat.protocol.errors import PeerLost, VolsplatError
 from volsplat.protocol.frame_plan import resolved_bounds
-from volsplat.protocol.scene import Bounds, Scene, View
+from volsplat.protocol.scene import Bounds, Scene
+from volsplat.protocol.upright import Up
 
 log = logging.getLogger(__name__)
 
@@ -37,6 +39,7 @@ class ViewportTalk:
         self._geometry = viewing.volume.description.geometry
         self._tab = tab
         self._send = send
+        self._up: Up | None = None  # as the page was told
         self._sent = 0  # number of the last picture that was sent
         self._under_way: set[int] = set()
         self._tasks: set[asyncio.Task[None]] = set()
@@ -44,7 +47,6 @@ class ViewportTalk:
 
     def begin(self) -> None:
         """Tell all that there is, and from now on what changes."""
-        self._say(said.volume_message(self._viewing.volume.description))
         self._on_scene(self._viewing.model.now)
         if isinstance(self._viewing.troubles.newest, PeerLost):
             self._on_trouble(self._viewing.troubles.newest)
@@ -64,8 +66,16 @@ class ViewportTalk:
         self._send(json.dumps(message))
 
     def _on_scene(self, state: SceneState) -> None:
+        """Tell of the scene, and before it of the volume where that stands otherwise than was told."""
+        volume = self._viewing.volume
+        up = volume.up_in(state.scene)
+        if up != self._up:
+            self._up = up
+            self._say(said.volume_message(volume.description, up))
+        # Found out anew at every movement of the hand, the fit would delay the picture.
+        fit = volume.fitted(asking_for_fit(state.scene)).view if state.settled else None
         try:
-            self._say(said.scene_message(state, self._geometry))
+            self._say(said.scene_message(state, self._geometry, fit))
         except ValueError as error:  # bounds or a centre that the volume does not have
             self._say(said.trouble_message(str(error)))
 
@@ -101,9 +111,13 @@ class ViewportTalk:
                 if self._viewing.image_size.follows_window:
                     model.change(lambda s: sized(s, width=width, height=height), by=self._tab, undoable=False)
             case said.ViewTurned(settled=settled, event=event):
-                view = View(rotation=message.rotation, zoom=message.zoom, center=message.center)
+                turned = {"rotation": message.rotation, "zoom": message.zoom, "center": message.center}
                 model.change(
-                    lambda s: replace(s, view=view), by=self._tab, settled=settled, undoable=False, event=event
+                    lambda s: replace(s, view=replace(s.view, **turned)),
+                    by=self._tab,
+                    settled=settled,
+                    undoable=False,
+                    event=event,
                 )
             case said.BoundsMoved(settled=settled, event=event):
                 bounds = Bounds(low=message.low, high=message.high)

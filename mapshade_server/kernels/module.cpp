@@ -38,7 +38,7 @@ NB_MODULE(_kernels, m) {
 
   m.def("survey", &python_survey, "source"_a, "low"_a, "size"_a, "matrix"_a);
   m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "density"_a,
-        "strength"_a);
+        "strength"_a, "begin"_a, "block_size"_a, "block_count"_a);
   m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "window_low"_a,
         "density_scale"_a, "strength_low"_a, "strength_scale"_a, "octahedral"_a);
 

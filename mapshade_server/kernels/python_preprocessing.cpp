@@ -16,6 +16,15 @@ Interior interior_of(const SourceVolume& source, const Index3& low, const Index3
   return {low, size};
 }
 
+Blocks blocks_of(const Index3& begin, const Index3& block_size, const Index3& block_count, const Index3& size) {
+  for (int axis = 0; axis < 3; ++axis) {
+    if (begin[axis] < 0 || block_size[axis] < 1 || begin[axis] + size[axis] > block_size[axis] * block_count[axis]) {
+      throw nb::value_error("the box does not lie within the blocks");
+    }
+  }
+  return {begin, block_size, block_count};
+}
+
 // The second scalar, which must be that of the box alone.
 std::optional<SourceVolume> second_of(const std::optional<SourceArray>& second, const Index3& size) {
   if (!second) return std::nullopt;
@@ -39,18 +48,21 @@ nb::tuple python_survey(const SourceArray& source, const Index3& low, const Inde
 
 nb::tuple python_histograms(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
                             const std::optional<SourceArray>& second, const std::pair<double, double>& density,
-                            const std::pair<double, double>& strength) {
+                            const std::pair<double, double>& strength, const Index3& begin, const Index3& block_size,
+                            const Index3& block_count) {
   const SourceVolume volume = source_of(source);
   const Interior interior = interior_of(volume, low, size);
   const std::optional<SourceVolume> other = second_of(second, size);
+  const Blocks blocks = blocks_of(begin, block_size, block_count, size);
   Histograms counts;
   {
     nb::gil_scoped_release unlocked;
     counts = histograms(volume, interior, matrix, other ? &*other : nullptr, {density.first, density.second},
-                        {strength.first, strength.second});
+                        {strength.first, strength.second}, blocks);
   }
   return nb::make_tuple(owned_array(std::move(counts.density), kHistogramBins),
-                        owned_array(std::move(counts.strength), kHistogramBins));
+                        owned_array(std::move(counts.strength), kHistogramBins),
+                        owned_array(std::move(counts.extremes), 2, block_count[2], block_count[1], block_count[0]));
 }
 
 nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,

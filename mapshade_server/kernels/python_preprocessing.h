@@ -16,7 +16,8 @@ using Matrix3 = std::array<double, 9>;  // row-major
 nb::tuple python_survey(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix);
 nb::tuple python_histograms(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
                             const std::optional<SourceArray>& second, const std::pair<double, double>& density,
-                            const std::pair<double, double>& strength);
+                            const std::pair<double, double>& strength, const Index3& begin, const Index3& block_size,
+                            const Index3& block_count);
 nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
                        const std::optional<SourceArray>& second, double window_low, double density_scale,
                        double strength_low, double strength_scale, bool octahedral);

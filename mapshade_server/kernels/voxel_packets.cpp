@@ -1,6 +1,7 @@
 // Slides a window of three planes through a source, and hands its rows to the kernels.
 #include "voxel_packets.h"
 
+#include <algorithm>
 #include <limits>
 #include <utility>
 
@@ -109,6 +110,40 @@ int bin(double offset, double scale) {
   return place < kHistogramBins ? (place > 0.0 ? static_cast<int>(place) : 0) : kHistogramBins - 1;
 }
 
+// The least and greatest value in each block, row by row; least above greatest where there is none.
+class BlockExtremes {
+ public:
+  explicit BlockExtremes(const Blocks& blocks)
+      : blocks_(blocks), count_(blocks.count[0] * blocks.count[1] * blocks.count[2]), values_(2 * count_) {
+    constexpr double kInfinity = std::numeric_limits<double>::infinity();
+    std::fill(values_.begin(), values_.begin() + count_, kInfinity);
+    std::fill(values_.begin() + count_, values_.end(), -kInfinity);
+  }
+
+  void take(std::int64_t k, std::int64_t j, const double* values, std::int64_t n) {
+    const std::int64_t row = block(2, k) * blocks_.count[1] + block(1, j);
+    for (std::int64_t i = 0; i < n;) {
+      const std::int64_t place = block(0, i);
+      const std::int64_t end = std::min(n, (place + 1) * blocks_.size[0] - blocks_.begin[0]);
+      double& least = values_[row * blocks_.count[0] + place];
+      double& greatest = values_[count_ + row * blocks_.count[0] + place];
+      for (; i < end; ++i) {  // NaN is neither less nor greater
+        if (values[i] < least) least = values[i];
+        if (values[i] > greatest) greatest = values[i];
+      }
+    }
+  }
+
+  std::vector<double> taken() { return std::move(values_); }
+
+ private:
+  std::int64_t block(int axis, std::int64_t index) const { return (blocks_.begin[axis] + index) / blocks_.size[axis]; }
+
+  Blocks blocks_;
+  std::int64_t count_;
+  std::vector<double> values_;
+};
+
 }  // namespace
 
 RowExtremes survey(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix) {
@@ -121,20 +156,23 @@ RowExtremes survey(const SourceVolume& source, const Interior& interior, const s
 }
 
 Histograms histograms(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,
-                      const SourceVolume* second, const Range& density, const Range& strength) {
-  Histograms counts{std::vector<std::int64_t>(kHistogramBins), std::vector<std::int64_t>(kHistogramBins)};
+                      const SourceVolume* second, const Range& density, const Range& strength, const Blocks& blocks) {
+  Histograms counts{std::vector<std::int64_t>(kHistogramBins), std::vector<std::int64_t>(kHistogramBins), {}};
+  BlockExtremes extremes(blocks);
   const double density_scale = bins_per_unit(density.low, density.high);
   const double strength_scale = bins_per_unit(strength.low, strength.high);
   Strengths strengths(second, interior.size[0]);
   for_each_row(source, interior, matrix,
                [&](std::int64_t k, std::int64_t j, const double* values, const GradientRow& g) {
                  const double* row = strengths.row(k, j, g);
+                 extremes.take(k, j, values, interior.size[0]);
                  for (std::int64_t i = 0; i < interior.size[0]; ++i) {
                    if (values[i] != values[i]) continue;
                    ++counts.density[bin(values[i] - density.low, density_scale)];
                    if (row[i] == row[i]) ++counts.strength[bin(row[i] - strength.low, strength_scale)];
                  }
                });
+  counts.extremes = extremes.taken();
   return counts;
 }
 

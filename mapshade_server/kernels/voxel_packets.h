@@ -24,9 +24,17 @@ struct Range {
   double high;
 };
 
+// Blocks of the whole volume's grid, and where the interior begins in it (protocol/block_extremes.py).
+struct Blocks {
+  Index3 begin;
+  Index3 size;   // voxels of a block
+  Index3 count;  // blocks of the volume
+};
+
 struct Histograms {
   std::vector<std::int64_t> density;
   std::vector<std::int64_t> strength;
+  std::vector<double> extremes;  // the least values of all blocks, then the greatest
 };
 
 // `matrix` (3x3, row-major) turns differences per index step into a gradient per unit of physical length.
@@ -34,7 +42,7 @@ RowExtremes survey(const SourceVolume& source, const Interior& interior, const s
 
 // Strength is the length of the gradient, or where there is a `second` scalar that: it holds the interior alone.
 Histograms histograms(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,
-                      const SourceVolume* second, const Range& density, const Range& strength);
+                      const SourceVolume* second, const Range& density, const Range& strength, const Blocks& blocks);
 
 // Writes interior.size voxel packets, i fastest; strength as above.
 void pack(const SourceVolume& source, const Interior& interior, const std::array<double, 9>& matrix,

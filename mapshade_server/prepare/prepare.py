@@ -182,8 +182,7 @@ class Preparation:
             background=surveyed.background(self._description, quantisation),
             levels=tuple(StoredLevel(str(n), 2**n, level) for n, level in enumerate(self._levels)),
         )
-        counts = (surveyed.density_counts, surveyed.strength_counts)
-        begin_store(self._out, attributes, self._options.layout, counts)
+        begin_store(self._out, attributes, self._options.layout, surveyed)
 
     def _pack(self, source: Scalars, attributes: StoreAttributes, writer: StoreWriter, journal: Journal) -> None:
         """Packs what the journal does not have of all levels, then stores what their bricks hold."""

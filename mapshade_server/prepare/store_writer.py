@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.packet_store import (
+    BLOCKS,
     BRICK_FIELDS,
     BRICKS,
     DENSITY_COUNTS,
@@ -19,7 +20,9 @@ from volsplat.mapshade_server.packet_store import (
     StoreAttributes,
 )
 from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.prepare.survey import Surveyed
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.protocol.block_extremes import block_dims
 from volsplat.protocol.volume import Box, Index
 
 ZSTD_LEVEL = 1  # chosen for speed: docs/prepare.md has the others' rates
@@ -70,11 +73,13 @@ class StoreWriter:
         _onto_disk(self._out / METADATA)
 
 
-def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, counts: tuple[NDArray[Any], ...]) -> None:
+def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, surveyed: Surveyed) -> None:
     """Lays down all metadata of a store without shards; the attributes last, for they tell that the rest is there."""
     group = _group(out)
-    for name, of_field in zip((DENSITY_COUNTS, STRENGTH_COUNTS), counts, strict=True):
-        _write_whole(group, name, of_field, ("bin",))
+    _write_whole(group, DENSITY_COUNTS, surveyed.density_counts, ("bin",))
+    _write_whole(group, STRENGTH_COUNTS, surveyed.strength_counts, ("bin",))
+    blocks = block_dims(attributes.levels[0].geometry.dims)
+    _write_whole(group, BLOCKS, np.array(surveyed.extremes).reshape(2, *blocks[::-1]), ("extreme", *AXES))
     for level in attributes.levels:
         dims = level.geometry.dims
         group.create_array(

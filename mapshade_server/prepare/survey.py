@@ -13,6 +13,7 @@ from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.slabs import Slab, SlabReader
 from volsplat.mapshade_server.sub_cube import Histograms, SubCube
 from volsplat.protocol import index_rules
+from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
 from volsplat.protocol.packet_layout import NO_DATA_BIT
@@ -27,6 +28,7 @@ class Surveyed:
     density_counts: Counts
     strength_counts: Counts
     commonest: NDArray[np.generic] | None  # value of the voxels that were looked at, one alone; None: not a number
+    extremes: BlockExtremes
 
     def quantisation(
         self,
@@ -87,11 +89,13 @@ def survey_volume(
 
     progress.begin("counting", whole.voxels * item_bytes)
     density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
-    for voxels, (more_density, more_strength) in ahead(counted, reader.slabs(whole), threads):
-        density += np.asarray(more_density)
-        strength += np.asarray(more_strength)
+    extremes = BlockExtremes.nothing(reader.geometry.dims)
+    for voxels, more in ahead(counted, reader.slabs(whole), threads):
+        density += np.asarray(more.density)
+        strength += np.asarray(more.strength)
+        extremes = extremes.joined(more.extremes)
         progress.advance(voxels * item_bytes)
-    return Surveyed(survey, density, strength, _commonest(np.concatenate(sampled)))
+    return Surveyed(survey, density, strength, _commonest(np.concatenate(sampled)), extremes)
 
 
 def _commonest(values: NDArray[np.generic]) -> NDArray[np.generic] | None:

@@ -3,6 +3,7 @@
 Exact positions follow the view's definition in real numbers (design, section 5) and know nothing of the DDA.
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -12,6 +13,18 @@ from volsplat.protocol.frame_plan import Dda, FramePlan, resolved_center, resolv
 from volsplat.protocol.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.scene import Scene
 from volsplat.protocol.volume import Geometry
+
+QUARTER = math.sqrt(0.5)
+# The turns that bring each axis to z, as quaternions (x, y, z, w).
+UPRIGHT = {
+    "auto": (0.0, 0.0, 0.0, 1.0),
+    "+z": (0.0, 0.0, 0.0, 1.0),
+    "-z": (0.0, 1.0, 0.0, 0.0),
+    "+y": (QUARTER, 0.0, 0.0, QUARTER),
+    "-y": (-QUARTER, 0.0, 0.0, QUARTER),
+    "+x": (0.0, -QUARTER, 0.0, QUARTER),
+    "-x": (0.0, QUARTER, 0.0, QUARTER),
+}
 
 
 @dataclass(frozen=True)
@@ -45,7 +58,7 @@ def steps_on_screen(scene: Scene, geometry: Geometry) -> Tensor:
     matrix = torch.tensor(geometry.index_to_physical, dtype=torch.float64)
     reference_spacing = torch.linalg.det(matrix).abs() ** (1 / 3)
     pixels_per_unit = resolved_zoom(scene, geometry) / reference_spacing
-    steps: Tensor = rotated(scene.view.rotation, matrix.T) * pixels_per_unit
+    steps: Tensor = rotated(scene.view.rotation, rotated(UPRIGHT[scene.view.up], matrix.T)) * pixels_per_unit
     return steps.T
 
 

@@ -14,31 +14,16 @@ import * as rotation from "./rotation.js";
 
 const LEAST_ZOOM = 1 / 64;
 const MOST_ZOOM = 256;
-const FIT_FRACTION = 0.95; // of the picture's shorter side, for the volume's bounding sphere
 
 /** What the camera needs to know of a volume. */
 export class Grid {
-  /** @param {{dims: Vector, index_to_physical: Matrix, reference_spacing: number}} volume its message */
-  constructor({ dims, index_to_physical, reference_spacing }) {
+  /** @param {{dims: Vector, index_to_upright: Matrix, reference_spacing: number}} volume its message */
+  constructor({ dims, index_to_upright, reference_spacing }) {
     this.dims = dims;
-    this.toPhysical = index_to_physical;
-    this.toIndex = rotation.inverse(index_to_physical);
+    this.toUpright = index_to_upright;
+    this.toIndex = rotation.inverse(index_to_upright);
     this.referenceSpacing = reference_spacing;
-    this.middle = /** @type {Vector} */ (dims.map((n) => (n - 1) / 2));
   }
-
-  /** Of the sphere about the middle that holds all cells, in physical units. */
-  get radius() {
-    const [ni, nj, nk] = this.dims;
-    const signs = [[1, 1], [1, -1], [-1, 1], [-1, -1]];
-    const corners = signs.map(([j, k]) => rotation.applied(this.toPhysical, [ni / 2, (j * nj) / 2, (k * nk) / 2]));
-    return Math.max(...corners.map((corner) => Math.hypot(...corner)));
-  }
-}
-
-/** The zoom that puts the whole volume into the picture. @param {Grid} grid @param {Size} size */
-export function fittingZoom(grid, size) {
-  return (FIT_FRACTION * Math.min(size.width, size.height) * grid.referenceSpacing) / (2 * grid.radius);
 }
 
 /** What a view makes of the grid's points in a picture of one size. */
@@ -46,10 +31,10 @@ export class Projection {
   /** @param {View} view @param {Grid} grid @param {Size} size */
   constructor(view, grid, size) {
     const scale = view.zoom / grid.referenceSpacing;
-    const upright = rotation.matrixProduct(rotation.matrixOf(view.rotation), grid.toPhysical);
+    const onScreen = rotation.matrixProduct(rotation.matrixOf(view.rotation), grid.toUpright);
     /** Grid step to pixels: rows x right, y down, z to the viewer. @type {Matrix} */
     this.pixelsPerIndex = /** @type {Matrix} */ (
-      upright.map((row, axis) => row.map((part) => part * (axis === 1 ? -scale : scale)))
+      onScreen.map((row, axis) => row.map((part) => part * (axis === 1 ? -scale : scale)))
     );
     this.center = view.center;
     this.size = size;

@@ -35,7 +35,7 @@ const LIST = [
   ["click", "centre what is there"],
   ["1 2 3 4 5 6", AXIS_VIEWS.join(", ")],
   ["0", "reset the view"],
-  ["F", "fit the volume into the window"],
+  ["F", "fit what is visible into the window"],
   ["← → ↑ ↓", `turn by ${TURN}°`],
   ["Shift ← → ↑ ↓", "move"],
   ["+ −", "zoom"],

@@ -23,7 +23,7 @@ export class Marks {
     this.grid = new Grid(volume);
     this.box = new BoundsBox(this.grid, moveBounds);
     this.value = new ValueReadout(volume, probe);
-    this.cube = new OrientationCube(volume.anatomical, lookFrom);
+    this.cube = new OrientationCube(volume.sides, lookFrom);
     this.scale = new ScaleBar(volume);
     this.missing = svg("g"); // boxes of what no server holds any more
     this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.box.element]);

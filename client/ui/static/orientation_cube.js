@@ -5,14 +5,14 @@ import { svg } from "./svg.js";
 
 /** @typedef {import("./rotation.js").Vector} Vector */
 
-/** Physical axes are LPS where the volume is anatomical. `up` is parallel to two edges of the face. */
-const SIDES = /** @type {{view: string, normal: Vector, up: Vector, letter: string, axis: string}[]} */ ([
-  { view: "front", normal: [0, -1, 0], up: [0, 0, 1], letter: "A", axis: "−y" },
-  { view: "back", normal: [0, 1, 0], up: [0, 0, 1], letter: "P", axis: "+y" },
-  { view: "left", normal: [1, 0, 0], up: [0, 0, 1], letter: "L", axis: "+x" },
-  { view: "right", normal: [-1, 0, 0], up: [0, 0, 1], letter: "R", axis: "−x" },
-  { view: "top", normal: [0, 0, 1], up: [0, -1, 0], letter: "S", axis: "+z" },
-  { view: "bottom", normal: [0, 0, -1], up: [0, -1, 0], letter: "I", axis: "−z" },
+/** In upright axes. `up` is parallel to two edges of the face. */
+const SIDES = /** @type {{view: string, normal: Vector, up: Vector}[]} */ ([
+  { view: "front", normal: [0, -1, 0], up: [0, 0, 1] },
+  { view: "back", normal: [0, 1, 0], up: [0, 0, 1] },
+  { view: "left", normal: [1, 0, 0], up: [0, 0, 1] },
+  { view: "right", normal: [-1, 0, 0], up: [0, 0, 1] },
+  { view: "top", normal: [0, 0, 1], up: [0, -1, 0] },
+  { view: "bottom", normal: [0, 0, -1], up: [0, -1, 0] },
 ]);
 
 const TIE = 1e-6; // what is no nearer upright than by this is as near: rounding decides nothing
@@ -20,11 +20,11 @@ const TIE = 1e-6; // what is no nearer upright than by this is as near: rounding
 export class OrientationCube {
   #sides;
 
-  /** @param {boolean} anatomical @param {(view: string) => void} lookFrom one of AXIS_VIEWS */
-  constructor(anatomical, lookFrom) {
+  /** @param {Record<string, string>} letters by view @param {(view: string) => void} lookFrom one of AXIS_VIEWS */
+  constructor(letters, lookFrom) {
     this.#sides = SIDES.map((side) => {
       const label = svg("text", { class: "vs-letter" });
-      label.textContent = anatomical ? side.letter : side.axis;
+      label.textContent = letters[side.view];
       const title = svg("title");
       title.textContent = `look from the ${side.view}`;
       const square = svg("rect", { x: "-1", y: "-1", width: "2", height: "2", rx: "0.12" });

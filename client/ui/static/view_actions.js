@@ -1,6 +1,6 @@
 // What a person can do to the view by a key or a button.
 
-import { fittingZoom, panned, turnedBy, zoomed } from "./camera.js";
+import { panned, turnedBy, zoomed } from "./camera.js";
 import { about, namedView, product } from "./rotation.js";
 
 /** @typedef {import("./camera.js").Point} Point */
@@ -26,7 +26,7 @@ export class ViewActions {
     this.#go((view) => ({ ...this.#fitted(view), rotation: this.#home }));
   }
 
-  /** The whole volume in the picture, standing as it does. */
+  /** All that is visible in the picture, standing as it does. */
   fit() {
     this.#go((view) => this.#fitted(view));
   }
@@ -73,7 +73,6 @@ export class ViewActions {
   }
 
   #fitted(view) {
-    const { grid, size } = this.#viewport;
-    return { ...view, center: grid.middle, zoom: fittingZoom(grid, size) };
+    return { ...view, ...this.#viewport.fit };
   }
 }

@@ -35,6 +35,7 @@ export class Viewport {
   #pictures;
   #picture = /** @type {any} */ (null); // header of what is on the canvas
   #scene = /** @type {any} */ (null);
+  #fit = /** @type {Partial<View>} */ ({});
   #marks = /** @type {Marks | null} */ (null); // once the volume is known
   #pointer = /** @type {Point | null} */ (null); // where it rests or moves, in the element
   #contained = 0; // the last event of ours that the process has told of
@@ -120,6 +121,11 @@ export class Viewport {
     return { width: this.#scene.width, height: this.#scene.height };
   }
 
+  /** Where the view fits what is visible, as the process told when nobody was at it last. @returns {Partial<View>} */
+  get fit() {
+    return this.#fit;
+  }
+
   undo() {
     this.#transport.send({ type: "undo" });
   }
@@ -193,6 +199,7 @@ export class Viewport {
 
   #onScene(scene) {
     this.#scene = scene;
+    if (scene.fit !== null) this.#fit = scene.fit;
     this.#takeOver();
   }
 

@@ -13,6 +13,7 @@ from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Vector
+from volsplat.protocol.upright import Up
 from volsplat.protocol.volume import Box, Geometry, GridAxis
 
 LETTERS = "xyz"
@@ -31,6 +32,7 @@ class ArrayAxis:
     step: float = 1.0
     along: str = ""  # the physical axis, x, y or z; "" where the file does not tell
     down: bool = False  # it counts against that axis, as a depth does
+    vertical: bool = False  # z is not only its name: it is a height or a depth
 
 
 class ArrayGrid(NamedTuple):
@@ -41,6 +43,7 @@ class ArrayGrid(NamedTuple):
     unit: str
     axes: tuple[GridAxis, GridAxis, GridAxis] | None
     warnings: tuple[str, ...]
+    up: Up | None  # where an axis is a height or a depth
 
     def selection(self, box: Box) -> tuple[int | slice, ...]:
         """What to index the array with to have the voxels of `box`, as (k, j, i)."""
@@ -55,7 +58,8 @@ def array_grid(part: ArrayPart, axes: Sequence[ArrayAxis]) -> ArrayGrid:
     k, j, i = (axis for axis, index in zip(named, indices, strict=True) if index is None)
     grid = _along_physical_axes((i, j, k))
     lengths = _lengths(part, grid)
-    return ArrayGrid(indices, _geometry(part, grid, lengths), lengths.unit, _grid_axes(grid), lengths.warnings)
+    up: Up | None = "+z" if any(axis.vertical and axis.along == "z" for axis in grid) else None
+    return ArrayGrid(indices, _geometry(part, grid, lengths), lengths.unit, _grid_axes(grid), lengths.warnings, up)
 
 
 def _named(part: ArrayPart, axes: Sequence[ArrayAxis]) -> list[ArrayAxis]:

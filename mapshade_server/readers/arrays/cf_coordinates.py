@@ -16,6 +16,7 @@ _ALONG = {
     "z": "z lev level depth height altitude plev air_pressure model_level_number",
 }
 PHYSICAL_AXES = {word: letter for letter, words in _ALONG.items() for word in words.split()}
+_VERTICAL = {word for word, letter in PHYSICAL_AXES.items() if letter == "z" and word != "z"}
 
 
 class Coordinates(NamedTuple):
@@ -27,7 +28,8 @@ class Coordinates(NamedTuple):
 
 def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attributes: Attributes) -> Coordinates:
     """The axis `name` of an array; `numbers` are None where the file has no coordinates for it, only a name."""
-    axis = ArrayAxis(length, name, along=_along(name, attributes))
+    vertical = _is_vertical(name, attributes)
+    axis = ArrayAxis(length, name, along=_along(name, attributes), vertical=vertical)
     if numbers is None or numbers.shape != (length,) or numbers.dtype.kind not in "iuf":
         return Coordinates(axis)
     positions = numbers.astype(np.float64)
@@ -36,7 +38,9 @@ def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attribu
     if not (np.isfinite(positions).all() and step):
         return Coordinates(axis, f"the coordinates of {name} are not usable; its voxels are drawn one apart")
     down = text_attribute(attributes, "positive").lower() == "down"
-    placed = ArrayAxis(length, name, _unit(attributes), first, step, axis.along or ("z" if down else ""), down)
+    placed = ArrayAxis(
+        length, name, _unit(attributes), first, step, axis.along or ("z" if down else ""), down, vertical
+    )
     steps = np.diff(positions)
     rounding = float(np.finfo(numbers.dtype).eps) * max(abs(first), abs(last)) if numbers.dtype.kind == "f" else 0.0
     if length > 2 and float(np.abs(steps - step).max()) > EVEN * abs(step) + 4 * rounding:
@@ -52,6 +56,15 @@ def _along(name: str, attributes: Attributes) -> str:
         return letter
     told = (text_attribute(attributes, "standard_name"), text_attribute(attributes, "units"), name)
     return next((PHYSICAL_AXES[word.lower()] for word in told if word.lower() in PHYSICAL_AXES), "")
+
+
+def _is_vertical(name: str, attributes: Attributes) -> bool:
+    """Whether it is a height or a depth, by what its attributes or its name tell."""
+    if text_attribute(attributes, "positive").lower() in ("up", "down") or (
+        text_attribute(attributes, "axis").lower() == "z"
+    ):
+        return True
+    return bool(_VERTICAL & {text_attribute(attributes, "standard_name").lower(), name.lower()})
 
 
 def _unit(attributes: Attributes) -> str:

@@ -73,6 +73,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             unit=grid.unit,
             value_unit=text_attribute(attributes, "units"),
             axes=grid.axes,
+            up=grid.up,
             warnings=(*(one.warning for one in coordinates if one.warning), *grid.warnings),
             density_name=text_attribute(attributes, "long_name") or dataset.name.rpartition("/")[2],
             reads_sub_cubes=not why_whole,

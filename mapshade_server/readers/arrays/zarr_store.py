@@ -103,6 +103,7 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         unit=grid.unit,
         value_unit=text_attribute(attributes, "units"),
         axes=grid.axes,
+        up=grid.up,
         warnings=(*warnings, *grid.warnings),
         density_name=_density_name(found, [one.axis for one in coordinates], grid, attributes),
         reads_sub_cubes=not one_chunk,

@@ -89,6 +89,7 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
         warnings=(*note, *place.warnings),
         kind=Kind.SPECTRAL_CUBE if place.spectral else Kind.UNKNOWN,
         kind_from=f"its axis {place.spectral}" if place.spectral else "",
+        up="+z",  # north, or as images are shown
         density_name=texts["BTYPE"].lower() or "intensity",
         reads_sub_cubes=not zipped,
         why_whole="the file is compressed by gzip" if zipped else "",

@@ -137,6 +137,7 @@ def open_segy(path: Path, part: str) -> SegyReader:
         kind=Kind.SEISMIC,
         kind_from="its format",
         density_name="amplitude",
+        up="+z",  # time and depth grow downwards
     )
     return SegyReader(description, source, grid)
 

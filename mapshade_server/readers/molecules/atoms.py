@@ -114,6 +114,7 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
         bands=_BANDS if elements else (),
         density_name="element" if elements else "synthetic density",
         warnings=tuple(warnings),
+        up="+z",
         why_whole="the list of atoms is read whole, but only a sub-cube's own voxels are made of it",
     )
     return AtomReader(description, AtomGrid(atoms, geometry), elements)

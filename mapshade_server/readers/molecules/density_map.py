@@ -113,6 +113,7 @@ def open_density_map(path: Path, part: str) -> OpenedVolume:
         warnings=warnings,
         kind=kind,
         kind_from=kind_from,
+        up="+z",
         reads_sub_cubes=raw,
         why_whole="" if raw else "the file is compressed by gzip",
     )

@@ -94,6 +94,7 @@ def open_gaussian_cube(path: Path, part: str) -> GaussianCubeReader:
         kind=kind,
         kind_from=kind_from,
         density_name=f"{density_name} {header.labels[value]}" if len(header.labels) > 1 else density_name,
+        up="+z",
         reads_sub_cubes=False,
         why_whole="its voxels are written as text",
     )

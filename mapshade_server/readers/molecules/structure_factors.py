@@ -227,6 +227,7 @@ def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> 
         kind_from=f"it is made of {factors.made_from}",
         density_name=density_name,
         warnings=factors.warnings,
+        up="+z",
         reads_sub_cubes=False,
         why_whole="every voxel is a sum over all reflections",
     )
@@ -257,6 +258,7 @@ def _frequency(factors: _Factors, with_phases: bool) -> VolumeReader:
         strength_name="phase" if with_phases else "gradient strength",
         second_scalar=PHASES if with_phases else None,
         warnings=factors.warnings,
+        up="+z",
         reads_sub_cubes=False,
         why_whole="the list of reflections is read whole",
     )

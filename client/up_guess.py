@@ -1,0 +1,105 @@
+"""Which way is up in a volume whose file does not tell: a guess by what lies where, the same for every scene.
+
+What a scanner takes of a body is cut off where the scan ends and has its own end where it does not: a head runs from
+its crown to a neck that is cut. So the end at which what is there tapers is up, where the other one is cut. An empty
+margin about it changes nothing, and where both ends are alike nothing is guessed.
+"""
+
+import math
+from collections import Counter
+from typing import NamedTuple
+
+from volsplat.client.density_histogram import LAST, otsu_byte
+from volsplat.protocol import matrices
+from volsplat.protocol.block_extremes import BlockExtremes, block_dims
+from volsplat.protocol.upright import Up
+from volsplat.protocol.volume import Geometry, VolumeDescription
+
+CUT = 0.3  # of the widest layer: an end of at least so much is cut off
+TAPER = 0.6  # of the cut end: the other one of at most so much tapers
+LEAST_LAYER = 0.02  # of the widest layer; less is no end but dirt
+OBJECT = 0.3  # of the way from what is empty to what is full: from here on something is there
+CLIPPED = 0.01  # share of the blocks at either end of their values that tells nothing of the two
+
+
+class StandsUp(NamedTuple):
+    """The physical axis that is up, and how that is known, for a person."""
+
+    up: Up
+    why: str
+
+
+def stands_up(description: VolumeDescription, extremes: BlockExtremes) -> StandsUp:
+    """What the file tells, or the guess, or +z."""
+    if description.up is not None:
+        return StandsUp(description.up, "superior of the patient" if description.anatomical else "as the format tells")
+    guess = guessed_up(description.geometry, extremes)
+    if guess is not None:
+        return StandsUp(guess, "a guess, for what is there tapers that way and is cut off at the other; --up sets it")
+    return StandsUp("+z", "for want of any sign of it; --up sets it")
+
+
+def guessed_up(geometry: Geometry, extremes: BlockExtremes) -> Up | None:
+    """+z or -z, by the layers of blocks along the grid axis that lies nearest to z; None without a sign of it."""
+    steps = [matrices.normalised(matrices.column(geometry.index_to_physical, axis))[2] for axis in range(3)]
+    axis = max(range(3), key=lambda n: abs(steps[n]))
+    layers = _layers(extremes, block_dims(geometry.dims), axis)
+    widest = max(layers)
+    ends = [count for count in layers if count > LEAST_LAYER * widest]
+    if len(ends) < 2:
+        return None
+    first, last = ends[0], ends[-1]
+    if max(first, last) < CUT * widest or min(first, last) > TAPER * max(first, last):
+        return None
+    return "+z" if (last < first) == (steps[axis] > 0) else "-z"
+
+
+def _layers(extremes: BlockExtremes, dims: tuple[int, int, int], axis: int) -> list[int]:
+    """How many blocks of each layer across an axis have something in them."""
+    there = _object_blocks(extremes, dims)
+    counts = [0] * dims[axis]
+    below = math.prod(dims[:axis])
+    for block in there:
+        counts[block // below % dims[axis]] += 1
+    return counts
+
+
+def _object_blocks(extremes: BlockExtremes, dims: tuple[int, int, int]) -> list[int]:
+    """The blocks in which something is, wherever the volume's margin is empty of it."""
+    margin = _margin(extremes, dims)
+    greatest = {
+        n: high
+        for n, (low, high) in enumerate(zip(extremes.least, extremes.greatest, strict=True))
+        if low <= high and high != margin
+    }
+    if not greatest:
+        return []
+    edge = _edge(sorted(greatest.values()))
+    return [n for n, value in greatest.items() if value > edge]
+
+
+def _margin(extremes: BlockExtremes, dims: tuple[int, int, int]) -> float | None:
+    """The one value of the blocks at the volume's corners, if there is one: what somebody filled up with."""
+    ni, nj, nk = dims
+    corners = [i + ni * (j + nj * k) for i in (0, ni - 1) for j in (0, nj - 1) for k in (0, nk - 1)]
+    constant = [extremes.least[n] for n in corners if extremes.least[n] == extremes.greatest[n]]
+    return Counter(constant).most_common(1)[0][0] if constant else None
+
+
+def _edge(values: list[float]) -> float:
+    """The value above which something is, by Otsu's split of what is empty from what is full."""
+    clipped = math.floor(CLIPPED * len(values))
+    low, high = values[clipped], values[-1 - clipped]
+    width = (high - low) / (LAST + 1)
+    if width <= 0.0:
+        return low
+    counts = [0.0] * (LAST + 1)
+    for value in values:
+        counts[min(max(math.floor((value - low) / width), 0), LAST)] += 1
+    split = low + (otsu_byte(counts) + 1) * width
+    empty = [min(max(value, low), high) for value in values if value < split]
+    full = [min(value, high) for value in values if value >= split]
+    if not empty or not full:
+        return low
+    below, above = math.fsum(empty) / len(empty), math.fsum(full) / len(full)
+    return below + OBJECT * (above - below)
