@@ -1,5 +1,7 @@
 """Scenes of what has no surfaces: spectral cubes, which glow, and structure factors, points coloured by phase."""
 
+from collections import Counter
+
 from volsplat.client.class_scenes import class_bytes
 from volsplat.client.density_histogram import LAST, landmarks
 from volsplat.client.subject import Subject
@@ -29,7 +31,10 @@ LEAST_SIGNAL = 0.001  # of the voxels lie above that, or it is no noise that lie
 # The wheel of phases from 0 degrees up, and round again: red, yellow, green, cyan, blue, magenta.
 PHASE_WHEEL = ("#f04848", "#e8c830", "#50c850", "#38c8c8", "#5078f8", "#d050e0", "#f04848")
 POINT_RADIUS = 1.2  # voxels: a reflection is a point
-FAINT_SHARE, STRONG_SHARE = 0.5, 0.98  # of the reflections, up to which they are clear, and from which they are solid
+LEAST_CLEAR = 0.5  # of the reflections: the weaker half is not shown
+MOST_POINTS = 4000  # nor more than these, or all hues together are grey
+SOLID_SHARE = 0.04  # of those that are shown: the strongest are solid
+MOST_CLEAR_OF_BAND = 0.9
 NO_PHASE = ("#38406c", "#f4f6ff")  # from the weakest to the strongest
 
 
@@ -85,15 +90,35 @@ def _by_amplitude(subject: Subject | None) -> ScalarTable:
     if subject is None or subject.kind is not Kind.STRUCTURE_FACTORS:
         marks = landmarks(subject.histogram if subject else None)
         return scalars((marks.background, 0.0), (marks.object, 0.3), (marks.core, 1.0))
-    values, at = subject.values, subject.histogram.position
-    faint, strong = at(values.percentile(FAINT_SHARE)), at(values.percentile(STRONG_SHARE))
+    values, at, clear = subject.values, subject.histogram.position, _clear_share(subject)
+    faint, strong = at(values.percentile(clear)), at(values.percentile(1 - SOLID_SHARE * (1 - clear)))
     start, end = min(faint, (LAST - 1) / LAST), max(strong, faint + 1 / LAST)
-    return scalars((start, 0.0), (start + (end - start) / 4, 0.5), (min(end, 1.0), 1.0))
+    return scalars((start, 0.0), (start + (end - start) / 4, 0.8), (min(end, 1.0), 1.0))
+
+
+def _clear_share(subject: Subject) -> float:
+    return max(LEAST_CLEAR, 1 - MOST_POINTS / max(subject.values.voxels, 1))
+
+
+def _first_level(subject: Subject) -> float:
+    """From which share of their bands on the amplitudes are shown."""
+    levels = Counter[float]()
+    for band in subject.bands:
+        start, end = class_bytes(subject, band)
+        for byte in range(start, end + 1):
+            levels[(byte - start) / max(end - start, 1)] += subject.histogram.counts[byte]
+    seen, wanted = 0, _clear_share(subject) * levels.total()
+    for level, count in sorted(levels.items()):
+        seen += count
+        if seen >= wanted:
+            return min(level, MOST_CLEAR_OF_BAND)
+    return 0.0
 
 
 def _by_bands(subject: Subject) -> tuple[ColourTable, ScalarTable, CrossBar]:
     """Each band is a sector of phase, its colour the one in the sector's middle; amplitudes rise within it."""
     wheel = phase_colours().entries()
+    first = _first_level(subject)
     emit: list[tuple[float, Colour]] = []
     opacity: list[tuple[float, float]] = []
     for n, band in enumerate(subject.bands):
@@ -101,8 +126,7 @@ def _by_bands(subject: Subject) -> tuple[ColourTable, ScalarTable, CrossBar]:
         hue = wheel[round((n + 0.5) / len(subject.bands) * LAST)]
         emit += [(start / LAST, hue), (end / LAST, hue)]
         rise = (end - start) / LAST
-        places = (0.0, 0.3, 0.6, 1.0)
-        opacity += [
-            (start / LAST + share * rise, value) for share, value in zip(places, (0.0, 0.0, 0.9, 1.0), strict=True)
-        ]
+        shown = (first, first + (1 - first) / 4, 1.0)
+        opacity += [(start / LAST, 0.0)]
+        opacity += [(start / LAST + place * rise, value) for place, value in zip(shown, (0.0, 0.8, 1.0), strict=True)]
     return ColourTable(points=tuple(emit)), scalars(*opacity), CrossBar()
