@@ -7,13 +7,12 @@ import OpenImageIO as oiio
 import torch
 from torch import Tensor
 
-from volsplat.protocol.errors import VolsplatError
+from volsplat.client.lettering import BOLD_FONT, FONT, canvas_of, extent, write
 
 LARGEST_SIDE = 640  # pixels of a picture in the sheet; larger ones are reduced
 LEAST_WIDTH = 240  # of a cell, so that its caption fits
 PAPER = 0.09  # grey of the sheet
 INK, FAINT_INK = 0.95, 0.62
-FONT, BOLD_FONT = "DroidSans", "DroidSans-Bold"  # both come with OpenImageIO
 
 
 class SheetPicture(NamedTuple):
@@ -41,9 +40,9 @@ def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "
         inset = left + (cell - image.shape[1]) // 2
         sheet[top : top + image.shape[0], inset : inset + image.shape[1]] = image
         corners.append((left, top + height))
-    canvas = _buffer(sheet)
+    canvas = canvas_of(sheet)
     if title:
-        _write(canvas, gap, round(text * 2.2), title, round(text * 1.4), INK, FONT, room=sheet.shape[1] - 2 * gap)
+        write(canvas, gap, round(text * 2.2), title, round(text * 1.4), INK, FONT, room=sheet.shape[1] - 2 * gap)
     for (left, bottom), picture in zip(corners, pictures, strict=True):
         _write_caption(canvas, left, bottom, cell, text, picture)
     return torch.from_numpy(canvas.get_pixels(oiio.FLOAT)).clamp(0.0, 1.0)
@@ -53,16 +52,16 @@ def _write_caption(
     canvas: "oiio.ImageBuf", left: int, bottom: int, cell: int, text: int, picture: SheetPicture
 ) -> None:
     line = bottom + round(text * 1.35)
-    taken = _extent(picture.aside, text, FONT) if picture.aside else 0
+    taken = extent(picture.aside, text, FONT) if picture.aside else 0
     indent = round(text * 1.3) if picture.mark else 0
     if picture.mark:
-        _write(canvas, left, line, picture.mark, text, INK, BOLD_FONT)
-    _write(canvas, left + indent, line, picture.caption, text, INK, FONT, room=cell - indent - taken)
+        write(canvas, left, line, picture.mark, text, INK, BOLD_FONT)
+    write(canvas, left + indent, line, picture.caption, text, INK, FONT, room=cell - indent - taken)
     if picture.aside:
-        _write(canvas, left + cell - taken, line, picture.aside, text, FAINT_INK, FONT)
+        write(canvas, left + cell - taken, line, picture.aside, text, FAINT_INK, FONT)
     if picture.note:
         below = line + round(text * 1.3)
-        _write(canvas, left + indent, below, picture.note, round(text * 0.85), FAINT_INK, FONT, room=cell - indent)
+        write(canvas, left + indent, below, picture.note, round(text * 0.85), FAINT_INK, FONT, room=cell - indent)
 
 
 def _reduced(image: Tensor) -> Tensor:
@@ -74,25 +73,3 @@ def _reduced(image: Tensor) -> Tensor:
     size = (max(round(image.shape[0] * factor), 1), max(round(image.shape[1] * factor), 1))
     planes = image.permute(2, 0, 1).unsqueeze(0)
     return torch.nn.functional.interpolate(planes, size=size, mode="area")[0].permute(1, 2, 0)
-
-
-def _buffer(image: Tensor) -> "oiio.ImageBuf":
-    height, width, channels = image.shape
-    canvas = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
-    canvas.set_pixels(canvas.roi, image.contiguous().numpy())
-    return canvas
-
-
-def _extent(text: str, size: int, font: str) -> int:
-    """The width of a text in pixels."""
-    return int(oiio.ImageBufAlgo.text_size(text, size, font).width)
-
-
-def _write(
-    canvas: "oiio.ImageBuf", x: int, y: int, text: str, size: int, ink: float, font: str, room: int | None = None
-) -> None:
-    """Write a line with its base line at y, smaller where there is not room enough."""
-    while room is not None and size > 8 and _extent(text, size, font) > room:
-        size -= 1
-    if not oiio.ImageBufAlgo.render_text(canvas, x, y, text, size, font, (ink, ink, ink)):
-        raise VolsplatError(f"cannot write the captions of the sheet: {canvas.geterror()}")

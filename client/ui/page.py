@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from volsplat.client.ui.phase_legend import PhaseLegend
 from volsplat.client.ui.save_panel import save_panel
 from volsplat.client.ui.servers_panel import servers_panel
 from volsplat.client.ui.shading_panel import shading_panel
@@ -35,6 +36,7 @@ def page(viewing: Viewing) -> None:
             view_panel(viewing)
         with ui.element("section").classes("vs-view"):
             viewport_element(viewing.default_scene.view.rotation)
+            PhaseLegend(viewing)
         with ui.element("aside").classes("vs-right"):
             tables_panel(viewing)
         with ui.element("footer").classes("vs-foot"):
