@@ -27,8 +27,16 @@ def wheel_colours(description: VolumeDescription, scene: Scene) -> tuple[Colour,
     if field is Field.STRENGTH and description.strength_name == PHASE and description.second_scalar is not None:
         return tuple(emitted[round((n + 0.5) / SECTORS * LAST)] for n in range(SECTORS))
     if field is Field.DENSITY and description.kind is Kind.STRUCTURE_FACTORS and description.bands:
-        return tuple(emitted[min(round((band.low + band.high) / 2), LAST)] for band in description.bands)
+        return _of_bands(description, emitted)
     return None
+
+
+def _of_bands(description: VolumeDescription, emitted: list[Colour]) -> tuple[Colour, ...] | None:
+    """The one colour of each band; None where a band has several, or all have the same."""
+    within = [{emitted[n] for n in range(int(band.low), min(int(band.high), LAST) + 1)} for band in description.bands]
+    if any(len(colours) != 1 for colours in within) or len(set.union(*within)) == 1:
+        return None
+    return tuple(next(iter(colours)) for colours in within)
 
 
 def phase_wheel(colours: tuple[Colour, ...], side: int) -> Tensor:
