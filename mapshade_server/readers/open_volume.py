@@ -27,6 +27,7 @@ from volsplat.mapshade_server.readers.medicine import (
     mgh,
     nifti,
     nrrd,
+    picture_folder,
     tiff_folder,
     tiff_stack,
 )
@@ -107,6 +108,7 @@ FORMATS = (
 FOLDER_FORMATS = (
     FolderFormat("Zarr", zarr_store.open_folder, zarr_store.recognises_folder),
     FolderFormat("TIFF slices", tiff_folder.open_tiff_folder, tiff_folder.recognises_folder),
+    FolderFormat("pictures", picture_folder.open_picture_folder, picture_folder.recognises_folder),
     FolderFormat("DICOM series", dicom_series.open_folder, lambda folder: True),
 )
 
