@@ -34,6 +34,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.readers.arrays.zarr_codecs import bounded_codecs
 from volsplat.mapshade_server.readers.arrays.zarr_files import files_of_arrays
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.volume_files import VolumeFile
@@ -189,7 +190,8 @@ class PacketStore:
 
     def _array(self, path: str) -> Any:
         try:
-            return self._group[path]
+            with bounded_codecs():
+                return self._group[path]
         except KeyError:
             raise self._damaged(path, "is missing") from None
         except (OSError, ValueError, TypeError, RuntimeError) as error:

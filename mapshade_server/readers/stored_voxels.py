@@ -23,7 +23,7 @@ from volsplat.protocol.volume import Box, Index
 
 # Between two wanted runs of bytes, a gap up to this size is read through: disks and file systems do so anyway.
 READ_THROUGH_BYTES = 16384
-COMPRESSED_CHUNK_BYTES = 1 << 16
+COMPRESSED_CHUNK_BYTES, UNPACKED_CHUNK_BYTES = 1 << 16, 1 << 20  # at a time, at most
 
 
 class Packing(StrEnum):
@@ -153,13 +153,16 @@ class StoredVoxels:
             self._paused[piece] = _Paused(stream, file.tell(), box.high[2])
 
 
-def unpacked_size(path: Path, offset: int, packing: Packing) -> int:
-    """How many bytes a compressed file holds from `offset` on, found by unpacking it. Raises BadInput if broken."""
+def unpacked_size(path: Path, offset: int, packing: Packing, most: int) -> int:
+    """How many bytes a compressed file holds from `offset` on, found by unpacking it; of more than `most`, not all.
+
+    Raises BadInput where it is broken.
+    """
     with path.open("rb") as file:
         file.seek(offset)
         stream = _Unpacking(file.read, packing)
         try:
-            return stream.drain()
+            return stream.drain(most)
         except (OSError, EOFError, zlib.error) as error:
             raise BadInput(f"{path}: {_cause(error, None)}; fetch or export the volume again") from None
 
@@ -193,13 +196,36 @@ def _cause(error: Exception, piece: Piece | None) -> str:
 
 
 class _Decompressor(Protocol):
-    """What zlib's and bz2's objects have in common."""
+    """What bz2's objects have, and zlib's are given: no more than `most` bytes come at a time."""
 
     @property
     def eof(self) -> bool: ...
     @property
+    def needs_input(self) -> bool: ...
+    @property
     def unused_data(self) -> bytes: ...
-    def decompress(self, data: bytes, /) -> bytes: ...
+    def decompress(self, data: bytes, most: int, /) -> bytes: ...
+
+
+class _Inflating:
+    """A zlib or gzip stream."""
+
+    def __init__(self) -> None:
+        self._stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # which lets zlib accept both framings
+        self.needs_input = True
+
+    @property
+    def eof(self) -> bool:
+        return self._stream.eof
+
+    @property
+    def unused_data(self) -> bytes:
+        return self._stream.unused_data
+
+    def decompress(self, data: bytes, most: int) -> bytes:
+        unpacked = self._stream.decompress(self._stream.unconsumed_tail + data, most)
+        self.needs_input = len(unpacked) < most and not self._stream.unconsumed_tail
+        return unpacked
 
 
 class _Unpacking:
@@ -212,22 +238,22 @@ class _Unpacking:
         self._ready = memoryview(b"")
 
     def _new(self) -> _Decompressor:
-        # 32 added to the window bits lets zlib accept both of its framings.
-        return bz2.BZ2Decompressor() if self._packing == Packing.BZIP2 else zlib.decompressobj(zlib.MAX_WBITS | 32)
+        return bz2.BZ2Decompressor() if self._packing == Packing.BZIP2 else _Inflating()
 
     def _more(self) -> bool:
         """Unpacks some more bytes into `_ready`, which is used up; False at the orderly end."""
         while not self._ready:
-            rest = b""
+            packed = b""
             if self._decompressor.eof:
-                rest = self._decompressor.unused_data
-                if not (rest or (rest := self._read(COMPRESSED_CHUNK_BYTES))):
+                packed = self._decompressor.unused_data or self._read(COMPRESSED_CHUNK_BYTES)
+                if not packed:
                     return False
                 self._decompressor = self._new()
-            rest = rest or self._read(COMPRESSED_CHUNK_BYTES)
-            if not rest:
-                raise EOFError
-            self._ready = memoryview(self._decompressor.decompress(rest))
+            elif self._decompressor.needs_input:
+                packed = self._read(COMPRESSED_CHUNK_BYTES)
+                if not packed:
+                    raise EOFError
+            self._ready = memoryview(self._decompressor.decompress(packed, UNPACKED_CHUNK_BYTES))
         return True
 
     def go_on(self, read: Callable[[int], bytes]) -> None:
@@ -251,9 +277,9 @@ class _Unpacking:
             self._ready = self._ready[dropped:]
             count -= dropped
 
-    def drain(self) -> int:
+    def drain(self, most: int) -> int:
         count = 0
-        while self._more():
+        while count <= most and self._more():
             count += len(self._ready)
             self._ready = memoryview(b"")
         return count

@@ -4,6 +4,7 @@ The grid's spacing comes from the axes' dimension scales, which are NetCDF's coo
 or from element_size_um, which Fiji and ilastik write; the values' meaning from the CF conventions.
 """
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,7 +20,9 @@ from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxi
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
+from volsplat.mapshade_server.readers.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
@@ -83,7 +86,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
 
     def read(box: Box) -> Voxels:
         with _opened(_h5py(), path) as file:  # only while it is read
-            return values.of(file[name][grid.selection(box)])
+            return values.of(read_selection(file[name], grid.selection(box)))
 
     return OpenedVolume(description, read)
 
@@ -105,7 +108,7 @@ def _image(h5py: ModuleType, part: ArrayPart, image: Hdf5Image, dataset: Any) ->
 
     def read(box: Box) -> Voxels:
         with _opened(_h5py(), Path(part.place)) as file:
-            return values.of(file[image.path][image.selection(box)])
+            return values.of(read_selection(file[image.path], image.selection(box)))
 
     return OpenedVolume(description, read)
 
@@ -191,7 +194,7 @@ def _nexus_default(h5py: ModuleType, group: Any) -> Any:
 
 
 def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
-    """Raises BadInput where nothing was ever written, or by a filter that is not installed."""
+    """Raises BadInput where nothing was ever written, by a filter that is not installed, or in absurd chunks."""
     creation = dataset.id.get_create_plist()
     for number, _, _, name in (creation.get_filter(n) for n in range(creation.get_nfilters())):
         if not h5py.h5z.filter_avail(number):
@@ -200,6 +203,8 @@ def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
                 f"{part.whole}: is compressed by HDF5's filter {number} ({filter_name}), which is not installed; "
                 f"convert it, as in h5repack -f GZIP=4 {Path(part.place).name} NEW.h5"
             )
+    if dataset.chunks:
+        check_promise(part.whole, math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.nbytes)
     if not (dataset.is_virtual or dataset.external or dataset.id.get_storage_size()):
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
 

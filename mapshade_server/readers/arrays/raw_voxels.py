@@ -53,7 +53,8 @@ def open_raw_voxels(path: Path, part: str) -> OpenedVolume:
         dtype=dtype,
         pieces=(Piece(path, dims[2], skip if raw else 0, packing, 0 if raw else skip),),
     )
-    _check_size(voxels, path.stat().st_size if raw else unpacked_size(path, 0, packing), skip)
+    promised = skip + dims[2] * voxels.sheet_bytes
+    _check_size(voxels, path.stat().st_size if raw else unpacked_size(path, 0, packing, promised), skip)
     di, dj, dk = said.numbers("spacing", 3) or (1.0, 1.0, 1.0)
     warning = "nobody says in which byte order it is: little endian is taken; endian=big would be the other"
     description = VolumeDescription(
@@ -121,8 +122,11 @@ def _check_size(voxels: StoredVoxels, size: int, skip: int) -> None:
     if size == skip + promised:
         return
     shown = "x".join(str(n) for n in voxels.dims)
-    hint = f"; skip={size - promised} would fit, if its first bytes are a header" if size > promised else ""
+    raw = voxels.pieces[0].packing == Packing.RAW
+    more = size > promised
+    hint = f"; skip={size - promised} would fit, if its first bytes are a header" if more and raw else ""
+    has = size if raw else f"{'more' if more else size} unpacked"
     raise BadInput(
         f"{voxels.source}: {shown} voxels of {voxels.dtype.name} are {promised} bytes"
-        f"{f' after {skip} skipped' if skip else ''}, but the file has {size}; correct dims, type or skip{hint}"
+        f"{f' after {skip} skipped' if skip else ''}, but the file has {has}; correct dims, type or skip{hint}"
     )

@@ -1,6 +1,5 @@
 """Where Zarr hierarchies are, in folders, zip files or, through fsspec, at URLs, and what goes wrong there."""
 
-import os
 import warnings
 import zipfile
 from collections.abc import Callable, Iterator
@@ -9,11 +8,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers import extra
+from volsplat.mapshade_server.readers.arrays.web_failures import (
+    ANSWER_SECONDS,
+    CONNECT_SECONDS,
+    end_requests,
+    reason_and_cure,
+)
+from volsplat.mapshade_server.readers.arrays.zarr_codecs import bounded_codecs
 from volsplat.protocol.errors import BadInput
 
 METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata")
 LIBRARIES = {"http": "aiohttp", "https": "aiohttp", "s3": "s3fs", "gs": "gcsfs", "gcs": "gcsfs", "az": "adlfs"}
-CONNECT_SECONDS, ANSWER_SECONDS = 10, 60
 LARGEST_METADATA = 1 << 26
 
 
@@ -29,7 +34,8 @@ class ZarrPlace(NamedTuple):
     def node(self, path: str) -> Any:
         """The array or group at `path`, None where there is none."""
         try:
-            return self.zarr.open(store=self.store, path=f"{self.prefix}{path}".strip("/"), mode="r")
+            with bounded_codecs():
+                return self.zarr.open(store=self.store, path=f"{self.prefix}{path}".strip("/"), mode="r")
         except (FileNotFoundError, KeyError):
             return None
 
@@ -107,13 +113,6 @@ def one_line_errors(name: str) -> Iterator[None]:
     except MemoryError:
         raise BadInput(f"{name}: the voxels do not fit into memory; use more workers") from None
     except Exception as error:
-        raise BadInput(f"{name}: {_reason(error)}; check the place, or fetch the data again") from None
-
-
-def _reason(error: Exception) -> str:
-    if isinstance(error, TimeoutError):
-        return f"no answer for {ANSWER_SECONDS} s"
-    if isinstance(error, OSError) and error.errno and error.filename:
-        return f"cannot be read ({os.strerror(error.errno)})"
-    text = " ".join(str(error).split())
-    return f"cannot be read ({text or type(error).__name__})"
+        if "://" in name:
+            end_requests()
+        raise BadInput(f"{name}: {reason_and_cure(error)}") from None

@@ -18,9 +18,11 @@ from volsplat.mapshade_server.readers.arrays.array_part import array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.ome_zarr import Json, level_axes
+from volsplat.mapshade_server.readers.arrays.zarr_codecs import at_most, check_codecs
 from volsplat.mapshade_server.readers.arrays.zarr_files import fetched_files, files_of_arrays
 from volsplat.mapshade_server.readers.arrays.zarr_place import METADATA, one_line_errors
 from volsplat.mapshade_server.readers.arrays.zarr_search import FoundArray, found_array
+from volsplat.mapshade_server.readers.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.volume_files import VolumeFile
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.errors import BadInput
@@ -81,6 +83,8 @@ def _check_has_chunks(found: FoundArray, names: Iterable[str]) -> None:
 
 def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple) -> OpenedVolume:
     part, array = found.part, found.array
+    check_codecs(part.whole, array)
+    check_promise(part.whole, int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize, array.nbytes)
     attributes: Json = dict(array.attrs)
     if found.image is None:
         values = cf_values(part.whole, array.dtype, {**attributes, **_fill_value(array, attributes)})
@@ -110,8 +114,10 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         why_whole="all its voxels are in one chunk" if one_chunk else "",
     )
 
+    chunk_bytes = int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize
+
     def read(box: Box) -> Voxels:
-        with one_line_errors(part.place):
+        with one_line_errors(part.place), at_most(chunk_bytes):
             return values.of(np.asarray(array[grid.selection(box)]))
 
     return OpenedVolume(description, read, files)
@@ -147,7 +153,9 @@ def _coordinate(found: FoundArray, length: int, name: str) -> Coordinates:
     group, _, own_name = found.part.path.rpartition("/")
     beside: Any = found.place.node(f"{group}/{name}") if name and own_name else None
     if found.place.is_array(beside) and beside.shape == (length,):
-        return coordinates_of(length, name, np.asarray(beside[:]), dict(beside.attrs))
+        check_codecs(found.part.whole, beside)
+        with at_most(beside.nbytes):
+            return coordinates_of(length, name, np.asarray(beside[:]), dict(beside.attrs))
     return coordinates_of(length, name, None, {})
 
 

@@ -15,6 +15,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.codestream_size import check_codestream
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.simple_itk import extracted, header_of
 from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
@@ -80,7 +81,12 @@ class Pixels:
         head.PhotometricInterpretation = "MONOCHROME2"
         head.BitsAllocated, head.BitsStored, head.HighBit = 8 * self.dtype.itemsize, self.bits_stored, self.high_bit
         head.PixelRepresentation = int(self.dtype.kind == "i")
-        head.PixelData = pydicom.encaps.encapsulate([self._packed(frame)])
+        packed = self._packed(frame)
+        try:
+            check_codestream(packed, self.columns, self.rows)
+        except ValueError as error:
+            raise BadInput(f"{self.path}: frame {frame} is damaged: {error}; export it again") from None
+        head.PixelData = pydicom.encaps.encapsulate([packed])
         head.file_meta = pydicom.dataset.FileMetaDataset()
         head.file_meta.TransferSyntaxUID = self.transfer_syntax
         with TemporaryDirectory(prefix="volsplat-") as folder:

@@ -51,6 +51,7 @@ PACKINGS = {
 BYTE_ORDERS: dict[str, Literal["<", ">"]] = {"little": "<", "big": ">"}
 TEXT_ENCODINGS = ("txt", "text", "ascii", "hex")
 
+LARGEST_FILE = 1 << 62  # bytes
 SPATIAL_KINDS = ("domain", "space")
 FRAME_KINDS = ("list", "time", "none", "???", "")  # of an axis along which there are volumes, not components
 
@@ -232,7 +233,7 @@ def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) 
             offset = max(path.stat().st_size - promised, 0) if skip == -1 else offset + skip
             pieces.append(Piece(path, sheets, offset))
         else:
-            dropped = unpacked_size(path, offset, packing) - promised if skip == -1 else skip
+            dropped = unpacked_size(path, offset, packing, LARGEST_FILE) - promised if skip == -1 else skip
             pieces.append(Piece(path, sheets, offset, packing, dropped))
     return tuple(pieces)
 

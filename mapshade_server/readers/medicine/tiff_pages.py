@@ -6,15 +6,18 @@ What tifffile cannot decode without further libraries (LZW, JPEG, ...) goes thro
 import importlib
 import importlib.util
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from types import ModuleType
 from typing import Any, BinaryIO
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.bounded_unpacking import check_promise, inflated, unpacked_lzma
+from volsplat.mapshade_server.readers.codestream_size import check_codestream
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
@@ -23,6 +26,9 @@ from volsplat.protocol.volume import Box
 UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA = 1, 8, 32946, 34925
 DECODED_BY_TIFFFILE = (UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA)
 WHOLE_BYTES = (8, 16, 32, 64)
+BOUNDED = {DEFLATE: inflated, OLD_DEFLATE: inflated, LZMA: unpacked_lzma}
+TURNED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
+SLACK = 1 << 12  # bytes that some programs write after a strip's last row
 
 # How many bytes one stored byte can become at most, of the ways of packing for which that is known.
 MOST_GROWTH = {UNCOMPRESSED: 1, DEFLATE: 1032, OLD_DEFLATE: 1032}
@@ -60,6 +66,9 @@ class TiffPage:
         """Raises BadInput where a strip or tile lies beyond the end of its file, of `size` bytes."""
         if any(start + count > size for start, count in zip(self.offsets, self.counts, strict=True)):
             raise BadInput(f"{source}: is truncated: its pixels lie beyond its end; fetch or export it again")
+        packing = self.packing
+        (columns, rows), bits = self.segment, packing.bitspersample * packing.samplesperpixel
+        check_promise(source, columns * rows * bits // 8, packing.imagewidth * packing.imagelength * bits // 8)
 
     def read(self, file: BinaryIO, box: Box) -> Voxels:
         """The values of the box's rectangle. Raises BadInput where they are damaged or packed in an unknown way."""
@@ -71,9 +80,8 @@ class TiffPage:
             for number in self._touched(box):
                 file.seek(self.offsets[number])
                 packed = file.read(self.counts[number]) if self.counts[number] else None
-                segment, (_, _, top, left, _), shape = self.packing.decode(
-                    packed, number, jpegtables=self.packing.jpegtables
-                )
+                decode, stored = self._unpacked(packed)
+                segment, (_, _, top, left, _), shape = decode(stored, number, jpegtables=self.packing.jpegtables)
                 if segment is None:
                     continue
                 low_j, high_j = max(top, j0), min(top + shape[1], j1)
@@ -85,12 +93,40 @@ class TiffPage:
             raise BadInput(f"{self.path}: page {self.number} is damaged ({error}); export it again") from None
         return values
 
+    @property
+    def segment(self) -> tuple[int, int]:
+        """Columns and rows of a strip or tile."""
+        packing = self.packing
+        if packing.is_tiled:
+            return packing.tilewidth, packing.tilelength
+        return packing.imagewidth, min(packing.rowsperstrip, packing.imagelength)
+
+    def _unpacked(self, packed: bytes | None) -> tuple[Callable[..., Any], bytes | None]:
+        """How to decode a strip or tile, and what: unpacked here where tifffile would unpack without an end."""
+        unpack = BOUNDED.get(self.packing.compression)
+        width, length = self.segment
+        if packed is None:
+            return self.packing.decode, None
+        if unpack is None:
+            check_codestream(packed, width, length)
+            return self.packing.decode, packed
+        if self.packing.fillorder != 1:
+            packed = packed.translate(TURNED)
+        most = -(-width * self.packing.bitspersample // 8) * length * self.packing.samplesperpixel
+        return self._without_packing.decode, unpack(packed, most + SLACK)
+
+    @cached_property
+    def _without_packing(self) -> Any:
+        """The page as if its strips or tiles were not compressed."""
+        page = copy(self.packing)
+        page.__dict__.pop("decode", None)  # which is made for the compression
+        page.compression, page.fillorder = UNCOMPRESSED, 1
+        return page
+
     def _touched(self, box: Box) -> Iterator[int]:
         """The numbers of the strips or tiles that share values with the box's rectangle."""
         packing = self.packing
-        tiled = packing.is_tiled
-        length = packing.tilelength if tiled else min(packing.rowsperstrip, packing.imagelength)
-        width = packing.tilewidth if tiled else packing.imagewidth
+        width, length = self.segment
         per_row = -(-packing.imagewidth // width)
         for row in range(box.low[1] // length, -(-box.high[1] // length)):
             for column in range(box.low[0] // width, -(-box.high[0] // width)):

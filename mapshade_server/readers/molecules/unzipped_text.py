@@ -9,7 +9,7 @@ from volsplat.protocol.errors import BadInput
 
 MOST_BYTES = 1 << 30
 CHUNK_BYTES = 1 << 20
-MOST_GROWTH = 200  # of text; the densest packed coordinates grow tenfold
+MOST_GROWTH = 50  # of text; the densest packed coordinates grow tenfold
 
 
 def unzipped_text(path: Path) -> str:
