@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Literal
 
 from volsplat.client.density_histogram import (
     AIR_HU,
@@ -16,8 +17,10 @@ from volsplat.protocol import matrices
 from volsplat.protocol.index_rules import Survey
 from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.scene import Field
-from volsplat.protocol.volume import VolumeDescription
+from volsplat.protocol.upright import Up, upright
+from volsplat.protocol.volume import Geometry, VolumeDescription
 
+FACES = ("left", "front", "bottom")  # the views along the upright axes x, y and z
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 HOUNSFIELD = "HU"
 
@@ -34,6 +37,7 @@ class Subject:
     in_hounsfield: bool = False
     depth: Field = Field.GRID_K  # the grid's axis that leads away from the viewer in front
     recedes: bool = True  # along this axis
+    face: str | None = None  # of a single slice: the view that shows it, as radiologists and image viewers do
     fine: ValueCounts | None = None  # the values before they became bytes
 
     @cached_property
@@ -51,9 +55,16 @@ class Subject:
 
 
 def subject_of(
-    description: VolumeDescription, survey: Survey, density_counts: list[int], window: tuple[float, float]
+    description: VolumeDescription,
+    survey: Survey,
+    density_counts: list[int],
+    window: tuple[float, float],
+    up: Up | Literal["auto"] = "auto",
 ) -> Subject:
-    """What is known of a volume, under a window. `density_counts` split survey.low..survey.high. Raises BadInput."""
+    """What is known of a volume, under a window; `up` is the physical axis that is.
+
+    `density_counts` split survey.low..survey.high. Raises BadInput for a window without a scale.
+    """
     steps = [matrices.column(description.geometry.index_to_physical, axis) for axis in range(3)]
     away = [matrices.normalised(step)[1] for step in steps]
     depth = max(range(3), key=lambda axis: abs(away[axis]))
@@ -66,5 +77,16 @@ def subject_of(
         in_hounsfield=description.value_unit == HOUNSFIELD,
         depth=GRID_FIELDS[depth],
         recedes=away[depth] > 0,
+        face=_face(description.geometry, up),
         fine=ValueCounts(survey.low, survey.high, density_counts) if survey.low <= survey.high else None,
     )
+
+
+def _face(geometry: Geometry, up: Up | Literal["auto"]) -> str | None:
+    """The view on a single slice; None for any other volume, and for a single row."""
+    flat = [axis for axis in range(3) if geometry.dims[axis] == 1]
+    if len(flat) != 1:
+        return None
+    i, j = (matrices.column(geometry.index_to_physical, axis) for axis in range(3) if axis != flat[0])
+    normal = matrices.applied(upright(up), matrices.cross(i, j))
+    return FACES[max(range(3), key=lambda axis: abs(normal[axis]))]

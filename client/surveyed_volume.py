@@ -122,7 +122,7 @@ class SurveyedVolume:
     def subject(self, quantise: Quantise = Quantise()) -> Subject:  # noqa: B008 - immutable
         """What scenes are made for, under the scene's window. Raises BadInput for one without a scale."""
         window = self.quantisation(quantise).window
-        return subject_of(self.description, self.survey, self.density_counts, window)
+        return subject_of(self.description, self.survey, self.density_counts, window, self.stands_up.up)
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""

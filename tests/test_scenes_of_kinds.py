@@ -14,6 +14,7 @@ from volsplat.client.density_histogram import LAST
 from volsplat.client.glow_scenes import phase_colours
 from volsplat.client.presets import PRESETS, fits, preset_scene
 from volsplat.client.subject import Subject, subject_of
+from volsplat.client.view_rotation import named_view
 from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey, density_window
 from volsplat.protocol.kind import Band, Kind
 from volsplat.protocol.scene import Colour, Field, Scene
@@ -195,6 +196,31 @@ def test_hounsfield_units_are_believed_where_they_are_stated() -> None:
             known.histogram.position(hounsfield) * LAST, abs=ONE_BYTE
         )
     assert subject(odd, Kind.CT, "int16").ct is None
+
+
+# Single slices
+
+
+@pytest.mark.parametrize(
+    ("dims", "view"),
+    [
+        ((64, 48, 1), "bottom"),
+        ((64, 1, 48), "front"),
+        ((1, 64, 48), "left"),
+        ((64, 48, 2), "front"),
+        ((64, 1, 1), "front"),
+    ],
+)
+def test_a_single_slice_is_seen_from_its_face(dims: tuple[int, int, int], view: str) -> None:
+    known = subject(HEAD, Kind.UNKNOWN, geometry=Geometry(dims=dims))
+    assert default_scene(known).view.rotation == preset_scene("ct-skin", known).view.rotation == named_view(view)
+
+
+def test_the_face_of_a_slice_is_where_its_volume_stands_upright() -> None:
+    flat = VolumeDescription(name="flat", format="test", geometry=Geometry(dims=(64, 48, 1)), scalar_type="uint8")
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=2, no_data=0)
+    assert subject_of(flat, survey, [1, 1], (0.0, 255.0), "+z").face == "bottom"
+    assert subject_of(flat, survey, [1, 1], (0.0, 255.0), "+y").face == "front"
 
 
 # What glows
