@@ -10,7 +10,7 @@ from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.tokens import Token
 
 PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
-GRACE_SECONDS = 1.0  # that servers have to end by themselves before they are terminated, and again before a kill
+GRACE_SECONDS = 0.5  # that servers have to end by themselves before they are terminated, and again before a kill
 
 
 class LocalServers:

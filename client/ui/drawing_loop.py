@@ -24,6 +24,7 @@ from volsplat.protocol.scene import Scene, Step
 
 log = logging.getLogger(__name__)
 
+LONGEST_ABORT_SECONDS = 0.5  # that the end is held up by a frame that is aborted
 NO_PARTIAL_IMAGES = threading.TIMEOUT_MAX  # seconds between them
 
 
@@ -56,14 +57,14 @@ class DrawingLoop:
         self._thread.start()
 
     def close(self) -> None:
-        """Ends what is drawn and the thread."""
+        """End what is drawn and the thread; a frame whose server answers no more ends with the session."""
         self._unsubscribe()
         with self._changed:
             self._closed = True
             self._changed.notify()
             self._abort_refinement()
         if self._thread.is_alive():
-            self._thread.join()
+            self._thread.join(LONGEST_ABORT_SECONDS)
 
     def pause(self) -> None:
         """Draw nothing until `resume`, so that others may draw."""
