@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,7 @@ from volsplat.client.interrupts import interrupts_held
 from volsplat.client.opened_volume import opened_quietly, servers_from_options
 from volsplat.client.progress_bar import shown_progress
 from volsplat.client.renderer import Renderer
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.plain_console import PlainConsole
 
 
@@ -24,7 +24,7 @@ from volsplat.protocol.plain_console import PlainConsole
     type=click.Path(path_type=Path),
     help="Folder with measured volumes; phantoms stand for those that are not in it.",
 )
-@click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
 def gallery(out: Path, data: Path | None, workers: int, size: int) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from pathlib import Path
 from typing import get_args
@@ -18,6 +17,7 @@ from volsplat.client.progress_bar import shown_progress
 from volsplat.client.render_options import SceneOptions, size_from_option, up_from_option, up_option
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Scene, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
@@ -49,7 +49,7 @@ from volsplat.protocol.volume_name import check_is_there, volume_name
 @click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
 @up_option
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
-@click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
 @memory_option
 @click.option("--single", is_flag=True, help="One process on all cores, no servers: the same images.")
 def movie(

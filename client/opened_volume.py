@@ -16,6 +16,7 @@ from volsplat.client.renderer import Renderer
 from volsplat.client.session import ANY_LOOPBACK_PORT, Session
 from volsplat.protocol.addresses import Address, parse_address
 from volsplat.protocol.byte_sizes import bytes_from_option
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.tokens import TOKEN_VARIABLE, Token, find_token, new_token
 
@@ -94,7 +95,7 @@ def opened_quietly(
     if servers.single:
         from volsplat.client.single import SingleProcess
 
-        cores = os.cpu_count() or 1
+        cores = usable_cores()
         with SingleProcess(volume, threads=cores, memory=servers.memory, on_progress=say) as single:
             yield single
         return

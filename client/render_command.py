@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +24,7 @@ from volsplat.client.render_options import (
 from volsplat.client.render_outputs import Outputs, step_image_path
 from volsplat.client.renderer import Refinement, Renderer, finished_whole
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Order, Scene, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("volume")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr.")
-@click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
 @click.option("--size", metavar="WxH", help="Image size in pixels (512x512).")
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")

@@ -12,7 +12,6 @@ does not import torch, so that the servers start while it loads.
 from __future__ import annotations
 
 import logging
-import os
 import queue
 import threading
 import time
@@ -71,6 +70,7 @@ from volsplat.protocol.connection import Connection, ConnectionClosed
 from volsplat.protocol.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.listener import IdCounter, Listener
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import Scene, Step
@@ -146,7 +146,7 @@ class Session:
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
-        wanted = workers or os.cpu_count() or 1
+        wanted = workers or usable_cores()
         self._servers = LocalServers(on_end=lambda line: self._events.put(ServerProcessEnded(line)))
         try:
             if spawn:

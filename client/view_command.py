@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import os
 import socket
 from contextlib import nullcontext
 from importlib.util import find_spec
@@ -24,6 +23,7 @@ from volsplat.client.ui.page_address import PageAddress
 from volsplat.client.ui.port_holder import port_holder
 from volsplat.protocol.addresses import LOOPBACK
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.plain_console import PlainConsole
 from volsplat.protocol.scene import Refine, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
@@ -35,7 +35,7 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
 
 @click.command()
 @click.argument("volume")
-@click.option("--workers", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Map/shade servers (cores).")
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
 @up_option

@@ -12,6 +12,7 @@ from volsplat.protocol.dialling import connect
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.log_lines import log_to_stderr
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.roles import Role
 from volsplat.protocol.server_process import address_option, process_name
 from volsplat.protocol.tokens import need_token
@@ -31,7 +32,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 )
 @click.option("--token-file", type=click.Path(path_type=Path), help="File with the session token (VOLSPLAT_TOKEN).")
 @click.option("--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60).")
-@click.option("--threads", type=click.IntRange(min=1), default=os.cpu_count() or 1, help="Threads that splat (cores).")
+@click.option("--threads", type=click.IntRange(min=1), default=usable_cores(), help="Threads that splat (cores).")
 @click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
 def splat_server(
     client: Address, listen: Address, token_file: Path | None, patience: float, threads: int, verbose: bool

@@ -1,6 +1,5 @@
 """How a volume is divided: levels, shards, and the blocks that are worked on at a time."""
 
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -8,6 +7,7 @@ import msgspec
 
 from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
+from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.matrices import Matrix
 from volsplat.protocol.volume import Box, Geometry, Index
 
@@ -113,4 +113,4 @@ def memory_plan(
         raise BadInput(f"--memory: this volume needs at least {-(-(fixed + block_bytes) // MIB)}M")
     row = -(-dims[0] // si)
     shards = row if whole_rows and room >= row else min(max(room // 2, 1), row)
-    return MemoryPlan(shards, min(room // shards, (os.cpu_count() or 1) + 1))
+    return MemoryPlan(shards, min(room // shards, (usable_cores()) + 1))
