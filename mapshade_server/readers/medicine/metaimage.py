@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.frames import chosen_frame
+from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.simple_itk import (
     extracted,
@@ -24,10 +25,14 @@ from volsplat.mapshade_server.readers.simple_itk import (
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
 from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.protocol import matrices
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, Index, VolumeDescription
+from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
 
 LONGEST_HEADER = 1 << 16
+SIDES = ("LR", "PA", "SI")  # to which the physical axes lead, and away from which
+UNTURNED = "LPS"
+OPPOSITE = str.maketrans("LRPASI", "RLAPIS")
 SCALAR_TYPES = {
     "MET_CHAR": "int8",
     "MET_UCHAR": "uint8",
@@ -101,22 +106,50 @@ def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
         voxels.check_files()
     reader = header_of(path, "MetaImageIO")
     why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
+    geometry = geometry_of(path, reader)
     # SimpleITK's physical axes are LPS; the field tells that they are a patient's.
     anatomical = re.fullmatch("[RLAPSI]{3}", fields.get("AnatomicalOrientation", "").upper()) is not None
     kind, kind_from = kind_of_modality(MODALITIES.get(fields.get("Modality", ""), ""))
     description = VolumeDescription(
         name=f"{path.name}#{frame}" if frames > 1 else path.name,
         format="MetaImage",
-        geometry=geometry_of(path, reader),
+        geometry=geometry,
         scalar_type=scalar_type_of(path, reader),
-        unit="mm" if anatomical else "",
+        unit=_unit(fields, anatomical),
         anatomical=anatomical,
+        warnings=_told(fields, geometry),
         kind=kind,
         kind_from=kind_from,
         reads_sub_cubes=not why_whole,
         why_whole=why_whole,
     )
     return MetaImageReader(path, description, reader, None if text else voxels, frame)
+
+
+def _unit(fields: dict[str, str], anatomical: bool) -> str:
+    stated = length_unit(fields.get("DistanceUnits", ""))
+    return stated.symbol if stated is not None else "mm" if anatomical else ""
+
+
+def _told(fields: dict[str, str], geometry: Geometry) -> tuple[str, ...]:
+    """What the header says beside the matrix and, as in ITK, is not followed."""
+    told = []
+    letters = fields.get("AnatomicalOrientation", "").upper()
+    towards = _axis_letters(geometry)
+    # ITK writes from where axes come, others where they lead.
+    if re.fullmatch("[RLAPSI]{3}", letters) and letters not in (towards, towards.translate(OPPOSITE)):
+        told.append(f"AnatomicalOrientation {letters} contradicts the TransformMatrix, which is followed")
+    centre = fields.get("CenterOfRotation", "").split()
+    if any(word.strip("-+0.") for word in centre) and towards != UNTURNED:
+        told.append("its CenterOfRotation is left out, as by ITK: Offset is the place of the first voxel")
+    return tuple(told)
+
+
+def _axis_letters(geometry: Geometry) -> str:
+    """Where i, j and k lead: L or R, P or A, S or I, each by its largest component, in LPS."""
+    columns = [matrices.column(geometry.index_to_physical, axis) for axis in range(3)]
+    largest = [max(range(3), key=lambda n, one=one: abs(one[n])) for one in columns]  # type: ignore[misc]
+    return "".join(SIDES[n][one[n] < 0] for n, one in zip(largest, columns, strict=True))
 
 
 def _fields(path: Path) -> tuple[dict[str, str], int]:

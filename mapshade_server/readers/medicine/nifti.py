@@ -42,6 +42,8 @@ SCALAR_TYPES = {
 INTENT_LABEL = 1002
 INTENT_STATISTICS = range(2, 25)  # the distributions of tests, from a correlation to the logarithm of a p-value
 BYTE_ORDERS: tuple[Literal["<", ">"], ...] = ("<", ">")
+NO_SIDES = "the file states neither sform nor qform: left and right cannot be told"
+OTHER_HAND = "its sform and qform disagree on what is left and what is right; the sform is followed"
 MILLIMETRES_PER_UNIT = {1: 1000.0, 2: 1.0, 3: 0.001}
 
 _NIFTI_1 = {
@@ -141,7 +143,7 @@ def open_nifti(path: Path, part: str = "") -> NiftiReader:
         pieces=(Piece(data, dims[2], offset if raw else 0, packing, 0 if raw else offset),),
     )
     voxels.check_files()
-    matrix, origin, anatomical = _place(header)
+    matrix, origin, anatomical, told = _place(header)
     unit_code = int(header.values("units")[0]) & 7
     kind, kind_from = _kind(path, header)
     to_millimetres = MILLIMETRES_PER_UNIT.get(unit_code, 1.0)
@@ -154,6 +156,7 @@ def open_nifti(path: Path, part: str = "") -> NiftiReader:
         scalar_type=scaled_type if scaled else stored_type.name,
         unit="mm" if unit_code in MILLIMETRES_PER_UNIT else "",
         anatomical=anatomical,
+        warnings=told,
         kind=kind,
         kind_from=kind_from,
         reads_sub_cubes=raw,
@@ -211,23 +214,37 @@ def _packing(path: Path) -> Packing:
     return Packing.DEFLATE if path.is_file() and is_gzip(path) else Packing.RAW
 
 
-def _place(header: _Header) -> tuple[Matrix, Vector, bool]:
-    """Index-to-physical matrix and origin in LPS, and whether the file states them in patient space."""
+def _place(header: _Header) -> tuple[Matrix, Vector, bool, tuple[str, ...]]:
+    """Index-to-physical matrix and origin in LPS, whether the file states them in patient space, and what to tell."""
     qform, sform = (int(code) for code in header.values("codes"))
-    if sform > 0:
-        s = header.values("srow")
-        rows: Matrix = ((s[0], s[1], s[2]), (s[4], s[5], s[6]), (s[8], s[9], s[10]))
-        return _lps(rows), (-s[3], -s[7], s[11]), True
-    flip, *spacing = header.values("pixdim")[:4]
-    di, dj, dk = (abs(step) if step else 1.0 for step in spacing)
-    if qform <= 0:
-        return ((di, 0.0, 0.0), (0.0, dj, 0.0), (0.0, 0.0, dk)), (0.0, 0.0, 0.0), False
+    if qform <= 0 and sform <= 0:
+        di, dj, dk = _spacing(header)
+        return ((di, 0.0, 0.0), (0.0, dj, 0.0), (0.0, 0.0, dk)), (0.0, 0.0, 0.0), False, (NO_SIDES,)
+    matrix, origin = _sform(header) if sform > 0 else _qform(header)
+    told: tuple[str, ...] = ()
+    if qform > 0 and sform > 0 and matrices.determinant(matrix) * matrices.determinant(_qform(header)[0]) < 0:
+        told = (OTHER_HAND,)
+    return matrix, origin, True, told
+
+
+def _sform(header: _Header) -> tuple[Matrix, Vector]:
+    s = header.values("srow")
+    return _lps(((s[0], s[1], s[2]), (s[4], s[5], s[6]), (s[8], s[9], s[10]))), (-s[3], -s[7], s[11])
+
+
+def _qform(header: _Header) -> tuple[Matrix, Vector]:
+    di, dj, dk = _spacing(header)
     b, c, d, x, y, z = header.values("quatern")
     a = math.sqrt(max(0.0, 1.0 - (b * b + c * c + d * d)))
     turned = matrices.rotation_from_quaternion((b, c, d, a))
-    dk = -dk if flip < 0 else dk
-    rows = tuple((row[0] * di, row[1] * dj, row[2] * dk) for row in turned)  # type: ignore[assignment]
-    return _lps(rows), (-x, -y, z), True
+    dk = -dk if header.values("pixdim")[0] < 0 else dk
+    rows: Matrix = tuple((row[0] * di, row[1] * dj, row[2] * dk) for row in turned)  # type: ignore[assignment]
+    return _lps(rows), (-x, -y, z)
+
+
+def _spacing(header: _Header) -> Vector:
+    di, dj, dk = (abs(step) if step else 1.0 for step in header.values("pixdim")[1:4])
+    return di, dj, dk
 
 
 def _lps(ras: Matrix) -> Matrix:
