@@ -361,7 +361,7 @@ class Session:
         except VolsplatError as error:
             cause = str(error)
             if isinstance(error, RemoteProtocolError):
-                log.warning("%s; the connection is closed", error)
+                self._listener.lines.warn(f"{error}; the connection is closed")
         with self._connections_lock:
             del self._connections[peer.id]
         self._events.put(ServerLost(peer.id, cause))
@@ -416,7 +416,7 @@ class Session:
             self._events.put(ServerLost(server, str(error)))
 
     def _cut_off(self, server: int, cause: str) -> None:
-        log.warning("%s; the connection is closed", cause)
+        self._listener.lines.warn(f"{cause}; the connection is closed")
         with self._connections_lock:
             connection = self._connections.get(server)
         if connection is not None:

@@ -19,8 +19,9 @@ from volsplat.protocol.errors import BadInput, RemoteProtocolError, VolsplatErro
 from volsplat.protocol.framing import Allocate, new_buffer
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.handshake import AccepterHandshake, State
-from volsplat.protocol.local_door import opened_door
+from volsplat.protocol.local_door import is_ours, opened_door
 from volsplat.protocol.printable import printable
+from volsplat.protocol.rare_lines import RareLines
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
 from volsplat.protocol.versions import SPOKEN, VersionRange
@@ -73,6 +74,7 @@ class Listener:
         self._allocate = allocate
         self._handshake_seconds = handshake_seconds
         self._most_pending = most_pending
+        self.lines = RareLines(log)  # about those who come in here
         port_socket = _bound(host, port)
         self.address = Address(*port_socket.getsockname()[:2])
         door = opened_door(self.address, BACKLOG)
@@ -118,6 +120,7 @@ class Listener:
         while (unclaimed := self._accepted.get()) is not None:
             unclaimed.close()
         self._accepted.put(None)
+        self.lines.close()
 
     def __enter__(self) -> "Listener":
         return self
@@ -134,7 +137,13 @@ class Listener:
                     self._drop_oldest(f"{self.address} cannot accept: {error.strerror}")
                     self._closing.wait(SHORTAGE_PAUSE_SECONDS)
                 continue
-            self._begin(caller, HERE if caller.family == socket.AF_UNIX else Address(*address[:2]))
+            if caller.family != socket.AF_UNIX:
+                self._begin(caller, Address(*address[:2]))
+            elif is_ours(caller):
+                self._begin(caller, HERE)
+            else:
+                self.lines.warn(f"a caller at {self.address} is another user of this machine; the connection is closed")
+                caller.close()
 
     def _begin(self, caller: socket.socket, address: Address) -> None:
         connection = Connection(caller, f"the peer at {address}" if address.port else "a peer on this machine")
@@ -152,7 +161,7 @@ class Listener:
         except RuntimeError as error:  # the system has no thread left to give
             with self._lock:
                 del self._pending[connection]
-            log.warning("%s is dropped: %s", connection, error)
+            self.lines.warn(f"{connection} is dropped: {error}")
             connection.close()
 
     def _drop_oldest(self, cause: str) -> None:
@@ -161,9 +170,9 @@ class Listener:
             if connection is not None:
                 del self._pending[connection]
         if connection is None:
-            log.warning("%s", cause)
+            self.lines.warn(cause)
         else:
-            log.warning("%s; %s is dropped, the oldest in its handshake", cause, connection)
+            self.lines.warn(f"{cause}; {connection} is dropped, the oldest in its handshake")
             connection.close()
 
     def _handle(self, connection: Connection, address: Address) -> None:
@@ -181,7 +190,7 @@ class Listener:
                 return
         connection.close()
         if mine and failure:
-            log.warning("%s; the connection is closed", failure)
+            self.lines.warn(f"{failure}; the connection is closed")
 
     def _shake_hands(self, connection: Connection, address: Address) -> None:
         """Runs the handshake. Raises BadInput where the peer is rejected, or what the connection raises."""

@@ -46,7 +46,7 @@ def entered_door(address: Address, seconds: float) -> socket.socket | None:
             caller = unless_entered.enter_context(socket.socket(socket.AF_UNIX))
             caller.settimeout(seconds)  # without one, a crowd at the door would be waited for without end
             caller.connect(_name(address))
-            if _is_ours(caller):
+            if is_ours(caller):
                 unless_entered.pop_all()
                 return caller
     except OSError as error:
@@ -62,8 +62,8 @@ def _name(address: Address) -> bytes:
     return f"\0volsplat {os.geteuid()} {address}".encode()
 
 
-def _is_ours(caller: socket.socket) -> bool:
-    """Whether the listener is of this user: another one could have taken the name, though not the port."""
-    credentials = caller.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size)
+def is_ours(connected: socket.socket) -> bool:
+    """Whether the other end is of this user: others see the name as well, may take it, and may call."""
+    credentials = connected.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, CREDENTIALS.size)
     _, user, _ = CREDENTIALS.unpack(credentials)
     return bool(user == os.geteuid())

@@ -97,7 +97,7 @@ class DataLinks:
         with self._changed:
             link = self._links.get(refusal.worker)
         if link is not None:
-            log.warning("%s; the connection is closed", _broken(link, refusal.fault))
+            self._listener.lines.warn(f"{_broken(link, refusal.fault)}; the connection is closed")
             link.close()
             with self._changed:
                 self._changed.notify_all()  # its thread may hold back
@@ -119,9 +119,9 @@ class DataLinks:
         try:
             self._receive(link)
         except RemoteProtocolError as error:
-            log.warning("%s; the connection is closed", error)
+            self._listener.lines.warn(f"{error}; the connection is closed")
         except MemoryError:
-            log.warning("the memory does not suffice for a batch from %s; the connection is closed", link)
+            self._listener.lines.warn(f"the memory does not suffice for a batch from {link}; the connection is closed")
         except VolsplatError as error:
             log.info("%s", error)  # the client is told with the frame
         link.close()

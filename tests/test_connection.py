@@ -27,6 +27,7 @@ from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.message_rules import encode_control
 from volsplat.protocol.messages import AbortFrame, Batch, Message
+from volsplat.protocol.rare_lines import MOST_AT_ONCE, RareLines
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import new_token
 from volsplat.protocol.versions import VersionRange
@@ -534,6 +535,57 @@ def test_a_door_that_another_user_has_taken_is_passed_by() -> None:
             with near, far:
                 assert far.peer.port != 0
         squatter.communicate()
+
+
+CALLER = """
+import os, socket, sys
+os.setuid(65534)
+with socket.socket(socket.AF_UNIX) as caller:
+    caller.connect("\\0" + sys.argv[1])
+    caller.settimeout(20)
+    print(caller.recv(1) == b"", flush=True)
+"""
+
+
+@pytest.mark.skipif(not DOORS or os.geteuid() != 0, reason="needs root, to be another user, on Linux")
+def test_a_caller_of_another_user_is_turned_away_at_the_door(lines: Lines) -> None:
+    with Listener(Role.CLIENT, TOKEN, handshake_seconds=PATIENT) as listener:
+        name = f"volsplat {os.geteuid()} {listener.address}"
+        told = subprocess.run([sys.executable, "-c", CALLER, name], capture_output=True, timeout=PATIENT)
+        assert told.stdout == b"True\n", told.stderr
+        assert "is another user of this machine" in lines.next()
+        for end in joined(listener):
+            end.close()
+
+
+def test_strangers_cause_few_lines_and_the_rest_is_counted(host: str, lines: Lines) -> None:
+    strangers = 3 * MOST_AT_ONCE
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
+        for _ in range(strangers):
+            with socket.create_connection(listener.address) as stranger:
+                stranger.sendall(b"GET / HTTP/1.1\r\n\r\n")
+                assert silent(stranger)
+    said = []
+    while not lines.seen.empty():
+        said.append(lines.next())
+    counts = [int(line.split()[0]) for line in said if line.endswith("more lines of this kind were left out")]
+    others = len(said) - len(counts)
+    assert MOST_AT_ONCE <= others < strangers and sum(counts) + others == strangers
+
+
+def test_what_was_left_out_is_counted_though_nobody_calls_any_more(
+    lines: Lines, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("volsplat.protocol.rare_lines.SECONDS_A_LINE", 0.05)
+    rare = RareLines(logging.getLogger("volsplat.protocol.listener"))
+    for _ in range(10 * MOST_AT_ONCE):
+        rare.warn("nonsense")
+    last = ""
+    while "left out" not in last:
+        last = lines.next()
+    rare.close()
+    while not lines.seen.empty():
+        lines.next()
 
 
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="counts open files by /proc/self/fd, which is Linux")
