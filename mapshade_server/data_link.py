@@ -54,6 +54,10 @@ class DataLink:
             self._hearing.join()  # it closed the connection, and is about to say why
             raise self._failure or closed from None
 
+    def interrupt(self) -> None:
+        """Close it from any thread: whoever sends is woken."""
+        self._connection.close()
+
     def close(self) -> None:
         self._connection.close()
         self._hearing.join()

@@ -5,7 +5,6 @@ requests in order. A frame stops between two batches, so an abort takes no longe
 answered there as well.
 """
 
-import queue
 import sys
 import threading
 import time
@@ -18,13 +17,13 @@ from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
+from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.frame_plan import plan_frame
-from volsplat.protocol.framing import Received
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.refusals import refusal
@@ -38,7 +37,7 @@ class MapShadeServer:
     def __init__(self, client: Connection, token: Token) -> None:
         self._client = client
         self._token = token
-        self._requests: queue.SimpleQueue[Received | None] = queue.SimpleQueue()
+        self._requests = WaitingRequests()
         self._probes: deque[messages.ProbeVoxels] = deque()  # among the requests, not answered yet
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
@@ -70,14 +69,19 @@ class MapShadeServer:
         except VolsplatError as error:
             self._failure = error
         self._newest_frame = self._newest_assignment = sys.maxsize
-        self._requests.put(None)
+        self._requests.end()
+        # What is being sent is of no use any more, and a peer that does not read would hold it up for ever.
+        self._client.close()
+        link = self._data_link
+        if link is not None:
+            link.interrupt()
 
     def _receive_next(self) -> bool:
         """Take what comes next. False at the end of the session; in between nothing here keeps a payload."""
         received = self._client.receive()
-        match received and received.message:
-            case None:
-                return False
+        if received is None:
+            return False
+        match received.message:
             case messages.EndSession():
                 self._over = True
                 return False

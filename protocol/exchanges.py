@@ -41,7 +41,7 @@ class Exchange:
     named_by: tuple[str, ...]  # the fields that tell exchanges of this kind apart, in the request and its answers
     answers: Answers
     at_once: int = OTHERS_AT_ONCE  # so many may wait for an answer …
-    newest: bool = False  # … or else the oldest is forgotten: newer ones take the place of older ones
+    newest: bool = False  # … or else the oldest is forgotten: one with a newer name takes the place of older ones
 
 
 def _answered_by(answer: type[Message]) -> Answers:
@@ -85,6 +85,17 @@ EXCHANGES: dict[Way, dict[type[Message], Exchange]] = {
 }
 
 
+def superseded(older: Message | None, newer: Message) -> bool:
+    """Whether a request that waits needs no answer any more, now that a newer one of its kind is here."""
+    kind = type(newer)
+    exchange = next((kinds[kind] for kinds in EXCHANGES.values() if kind in kinds and kinds[kind].newest), None)
+    return (
+        exchange is not None
+        and type(older) is kind
+        and _name(older, exchange.named_by) != _name(newer, exchange.named_by)
+    )
+
+
 @dataclass
 class _Open:
     """An exchange that is not over."""
@@ -106,7 +117,7 @@ class Exchanges:
         """Raises ValueError for a message that is out of turn."""
         with self._lock:
             if type(message) in self._kinds:
-                self._check_request(type(message))
+                self._check_request(message)
             elif not isinstance(message, messages.EndSession):
                 self._find(message)
 
@@ -122,10 +133,15 @@ class Exchanges:
             elif not isinstance(message, messages.EndSession):
                 self._answered(message)
 
-    def _check_request(self, request: type[Message]) -> None:
-        kind, waiting = self._kinds[request], len(self._open[request])
-        if waiting >= kind.at_once and not kind.newest:
-            raise ValueError(f"{request.__name__} came while {waiting} before it wait for an answer, which is too many")
+    def _check_request(self, request: Message) -> None:
+        kind, waiting = self._kinds[type(request)], self._open[type(request)]
+        if kind.newest:
+            name = _name(request, kind.named_by)
+            too_many = sum(exchange.name == name for exchange in waiting) >= OTHERS_AT_ONCE
+        else:
+            too_many = len(waiting) >= kind.at_once
+        if too_many:
+            raise ValueError(f"{_told(request)} came while too many before it wait for an answer ({len(waiting)})")
 
     def _answered(self, answer: Message) -> None:
         request, exchange, state = self._find(answer)
@@ -167,8 +183,8 @@ def _name(message: Message, named_by: tuple[str, ...]) -> tuple[object, ...]:
     return tuple(getattr(message, key) for key in named_by)
 
 
-def _told(answer: Message) -> str:
-    """An answer for a person: its kind, and the ids that it carries."""
-    ids = [f"{key}={id}" for key in ("frame", "assignment", "probe") if (id := getattr(answer, key, 0))]
-    of = [f"request={printable(answer.request)[:40]}"] if isinstance(answer, messages.Refused) else []
-    return type(answer).__name__ + (f" ({', '.join(of + ids)})" if of or ids else "")
+def _told(message: Message) -> str:
+    """A message for a person: its kind, and the ids that it carries."""
+    ids = [f"{key}={id}" for key in ("frame", "assignment", "probe") if (id := getattr(message, key, 0))]
+    of = [f"request={printable(message.request)[:40]}"] if isinstance(message, messages.Refused) else []
+    return type(message).__name__ + (f" ({', '.join(of + ids)})" if of or ids else "")

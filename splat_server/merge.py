@@ -2,8 +2,9 @@
 
 All workers' batches become one sequence through the kernel's sorted linked list of buffers (paper: "Parallel
 Implementation"). One frame runs at a time, and frame ids rise: batches of older frames are discarded, those of
-newer ones held until their frame starts. A worker never goes back to an older frame; what it sent for a frame that
-it has left before that started is of no use any more.
+newer ones held until their frame starts. A worker never goes back: what it sent for a frame that it has left before
+that started is of no use any more, and a running frame that it leaves does without it, or might wait for ever. (An
+honest worker leaves a frame because the client wants a newer one, which ends it here as well.)
 """
 
 from dataclasses import dataclass
@@ -90,7 +91,7 @@ class Merge:
         """Whether to take more from the worker's connection.
 
         Budgets cannot deadlock: of the worker that the merge waits for nothing is buffered that the next
-        SplatterReady does not release, unless it has gone on to a newer frame, whose start will come.
+        SplatterReady does not release.
         """
         return self.buffered_bytes(worker) < CONNECTION_BUDGET
 
@@ -114,7 +115,7 @@ class Merge:
         for worker, batches in self._taken_from_held(event.frame):
             for batch in batches:
                 instructions += self._handle_batch_arrived(BatchArrived(worker, event.frame, batch))
-        for worker in sorted(self._gone.intersection(event.workers)):
+        for worker in sorted((self._gone | self._held.keys()).intersection(event.workers)):
             self._lose(worker)
         return instructions
 
@@ -127,6 +128,7 @@ class Merge:
             return self._refuse(worker, frame, f"it had gone on to frame {held.frame}")
         if frame > self._newest:
             self._hold(worker, frame, batch)
+            self._lose(worker)
             return []
         running = self._running
         if running is None or frame != running.frame or worker in running.lost:
@@ -257,8 +259,9 @@ class Merge:
         assert all(worker in running.workers for worker, _ in running.batches.values()), "a stranger's batch was taken"
         assert self.waits_for is None or self.waits_for in running.unfinished, "a finished worker is waited for"
         waits_for = self.waits_for
-        to_come = {worker for worker, _ in of_running} | self._held.keys()  # with what is released, or starts
-        assert waits_for is None or self.may_read(waits_for) or waits_for in to_come, "the merge deadlocks"
+        of_waited = any(worker == waits_for for worker, _ in of_running)  # which will be released
+        assert waits_for is None or self.may_read(waits_for) or of_waited, "the merge deadlocks"
+        assert not self._held.keys() & running.unfinished, "a worker that has gone on is awaited"
 
 
 def _snake_case(name: str) -> str:

@@ -13,6 +13,7 @@ from collections import deque
 from volsplat.protocol import messages
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.exchanges import superseded
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.machine import this_machine
 from volsplat.protocol.peak_memory import peak_memory
@@ -187,7 +188,8 @@ class SplatServer:
                 self._abort(frame)
                 self._outbox.post(messages.FrameAborted(frame=frame))
             case messages.ReadImage() if self._outbox.holds_image:
-                self._images_wanted.append(request)
+                still_wanted = [wanted for wanted in self._images_wanted if not superseded(wanted, request)]
+                self._images_wanted = deque([*still_wanted, request])
             case messages.ReadImage(frame=frame):
                 try:
                     self._post_image(frame)
@@ -254,6 +256,8 @@ class SplatServer:
                 if isinstance(received.message, messages.EndSession):
                     break
                 with self._changed:
+                    for older in [request for request in self._requests if superseded(request, received.message)]:
+                        self._requests.remove(older)
                     self._requests.append(received.message)
                     self._changed.notify_all()
             self._end()

@@ -1,5 +1,6 @@
 """The map/shade server's loop over real sockets, with the test as its client and as its splat servers."""
 
+import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -56,6 +57,11 @@ class Bench:
         control = self._clients.accept(PATIENCE)
         assert control is not None
         self.control: Connection = control
+
+    @property
+    def waiting(self) -> list[messages.Message]:
+        """Requests that the server has received and not begun."""
+        return [received.message for received in self._server._requests._waiting]
 
     def _run(self) -> None:
         try:
@@ -285,3 +291,48 @@ def test_a_probe_of_another_assignment_is_refused_by_its_number(bench: Bench, sh
     assert (refused.probe, refused.frame) == (1, 0) and "probe 1 is for assignment 2, not 1" in refused.cause
     bench.control.send(probe(geometry, SCENE))
     assert bench.hears(messages.VoxelProbed)
+
+
+@pytest.mark.parametrize("unread", ["batches", "answers"])
+def test_a_server_ends_though_nobody_reads_what_it_sends(bench: Bench, tmp_path: Path, unread: str) -> None:
+    """Batches to the splat server, or parts of a lent volume to the client, more than the sockets hold."""
+    side = 160
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        sent = bench.connection.counters.bytes_out
+        if unread == "batches":
+            bench.control.send(render(1, geometry, plain_scene(view=View(zoom=1.0), size=(320, 320))))
+            until(lambda: link._socket.recv(1, socket.MSG_PEEK))
+        else:
+            bench.control.send(messages.LendVolume(2, str(volume), identified_volume(str(volume))[1]))
+            bench.hears(messages.VolumeLent)
+            for n in range(3):
+                bench.control.send(messages.ReadPart(2, messages.Part(n + 1, 0, 0, "uint8", geometry.box)))
+            until(lambda: bench.connection.counters.bytes_out > sent + (1 << 16))
+        bench.control.send(messages.EndSession())
+        bench.ends()
+        assert bench.failure is None
+    bench.control.close()
+
+
+def test_only_the_newest_of_the_frames_that_wait_is_kept(bench: Bench, tmp_path: Path) -> None:
+    """A client asks for frames while the server is at one that nobody reads."""
+    side = 160
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.control.send(render(1, geometry, plain_scene(view=View(zoom=1.0), size=(320, 320))))
+        until(lambda: link._socket.recv(1, socket.MSG_PEEK))
+        before = bench.connection.counters.messages_in
+        for frame in range(2, 202):
+            bench.control.send(render(frame, geometry))
+        until(lambda: bench.connection.counters.messages_in == before + 200)
+        assert len(bench.waiting) <= 1
+        bench.control.send(messages.EndSession())
+        bench.ends()
+    bench.control.close()

@@ -1,0 +1,34 @@
+"""The client's requests on their way from the thread that receives them to the one that works."""
+
+import threading
+from collections import deque
+
+from volsplat.protocol.exchanges import superseded
+from volsplat.protocol.framing import Received
+
+
+class WaitingRequests:
+    """In order, without those that a newer one has taken the place of. How many may wait, the exchanges tell."""
+
+    def __init__(self) -> None:
+        self._changed = threading.Condition()  # guards what follows
+        self._waiting: deque[Received] = deque()
+        self._over = False
+
+    def put(self, received: Received) -> None:
+        with self._changed:
+            kept = [older for older in self._waiting if not superseded(older.message, received.message)]
+            self._waiting = deque([*kept, received])
+            self._changed.notify()
+
+    def end(self) -> None:
+        """Nothing more comes."""
+        with self._changed:
+            self._over = True
+            self._changed.notify()
+
+    def get(self) -> Received | None:
+        """The next request, once there is one; None after the last."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._waiting or self._over)
+            return self._waiting.popleft() if self._waiting else None

@@ -1,0 +1,126 @@
+"""The splat server as a process of its own, with workers that hold the token and send what nobody asked for."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import psutil
+import pytest
+from phantoms import QUANTISATION, shaded_scene
+
+from volsplat.protocol import messages
+from volsplat.protocol.addresses import Address
+from volsplat.protocol.connection import Connection
+from volsplat.protocol.dialling import connect
+from volsplat.protocol.framing import encode
+from volsplat.protocol.handshake import new_hello
+from volsplat.protocol.levels import own_resolution
+from volsplat.protocol.listener import Listener
+from volsplat.protocol.message_rules import Speech
+from volsplat.protocol.roles import DATA_LINK_TO_SPLAT, Role
+from volsplat.protocol.scene import Step, View
+from volsplat.protocol.tokens import Token, new_token
+from volsplat.protocol.volume import Geometry
+
+PATIENCE = 60.0  # seconds, after which what never comes fails its test
+HONEST, LIAR = 1, 2
+GEOMETRY = Geometry(dims=(8, 8, 8))
+SCENE = shaded_scene(View(zoom=3.0), (32, 32))
+BATCHES = 60_000  # weighing 1.2 kB each, if they are kept
+MOST_GROWTH = 40 << 20  # bytes
+
+
+@dataclass
+class Attacked:
+    """The server and what it is told."""
+
+    process: psutil.Process
+    control: Connection
+    token: Token
+    links: list[Connection] = field(default_factory=list)
+
+    def linked(self, worker: int) -> Connection:
+        peer = self.control.peer
+        address = Address(peer.data_host, peer.data_port)
+        hello = new_hello(Role.DATA_LINK, server=worker)
+        self.links.append(connect(address, hello, self.token, Role.SPLAT_SERVER, server=1))
+        return self.links[-1]
+
+    def draws(self, frame: int, links: dict[int, Connection]) -> messages.FrameFinished:
+        """A frame without a packet."""
+        self.begins(frame, list(links))
+        for worker, link in links.items():
+            link.send(empty(frame, worker, 0, last=True))
+        return self.finishes()
+
+    def begins(self, frame: int, workers: list[int]) -> None:
+        resolution = own_resolution(GEOMETRY, Step.F)
+        self.control.send(messages.RenderFrame(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, workers))
+
+    def finishes(self) -> messages.FrameFinished:
+        while (received := self.control.receive()) is not None:
+            if isinstance(received.message, messages.FrameFinished):
+                return received.message
+        raise AssertionError("the server is gone")
+
+
+def empty(frame: int, worker: int, sequence: int, last: bool = False) -> messages.Batch:
+    return messages.Batch(frame, worker, sequence, messages.RAW, 0, 0, 0, 0, last)
+
+
+@pytest.fixture
+def attacked() -> Iterator[Attacked]:
+    token = new_token()
+    with Listener(Role.CLIENT, token) as clients:
+        command = [sys.executable, "-m", "volsplat.splat_server", "--connect", str(clients.address), "--threads", "1"]
+        environment = token.added_to(os.environ)
+        with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
+            control = clients.accept(PATIENCE)
+            assert control is not None
+            attacked = Attacked(psutil.Process(process.pid), control, token)
+            yield attacked
+            control.send(messages.EndSession())
+            _, said = process.communicate(timeout=PATIENCE)
+            assert process.returncode == 0
+            assert "Traceback" not in said
+            for connection in (control, *attacked.links):
+                connection.close()
+
+
+def flood(link: Connection, rising: bool) -> int:
+    """Empty batches of frames that nobody asked for, as many as are taken at once; how many that were."""
+    link._socket.settimeout(1.0)
+    for n in range(BATCHES):
+        batch = empty(10 + n, LIAR, 0) if rising else empty(10, LIAR, n)
+        (control,) = encode(batch, speech=Speech(DATA_LINK_TO_SPLAT))
+        try:
+            link._socket.sendall(control)
+        except TimeoutError:
+            return n
+    return BATCHES
+
+
+@pytest.mark.parametrize("rising", [True, False], ids=["of ever newer frames", "of one frame"])
+def test_batches_of_frames_to_come_take_no_more_memory_however_many_they_are(attacked: Attacked, rising: bool) -> None:
+    links = {worker: attacked.linked(worker) for worker in (HONEST, LIAR)}
+    assert attacked.draws(1, links).complete
+    before = attacked.process.memory_info().rss
+    taken = flood(links[LIAR], rising)
+    assert taken == BATCHES if rising else taken < BATCHES, "the others wait in the socket"
+    links[LIAR].close()
+    attacked.begins(2, [HONEST, LIAR])
+    links[HONEST].send(empty(2, HONEST, 0, last=True))
+    assert attacked.finishes().lost == [LIAR]
+    assert attacked.process.memory_info().rss - before < MOST_GROWTH
+    assert attacked.draws(3, {HONEST: links[HONEST]}).complete
+
+
+def test_links_that_are_made_again_and_again_leave_nothing_behind(attacked: Attacked) -> None:
+    """A link that is held back is replaced: its thread goes with it."""
+    honest = attacked.linked(HONEST)
+    for _ in range(5):
+        flood(attacked.linked(LIAR), rising=False)
+    assert attacked.draws(1, {HONEST: honest}).complete
+    assert attacked.process.num_threads() < 20
