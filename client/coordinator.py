@@ -155,7 +155,10 @@ class Coordinator:
         self._note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in boxes.items())
         data = self.servers[self._splat_server].data
         routes = [messages.Route(server=self._splat_server, host=data.host, port=data.port)]
-        return [Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in boxes]
+        return [
+            Send(self._splat_server, messages.InviteWorkers(workers=list(boxes))),
+            *(Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in boxes),
+        ]
 
     def _received_ConnectedToSplatServers(
         self, server: int, message: messages.ConnectedToSplatServers, event: MessageReceived

@@ -96,6 +96,9 @@ def superseded(older: Message | None, newer: Message) -> bool:
     )
 
 
+UNANSWERED = (messages.InviteWorkers, messages.EndSession)
+
+
 @dataclass
 class _Open:
     """An exchange that is not over."""
@@ -118,7 +121,7 @@ class Exchanges:
         with self._lock:
             if type(message) in self._kinds:
                 self._check_request(message)
-            elif not isinstance(message, messages.EndSession):
+            elif not isinstance(message, UNANSWERED):
                 self._find(message)
 
     def said(self, message: Message) -> None:
@@ -130,7 +133,7 @@ class Exchanges:
                 waiting.append(_Open(_name(message, kind.named_by)))
                 if len(waiting) > kind.at_once:
                     waiting.popleft()
-            elif not isinstance(message, messages.EndSession):
+            elif not isinstance(message, UNANSWERED):
                 self._answered(message)
 
     def _check_request(self, request: Message) -> None:

@@ -137,6 +137,7 @@ RULES: dict[type[Message], Rule] = {
     messages.DescribeMachine: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.MachineDescribed: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
     messages.OpenPackets: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
+    messages.InviteWorkers: Rule(Phase.OPEN, (CLIENT_TO_SPLAT,)),
     messages.ConnectToSplatServers: Rule(Phase.OPEN, (CLIENT_TO_MAPSHADE,)),
     messages.ConnectedToSplatServers: Rule(Phase.OPEN, (MAPSHADE_TO_CLIENT,)),
     messages.RenderFrame: Rule(Phase.OPEN, _TO_SERVERS),

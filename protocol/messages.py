@@ -307,6 +307,15 @@ class OpenPackets(Message, frozen=True):
     identity: VolumeIdentity
 
 
+class InviteWorkers(Message, frozen=True):
+    """Client to splat server: take the data links of these workers and of no other. Nothing answers it.
+
+    A link that comes before its invitation waits, unread.
+    """
+
+    workers: ServerIds
+
+
 class ConnectToSplatServers(Message, frozen=True):
     """Client to map/shade server: have a data link to each of these splat servers and to no other."""
 

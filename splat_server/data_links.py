@@ -1,13 +1,14 @@
 """The links from the map/shade servers: a thread for each, which hands its batches to the merge.
 
 A thread stops reading while its worker's buffers are full (see merge.Merge.may_read); the socket makes the worker wait.
+Only links of workers that the client has invited are read. Others wait: the invitation may be on its way.
 """
 
 import logging
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from volsplat.protocol import messages
@@ -21,6 +22,7 @@ from volsplat.splat_server.merge_events import Batch, BatchArrived, RefuseBatch,
 
 log = logging.getLogger(__name__)
 
+MOST_UNINVITED = 64  # links that wait; beyond, the oldest makes room
 UNREAD_SECONDS = 25.0  # a worker reads at once; one that has not taken what was sent for this long is gone
 
 
@@ -58,6 +60,8 @@ class DataLinks:
         self._merge = merge
         self._changed = changed
         self._on_news = on_news
+        self._invited: set[int] = set()  # workers
+        self._uninvited: list[Connection] = []  # links that wait, oldest first
         self._links: dict[int, Connection] = {}  # by worker, the newest of each
         self._came: dict[int, _Came] = {}  # by worker, over its newest link
         self._held_back: defaultdict[int, float] = defaultdict(float)  # seconds since the frame began, by worker
@@ -66,11 +70,21 @@ class DataLinks:
     def close(self) -> None:
         self._listener.close()
         with self._changed:
-            links = list(self._links.values())
+            links = [*self._links.values(), *self._uninvited]
             self._links.clear()
+            self._uninvited.clear()
             self._changed.notify_all()  # threads that hold back
         for link in links:
             link.close()
+
+    def invite(self, workers: Iterable[int]) -> None:
+        """From now on take these workers' links and no other; those that are there stay."""
+        with self._changed:
+            self._invited = set(workers)
+            taken = [link for link in self._uninvited if link.peer.id in self._invited]
+            self._uninvited = [link for link in self._uninvited if link not in taken]
+        for link in taken:
+            self._take_up(link)
 
     def begin_frame(self) -> None:
         """Forget for how long workers were held back before."""
@@ -106,13 +120,27 @@ class DataLinks:
         while (link := self._listener.accept()) is not None:
             link.lose_after(UNREAD_SECONDS)
             with self._changed:
-                replaced = self._links.get(link.peer.id)
-                self._links[link.peer.id], self._came[link.peer.id] = link, _Came()
-                self._merge.handle(WorkerLinked(link.peer.id))
-                self._changed.notify_all()  # the thread of the one that it replaces may hold back
-            if replaced is not None:
-                replaced.close()
-            threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True).start()
+                invited = link.peer.id in self._invited
+                if not invited:
+                    self._uninvited.append(link)
+                crowd = self._uninvited[:-MOST_UNINVITED]
+                del self._uninvited[: len(crowd)]
+            for oldest in crowd:
+                self._listener.lines.warn(f"{oldest} was not invited by the client; the connection is closed")
+                oldest.close()
+            if invited:
+                self._take_up(link)
+
+    def _take_up(self, link: Connection) -> None:
+        """Read from a link, in the place of the one that its worker had before."""
+        with self._changed:
+            replaced = self._links.get(link.peer.id)
+            self._links[link.peer.id], self._came[link.peer.id] = link, _Came()
+            self._merge.handle(WorkerLinked(link.peer.id))
+            self._changed.notify_all()  # the thread of the one that it replaces may hold back
+        if replaced is not None:
+            replaced.close()
+        threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True).start()
 
     def _serve(self, link: Connection) -> None:
         worker = link.peer.id

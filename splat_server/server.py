@@ -255,6 +255,9 @@ class SplatServer:
             while (received := self._client.receive()) is not None:
                 if isinstance(received.message, messages.EndSession):
                     break
+                if isinstance(received.message, messages.InviteWorkers):
+                    self._data_links.invite(received.message.workers)
+                    continue
                 with self._changed:
                     for older in [request for request in self._requests if superseded(request, received.message)]:
                         self._requests.remove(older)

@@ -499,7 +499,8 @@ def lending(workers: int = 3) -> Coordinator:
     for event in [*JOINS, third, VolumeAsked("/volumes/head.nrrd", workers=workers)]:
         coordinator.handle(event)
     asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))))
-    assert [ask for ask in asked if ask[1] is not messages.ConnectToSplatServers] == [(FIRST, messages.LendVolume)]
+    assert asked[0] == (SPLAT, messages.InviteWorkers), "before any of them links to it"
+    assert [ask for ask in asked[1:] if ask[1] is not messages.ConnectToSplatServers] == [(FIRST, messages.LendVolume)]
     return coordinator
 
 

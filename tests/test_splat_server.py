@@ -63,6 +63,7 @@ class Bench:
         control = self._clients.accept(PATIENCE)
         assert control is not None
         self.control: Connection = control
+        control.send(messages.InviteWorkers(list(WORKERS)))
         self.links = {worker: self.linked(worker) for worker in WORKERS}
         self.picture = memoryview(b"")  # of the frame that was drawn last
 

@@ -14,6 +14,7 @@ from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
+from volsplat.protocol.errors import PeerLost
 from volsplat.protocol.framing import encode
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.levels import own_resolution
@@ -23,6 +24,7 @@ from volsplat.protocol.roles import DATA_LINK_TO_SPLAT, Role
 from volsplat.protocol.scene import Step, View
 from volsplat.protocol.tokens import Token, new_token
 from volsplat.protocol.volume import Geometry
+from volsplat.splat_server.data_links import MOST_UNINVITED
 
 PATIENCE = 60.0  # seconds, after which what never comes fails its test
 HONEST, LIAR = 1, 2
@@ -79,6 +81,7 @@ def attacked() -> Iterator[Attacked]:
         with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
             control = clients.accept(PATIENCE)
             assert control is not None
+            control.send(messages.InviteWorkers([HONEST, LIAR]))
             attacked = Attacked(psutil.Process(process.pid), control, token)
             yield attacked
             control.send(messages.EndSession())
@@ -124,3 +127,26 @@ def test_links_that_are_made_again_and_again_leave_nothing_behind(attacked: Atta
         flood(attacked.linked(LIAR), rising=False)
     assert attacked.draws(1, {HONEST: honest}).complete
     assert attacked.process.num_threads() < 20
+
+
+def test_links_of_workers_that_nobody_invited_are_not_read_and_few_wait(attacked: Attacked) -> None:
+    honest = attacked.linked(HONEST)
+    before = attacked.process.num_threads()
+    guests = [attacked.linked(100 + n) for n in range(MOST_UNINVITED + 3)]
+    for guest in guests[:3]:
+        with pytest.raises(PeerLost):
+            guest.receive()
+    assert attacked.process.num_threads() <= before + 2
+    attacked.control.send(messages.InviteWorkers([HONEST, 200]))
+    attacked.control.send(messages.AbortFrame(1))
+    attacked.control.receive()
+    late = attacked.linked(200)
+    assert attacked.draws(2, {HONEST: honest, 200: late}).complete
+
+
+def test_a_link_that_comes_before_its_invitation_is_taken_with_it(attacked: Attacked) -> None:
+    early = attacked.linked(9)
+    early.send(empty(1, 9, 0, last=True))
+    attacked.control.send(messages.InviteWorkers([9]))
+    attacked.begins(1, [9])
+    assert attacked.finishes().complete
