@@ -122,7 +122,7 @@ class Coordinator:
             return [ReportProgress(f"waiting for servers: {missing} joined")]
         self._enlisted_workers, self._splat_server = workers[: asked.workers], splat_servers[0]
         hosts = {worker: self.servers[worker].host for worker in self._enlisted_workers}
-        return self.holding.begin(asked.path, hosts, asked.memory)
+        return self.holding.begin(asked.path, hosts, asked.memory, asked.held)
 
     def _joined(self, role: Role) -> list[int]:
         return sorted(n for n, server in self.servers.items() if server.role == role)

@@ -63,6 +63,7 @@ class VolumeAsked:
     path: str
     workers: int
     memory: int | None = None  # bytes that each map/shade server may hold of a prepared volume; None: as it sees fit
+    held: bool = True  # else only surveyed, until a frame is wanted
 
 
 @dataclass(frozen=True)

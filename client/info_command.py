@@ -15,7 +15,7 @@ def info(volume: str) -> None:
     """Print dimensions, spacing, orientation, type, range and histogram of VOLUME."""
     check_is_there(volume)
     with PlainConsole(stderr=True).status("reading") as status:
-        with Session(volume, workers=1, on_progress=status.update) as session:
+        with Session(volume, workers=1, held=False, on_progress=status.update) as session:
             known = session.volume
     told = info_text(
         known.description,

@@ -97,8 +97,9 @@ class Session:
 
     `volume` is a path as the servers see it. With `spawn` the servers are started on this machine; without it they
     are started by hand and join at `listen`. `memory` is how many bytes each map/shade server may hold of a prepared
-    volume; by default half of what its machine has left, shared with the others there. `on_progress` gets one line
-    for each thing that takes time, on a thread of the session.
+    volume; by default half of what its machine has left, shared with the others there. A volume that is not `held` is
+    surveyed a few sheets at a time, and only read when something is drawn of it. `on_progress` gets one line for each
+    thing that takes time, on a thread of the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
     is none, as all methods do, and the session goes on.
@@ -113,6 +114,7 @@ class Session:
         spawn: bool = True,
         token: Token | None = None,
         memory: int | None = None,
+        held: bool = True,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
         name = checked_volume(volume)
@@ -154,7 +156,7 @@ class Session:
                 self._servers.start(Program.SPLAT_SERVER, address, token)
                 for _ in range(wanted):
                     self._servers.start(Program.MAPSHADE_SERVER, address, token)
-            self._events.put(VolumeAsked(absolute_name(name) if spawn else name, wanted, memory))
+            self._events.put(VolumeAsked(absolute_name(name) if spawn else name, wanted, memory, held))
         except BaseException:
             self.close()
             raise

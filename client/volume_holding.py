@@ -51,6 +51,7 @@ class VolumeHolding:
         self.packing: Packing | None = None  # what is held, or on its way
         self._path = ""
         self._hosts: Mapping[int, str] = {}  # of the servers that share the volume
+        self._held = True  # else only surveyed
         self._memory: int | None = None  # for each, where a person has set it
         self._memories: dict[int, int] = {}  # what their machines have left
         self._levels: StoredLevels | None = None  # of a prepared volume
@@ -72,9 +73,12 @@ class VolumeHolding:
         """Nothing is on its way: frames can be drawn, or their packets be made."""
         return self.phase in (Phase.SURVEYED, Phase.READY, Phase.EMPTY)
 
-    def begin(self, path: str, hosts: Mapping[int, str], memory: int | None = None) -> list[Instruction]:
-        """Have the servers that run on these hosts share the volume at `path`."""
+    def begin(
+        self, path: str, hosts: Mapping[int, str], memory: int | None = None, held: bool = True
+    ) -> list[Instruction]:
+        """Have the servers that run on these hosts share the volume at `path`; not `held`, only survey it at first."""
         self.phase = Phase.DESCRIBING
+        self._held = held
         self._path, self._hosts, self._memory = path, hosts, memory
         return [
             ReportProgress("reading the volume's header"),
@@ -122,7 +126,10 @@ class VolumeHolding:
         """
         if self._levels is not None:
             return self._open_packets(self._levels, packing)
-        return self._pack(packing) if self.phase == Phase.SURVEYED else self._read_sub_cubes()
+        if self.phase == Phase.SURVEYED and self._held:
+            return self._pack(packing)
+        self._held = True
+        return self._read_sub_cubes()
 
     def resolution(self, step: Step, striding: bool) -> Resolution:
         """What a step draws of the packets that are held."""
@@ -186,7 +193,7 @@ class VolumeHolding:
         self, server: int, message: messages.VolumeDescribed, payload: memoryview
     ) -> list[Instruction]:
         self._description, self._identity = message.description, message.identity
-        boxes = divided(message.description.geometry, len(self._hosts))
+        boxes = divided(message.description.geometry, len(self._hosts), message.description.chunk)
         self.boxes = {worker: [box] for worker, box in zip(self._hosts, boxes, strict=True)}
         if not message.prepared:
             return self._read_sub_cubes()
@@ -230,7 +237,7 @@ class VolumeHolding:
         read: list[Instruction] = []
         for worker, boxes in self.boxes.items():
             ask = messages.ReadSubCubes(
-                assignment=self.assignment, path=self._path, boxes=boxes, identity=self._identity
+                assignment=self.assignment, path=self._path, boxes=boxes, identity=self._identity, held=self._held
             )
             read.append(Send(worker, ask))
         return [ReportProgress(said), *read]

@@ -15,6 +15,7 @@ from volsplat.mapshade_server.awaited_parts import AwaitedParts
 from volsplat.mapshade_server.lent_volume import LentVolume, lent
 from volsplat.mapshade_server.packet_store import PacketStore, is_store
 from volsplat.mapshade_server.readers import VolumeReader
+from volsplat.mapshade_server.slabs import PassedBox, slab_reader
 from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.mapshade_server.volume_identity import (
@@ -49,6 +50,8 @@ class HeldVolume:
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone where values were packed
         self._path = ""
+        self._passed: list[PassedBox] = []  # that are surveyed, but not held
+        self._passed_by: Callable[[], None] = lambda: None  # checks that they are of the volume that was described
         self._lent: LentVolume | None = None
         self._lent_for = 0  # assignment
         self._awaited: AwaitedParts | None = None
@@ -90,11 +93,17 @@ class HeldVolume:
         reader: VolumeReader = loan or _reader_of(request)
         self._drop()  # nothing is held, should the reading fail
         description = reader.describe()
+        if not request.held:
+            slabs = slab_reader(reader)
+            self._passed = [PassedBox(slabs, box) for box in request.boxes]
+            self._passed_by = lambda: _check_still(request, reader, description)
+            return [self._read(self._passed, request.assignment, started)]
         sub_cubes = [SubCube(description.geometry, box, description.second_scalar) for box in request.boxes]
         for sub_cube in sub_cubes:
             sub_cube.read(reader)
         if loan is None:
             _check_still(request, reader, description)
+        self._levels = {0: sub_cubes}
         return [self._read(sub_cubes, request.assignment, started)]
 
     def _on_LendVolume(self, request: messages.LendVolume) -> list[Answer]:
@@ -133,17 +142,20 @@ class HeldVolume:
         if not awaited.complete:
             return [held]
         self._awaited = None
-        return [held, self._read(awaited.sub_cubes(), awaited.assignment, awaited.began)]
+        self._levels = {0: awaited.sub_cubes()}
+        return [held, self._read(self._levels[0], awaited.assignment, awaited.began)]
 
     def _on_CountHistograms(self, request: messages.CountHistograms) -> list[Answer]:
         density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
-        sub_cubes = self.sub_cubes(0)
+        sub_cubes: Sequence[SubCube | PassedBox] = self._passed or self.sub_cubes(0)
         extremes = BlockExtremes.nothing(sub_cubes[0].geometry.dims)
         for sub_cube in sub_cubes:
             more = sub_cube.histograms(request.low, request.high, request.max_gradient)
             density = array("q", map(int.__add__, density, more.density))
             strength = array("q", map(int.__add__, strength, more.strength))
             extremes = extremes.joined(more.extremes)
+        if self._passed:
+            self._passed_by()
         counted = messages.HistogramsCounted(
             assignment=request.assignment, bins=HISTOGRAM_BINS, blocks=len(extremes.least)
         )
@@ -193,14 +205,14 @@ class HeldVolume:
 
     def _drop(self) -> None:
         self._levels, self.assignment, self._path = {}, 0, ""
-        self._lent, self._awaited = None, None
+        self._lent, self._awaited, self._passed = None, None, []
 
-    def _read(self, sub_cubes: Sequence[SubCube], assignment: int, started: float) -> Answer:
-        """The sub-cubes have their values."""
+    def _read(self, sub_cubes: Sequence[SubCube | PassedBox], assignment: int, started: float) -> Answer:
+        """The sub-cubes have their values, or know where to find them."""
         survey = sub_cubes[0].survey()
         for sub_cube in sub_cubes[1:]:
             survey = survey.joined(sub_cube.survey())
-        self._levels, self.assignment = {0: list(sub_cubes)}, assignment
+        self.assignment = assignment
         read = messages.SubCubesRead(
             assignment=assignment,
             survey=survey,

@@ -100,6 +100,7 @@ class PassedBox:
     def __init__(self, reader: SlabReader, box: Box) -> None:
         self.box = box
         self.source_bytes = 0  # what was read, with what was read twice
+        self.geometry = reader.geometry
         self._reader = reader
 
     def survey(self) -> Survey:

@@ -155,6 +155,7 @@ class VolumeDescribed(Message, frozen=True):
 class ReadSubCubes(Message, frozen=True):
     """Client to map/shade server: read these boxes and their halo, and survey them. Replaces what was held.
 
+    Boxes that are not to be held are surveyed a few sheets at a time, and again when histograms are asked for.
     Refused, as all that reads the volume, where it is not the one that was described, before and after it is read.
     """
 
@@ -162,6 +163,7 @@ class ReadSubCubes(Message, frozen=True):
     path: Path
     boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
     identity: VolumeIdentity
+    held: bool = True
 
     def __post_init__(self) -> None:
         _check_boxes(self.boxes)

@@ -50,3 +50,13 @@ def test_of_equal_edges_k_is_halved_last(parts: int, size: tuple[int, int, int])
 def test_there_are_no_more_sub_cubes_than_voxels() -> None:
     with pytest.raises(BadInput, match="9 map/shade servers cannot share 8 voxels"):
         divided(Geometry((2, 2, 2)), 9)
+
+
+@pytest.mark.parametrize("parts, size", [(2, (16, 8, 16)), (4, (16, 8, 8)), (8, (16, 4, 8)), (32, (16, 2, 4))])
+def test_rows_of_a_file_are_left_whole(parts: int, size: tuple[int, int, int]) -> None:
+    assert {box.size for box in divided(Geometry((16, 16, 16)), parts, (16, 1, 1))} == {size}
+
+
+def test_what_comes_together_is_cut_where_nothing_else_is_left() -> None:
+    assert {box.size for box in divided(Geometry((16, 16, 16)), 4, (16, 16, 16))} == {(8, 8, 16)}
+    assert {box.size for box in divided(Geometry((16, 1, 1)), 4, (16, 1, 1))} == {(4, 1, 1)}

@@ -65,6 +65,13 @@ class StoredVoxels:
         return disk_files([self.source, *(piece.path for piece in self.pieces)])
 
     @property
+    def chunk(self) -> Index:
+        """Voxels along i, j, k that only come together: rows, as far as they are read through, or whole sheets."""
+        if any(piece.packing != Packing.RAW for piece in self.pieces):
+            return (self.dims[0], self.dims[1], 1)
+        return (min(self.dims[0], max(READ_THROUGH_BYTES // self.dtype.itemsize, 1)), 1, 1)
+
+    @property
     def sheet_bytes(self) -> int:
         return self.dims[0] * self.dims[1] * self.dtype.itemsize
 

@@ -14,7 +14,7 @@ from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Vector
 from volsplat.protocol.upright import Up
-from volsplat.protocol.volume import Box, Geometry, GridAxis
+from volsplat.protocol.volume import Box, Geometry, GridAxis, Index
 
 LETTERS = "xyz"
 OPTIONS = ("axes", "spacing", "unit")  # beside the names of axes
@@ -44,6 +44,18 @@ class ArrayGrid(NamedTuple):
     axes: tuple[GridAxis, GridAxis, GridAxis] | None
     warnings: tuple[str, ...]
     up: Up | None  # where an axis is a height or a depth
+
+    def chunk(self, chunks: Sequence[int] | None, read_through: int = 1) -> Index:
+        """How many voxels along i, j, k come together where the array lies in chunks.
+
+        Where it does not: rows, or as many as have `read_through` voxels.
+        """
+        if chunks is None:
+            ni, nj, _ = self.geometry.dims
+            return (ni, min(-(-read_through // ni), nj), 1)
+        along = [size for size, index in zip(chunks, self.indices, strict=True) if index is None]
+        k, j, i = (min(size, n) for size, n in zip(along, self.geometry.dims[::-1], strict=True))
+        return (i, j, k)
 
     def selection(self, box: Box) -> tuple[int | slice, ...]:
         """What to index the array with to have the voxels of `box`, as (k, j, i)."""

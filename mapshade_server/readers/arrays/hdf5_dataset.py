@@ -46,6 +46,7 @@ ATTRIBUTES = (
     *("units", "long_name", "standard_name", "axis", "positive", "NAME"),
     *("default", "signal", "axes", "element_size_um", "MATLAB_class"),
 )
+SIEVE_BYTES = 1 << 16  # that HDF5 reads at least where a dataset is not in chunks
 MOST_OBJECTS = 20000  # that are looked at for datasets
 MOST_LISTED = 12
 
@@ -80,6 +81,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
             warnings=(*(one.warning for one in coordinates if one.warning), *grid.warnings),
             density_name=text_attribute(attributes, "long_name") or dataset.name.rpartition("/")[2],
             reads_sub_cubes=not why_whole,
+            chunk=grid.chunk(dataset.chunks, SIEVE_BYTES // dataset.dtype.itemsize),
             why_whole=why_whole,
         )
         name = dataset.name

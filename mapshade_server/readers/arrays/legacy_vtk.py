@@ -58,6 +58,7 @@ def open_legacy_vtk(path: Path, part: str) -> OpenedVolume:
         density_name=array.name,
         warnings=warnings,
         reads_sub_cubes=not why_whole,
+        chunk=(geometry.dims[0], 1, 1),
         why_whole=why_whole,
     )
     return OpenedVolume(description, voxels.read)

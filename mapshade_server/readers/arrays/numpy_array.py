@@ -20,9 +20,10 @@ from volsplat.mapshade_server.readers.arrays.array_file import ArrayFile, cause
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, plain_values
+from volsplat.mapshade_server.readers.stored_voxels import READ_THROUGH_BYTES
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.volume import Box, Index, VolumeDescription
 
 MAGIC = b"\x93NUMPY"
 MEMBER_MAGIC = b"PK\3\4"
@@ -194,6 +195,15 @@ def _unpacked(path: Path, part: ArrayPart, member: zipfile.ZipInfo) -> Pick:
     return lambda selection: load()[selection].copy()
 
 
+def _chunk(grid: ArrayGrid, header: _Header) -> Index:
+    """Voxels along i, j, k that come together, since gaps between what is wanted are read through."""
+    read_through = READ_THROUGH_BYTES // header.dtype.itemsize
+    if header.order == "C":
+        return grid.chunk(None, read_through)
+    _, nj, nk = grid.geometry.dims
+    return (1, min(-(-read_through // nk), nj), nk)
+
+
 def _reader(path: Path, part: ArrayPart, header: _Header, pick: Pick, why_whole: str) -> NumpyArrayReader:
     values = plain_values(part.whole, header.dtype)
     grid = array_grid(part, [ArrayAxis(length) for length in header.shape])
@@ -207,6 +217,7 @@ def _reader(path: Path, part: ArrayPart, header: _Header, pick: Pick, why_whole:
         warnings=grid.warnings,
         density_name=part.path or "density",
         reads_sub_cubes=not why_whole,
+        chunk=_chunk(grid, header),
         why_whole=why_whole,
     )
     return NumpyArrayReader(description, grid, values, pick)

@@ -65,6 +65,7 @@ def open_raw_voxels(path: Path, part: str) -> OpenedVolume:
         unit=said.options.get("unit", ""),
         warnings=(warning,) if dtype.itemsize > 1 and endian is None else (),
         reads_sub_cubes=raw,
+        chunk=voxels.chunk,
         why_whole="" if raw else "the file is compressed by gzip",
     )
     return OpenedVolume(description, voxels.read)

@@ -52,6 +52,7 @@ def open_vtk_image(path: Path, part: str) -> OpenedVolume:
         density_name=element.name or "density",
         warnings=tuple(axis.warning for axis in grid.axes if axis.warning) if isinstance(grid, EvenGrid) else (),
         reads_sub_cubes=not why_whole,
+        chunk=(geometry.dims[0], 1, 1),
         why_whole=why_whole,
     )
     return OpenedVolume(description, grid.read)

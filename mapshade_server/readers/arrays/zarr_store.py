@@ -111,6 +111,7 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         warnings=(*warnings, *grid.warnings),
         density_name=_density_name(found, [one.axis for one in coordinates], grid, attributes),
         reads_sub_cubes=not one_chunk,
+        chunk=grid.chunk(array.chunks),
         why_whole="all its voxels are in one chunk" if one_chunk else "",
     )
 

@@ -92,6 +92,7 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
         up="+z",  # north, or as images are shown
         density_name=texts["BTYPE"].lower() or "intensity",
         reads_sub_cubes=not zipped,
+        chunk=(place.geometry.dims[0], 1, 1),
         why_whole="the file is compressed by gzip" if zipped else "",
     )
     return FitsCubeReader(description, stored, scaling)

@@ -135,6 +135,7 @@ def open_segy(path: Path, part: str) -> SegyReader:
         ),
         warnings=(*place.warnings, *notes),
         kind=Kind.SEISMIC,
+        chunk=(place.geometry.dims[0], 1, 1),
         kind_from="its format",
         density_name="amplitude",
         up="+z",  # time and depth grow downwards

@@ -82,6 +82,7 @@ def open_analyze(path: Path, part: str) -> OpenedVolume:
         unit="mm" if _text(raw[56:60]).lower() == "mm" else "",
         value_unit=_text(raw[60:68]),
         reads_sub_cubes=not why_whole,
+        chunk=voxels.chunk,
         why_whole=why_whole,
         warnings=(NO_SIDES,),
     )

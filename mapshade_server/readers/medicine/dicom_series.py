@@ -227,10 +227,12 @@ def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[st
 def _description(name: str, series: _Series, stack: Stack, warnings: tuple[str, ...] = ()) -> VolumeDescription:
     first = series.files[0]
     kind, kind_from = kind_of_modality(first.modality)
+    pixels = stack.frames[0].pixels
     return VolumeDescription(
         name=name,
         format=f"DICOM {first.modality} series {series.title}",
         geometry=stack.geometry,
+        chunk=(pixels.columns, pixels.rows if pixels.fragments else 1, 1),
         scalar_type=_scalar_type(stack.frames),
         unit=stack.unit,
         value_unit=first.value_unit,

@@ -121,6 +121,7 @@ def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
         kind=kind,
         kind_from=kind_from,
         reads_sub_cubes=not why_whole,
+        chunk=voxels.chunk,
         why_whole=why_whole,
     )
     return MetaImageReader(path, description, reader, None if text else voxels, frame)

@@ -53,6 +53,7 @@ def open_mgh(path: Path, part: str) -> OpenedVolume:
         anatomical=True,
         warnings=() if placed else (NO_PLACE,),
         reads_sub_cubes=not zipped,
+        chunk=voxels.chunk,
         why_whole="the file is compressed by gzip" if zipped else "",
     )
     return OpenedVolume(description, voxels.read)

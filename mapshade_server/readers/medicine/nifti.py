@@ -160,6 +160,7 @@ def open_nifti(path: Path, part: str = "") -> NiftiReader:
         kind=kind,
         kind_from=kind_from,
         reads_sub_cubes=raw,
+        chunk=voxels.chunk,
         why_whole="" if raw else "the file is compressed by gzip",
     )
     return NiftiReader(description, voxels, slope, intercept)

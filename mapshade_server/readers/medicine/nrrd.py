@@ -156,6 +156,7 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
         kind_from=kind_from,
         bands=bands,
         reads_sub_cubes=not why_whole,
+        chunk=(axes.dims[0], 1, 1),
         why_whole=why_whole,
     )
     if encoding in TEXT_ENCODINGS:

@@ -256,6 +256,7 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
     if math.prod(dims) * packing.bitspersample // 8 > stored * MOST_GROWTH.get(packing.compression, math.inf):
         raise BadInput(f"{path}: promises more pixels than its {stored} bytes can hold; its tags are wrong")
     matrix, origin = _turned(place.steps, packing, dims)
+    raw = _raw(path, dims, pages)
     description = VolumeDescription(
         name=f"{path.name}#{chosen.name}" if chosen.name else path.name,
         format=shown,
@@ -264,8 +265,9 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
         unit=place.unit,
         density_name=chosen.channel or "density",
         warnings=(*chosen.warnings, *place.warnings),
+        chunk=raw.chunk if raw is not None else (*pages[0].segment, 1),
     )
-    return TiffStackReader(description, pages, _raw(path, dims, pages))
+    return TiffStackReader(description, pages, raw)
 
 
 def _raw(path: Path, dims: Index, pages: Sequence[TiffPage]) -> StoredVoxels | None:

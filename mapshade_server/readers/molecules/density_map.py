@@ -115,6 +115,7 @@ def open_density_map(path: Path, part: str) -> OpenedVolume:
         kind_from=kind_from,
         up="+z",
         reads_sub_cubes=raw,
+        chunk=voxels.chunk,
         why_whole="" if raw else "the file is compressed by gzip",
     )
 
