@@ -41,7 +41,8 @@ class SurveyedVolume:
         """The density window that the data chooses, in its own units; or with which it was prepared."""
         if self.prepared is not None:
             return self.prepared.quantisation.window
-        return index_rules.density_window(self.survey, self.density_counts, self.description.scalar_type)
+        told = self.description
+        return index_rules.density_window(self.survey, self.density_counts, told.scalar_type, told.kind)
 
     @property
     def strength_range(self) -> tuple[float, float]:

@@ -22,6 +22,7 @@ from typing import Literal
 import msgspec
 
 from volsplat.protocol import matrices
+from volsplat.protocol.kind import CLASS_KINDS, Kind
 from volsplat.protocol.matrices import Matrix
 from volsplat.protocol.scene import TABLE_ENTRIES
 from volsplat.protocol.volume import Geometry
@@ -86,12 +87,14 @@ def percentile(counts: list[int], low: float, high: float, fraction: float) -> f
     return high
 
 
-def density_window(survey: Survey, counts: list[int], scalar_type: str) -> tuple[float, float]:
+def density_window(
+    survey: Survey, counts: list[int], scalar_type: str, kind: Kind = Kind.UNKNOWN
+) -> tuple[float, float]:
     """The one density window of a volume, where the scene does not set it.
 
-    8-bit data keeps its values (0..255, or -128..127). Everything else is cut at its 0.05 and 99.95 percentiles,
-    unless those meet, where the full range is taken. A constant volume gets a window of width 1, or more where its
-    value is so great that 1 would be lost.
+    8-bit data keeps its values (0..255, or -128..127). Classes, of which the rare ones count as well, have their full
+    range. Everything else is cut at its 0.05 and 99.95 percentiles, unless those meet, where the full range is taken.
+    A constant volume gets a window of width 1, or more where its value is so great that 1 would be lost.
     """
     if scalar_type == "uint8":
         return (0.0, 255.0)
@@ -102,7 +105,7 @@ def density_window(survey: Survey, counts: list[int], scalar_type: str) -> tuple
     bin_width = (survey.high - survey.low) / len(counts)
     low = percentile(counts, survey.low, survey.high, 0.0005) - bin_width
     high = percentile(counts, survey.low, survey.high, 0.9995)
-    if not low < high:
+    if not low < high or kind in CLASS_KINDS:
         low, high = survey.low, survey.high
     # Values too close for a scale in float64 are a constant.
     constant = not low < high or math.isinf((TABLE_ENTRIES - 1) / (high - low))

@@ -37,6 +37,9 @@ class Kind(StrEnum):
     SEISMIC = "seismic amplitudes"  # both signs about zero
 
 
+CLASS_KINDS = (Kind.LABELS, Kind.ELEMENTS)  # whose values are no more or less than others
+
+
 class Band(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """The values from `low` to `high`, both included, are of the class `name`."""
 

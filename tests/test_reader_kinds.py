@@ -320,6 +320,16 @@ def test_a_colour_picture_in_nrrd_is_no_thin_volume(tmp_path: Path, fields: str)
         described(nrrd(tmp_path / "picture.nrrd", picture, fields))
 
 
+def test_a_colour_picture_in_an_array_is_no_thin_volume(tmp_path: Path) -> None:
+    path = tmp_path / "picture.npy"
+    np.save(path, np.zeros((50, 40, 3), np.uint8))
+    with pytest.raises(BadInput, match="a 2-D image of 3 values a pixel, .* name them, as in .*picture.npy#axes=zyx"):
+        described(path)
+    assert described(f"{path}#axes=zyx").geometry.dims == (3, 40, 50)
+    np.save(path, np.zeros((3, 50, 40), np.uint8))
+    assert described(path).geometry.dims == (40, 50, 3)
+
+
 def test_a_thin_volume_in_nrrd_is_one_where_its_header_says_so(tmp_path: Path) -> None:
     thin = np.zeros((50, 40, 3), np.uint8)
     assert described(nrrd(tmp_path / "kinds.nrrd", thin, "kinds: domain domain domain")).geometry.dims == (3, 40, 50)

@@ -38,7 +38,7 @@ class Surveyed:
     ) -> Quantisation:
         """By index_rules, as a session's; `window` takes the place of the one that the data chooses."""
         counts, second = self.density_counts.tolist(), description.second_scalar
-        chosen = window or index_rules.density_window(self.survey, counts, description.scalar_type)
+        chosen = window or index_rules.density_window(self.survey, counts, description.scalar_type, description.kind)
         if second is not None:
             return Quantisation(chosen, index_rules.second_scalar_scale(second), directions, strength_low=second[0])
         return Quantisation(chosen, index_rules.strength_scale(self.survey, self.strength_counts.tolist()), directions)

@@ -18,6 +18,8 @@ from volsplat.protocol.volume import Box, Geometry, GridAxis, Index
 
 LETTERS = "xyz"
 OPTIONS = ("axes", "spacing", "unit")  # beside the names of axes
+COLOUR_COUNTS = (3, 4)
+LEAST_PICTURE = 16  # pixels aside: less is no picture, but a volume made to try something
 MOST_COMPONENTS = 4  # an axis without a name, last and not longer, holds components: colours, a vector
 
 
@@ -107,11 +109,25 @@ def _indices(part: ArrayPart, axes: list[ArrayAxis]) -> tuple[int | None, ...]:
             f"{part.whole}: {kind}{chosen}, volsplat needs a volume: its axes are {_shown(axes) or 'none'}; "
             "name an array with three axes"
         )
+    if len(free) == 3:
+        _refuse_colours(part, axes, free)
     if min(axes[n].length for n in free) == 0:
         raise BadInput(f"{part.whole}: holds no voxels, its axes are {_shown(axes)}; fetch or export it again")
     if len(free) > 3:
         raise _choice(part, axes, free)
     return tuple(indices)
+
+
+def _refuse_colours(part: ArrayPart, axes: list[ArrayAxis], free: list[int]) -> None:
+    """Raises BadInput for a picture: two long axes and, without a name and last, one of three or four colours."""
+    *sides, last = (axes[n] for n in free)
+    if last.name or last.along or last.length not in COLOUR_COUNTS or min(n.length for n in sides) < LEAST_PICTURE:
+        return
+    letters = "zyx" if len(axes) == 3 else "".join(chr(ord("a") + n) for n in range(len(axes)))
+    raise BadInput(
+        f"{part.whole}: a 2-D image of {last.length} values a pixel, volsplat needs a volume: its axes are "
+        f"{_shown(axes)}; if it is a volume, name them, as in {part.advice(f'axes={letters}')}"
+    )
 
 
 def _axis_called(part: ArrayPart, key: str, axes: list[ArrayAxis]) -> int:

@@ -50,16 +50,13 @@ def _segment(pairs: Mapping[str, str], number: str) -> Band:
 def refuse_flat_colours(path: Path, sizes: Sequence[int], kinds: Sequence[str], placed: bool) -> None:
     """Raises BadInput for a picture: three axes of which one counts colours or other components of a pixel.
 
-    Where neither kinds nor directions tell, a first or last axis of three or four beside two long ones is taken as
-    such.
+    Where neither kinds nor directions tell, a first axis of three or four beside two long ones is taken as such.
     """
     if len(sizes) != 3:
         return
     components = [n for n, kind in zip(sizes, kinds, strict=False) if n > 1 and kind not in _PLACES]
     told = len(kinds) == len(sizes) or placed
-    guessed = [n for n in (sizes[0], sizes[2]) if n in _COLOUR_COUNTS] if not told else []
-    if guessed and sorted(sizes)[1] < _LEAST_PICTURE:
-        guessed = []
+    guessed = [sizes[0]] if not told and sizes[0] in _COLOUR_COUNTS and min(sizes[1:]) >= _LEAST_PICTURE else []
     if not components and not guessed:
         return
     shown = " x ".join(str(n) for n in sizes)
