@@ -58,10 +58,16 @@ def _status() -> int:
 
 
 def _listen_to_signals() -> None:
-    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGINT, _interrupt)
     signal.signal(signal.SIGTERM, _terminate)
     if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup has it
         signal.signal(signal.SIGHUP, _terminate)
+
+
+def _interrupt(signal_number: int, frame: object) -> NoReturn:
+    """Leave by an exception, once: impatience must not end the work of ending servers. SIGTERM still can be sent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
 
 
 def _terminate(signal_number: int, frame: object) -> NoReturn:

@@ -5,8 +5,8 @@
     with Session("head.nrrd", workers=2) as session:
         image = session.render(scene)
 
-Threads: one receives from each server, one runs the coordinator; both end with the session. Importing this module
-does not import torch, so that the servers start while it loads.
+Threads: one receives from each server and one sends to it, one runs the coordinator; all end with the session.
+Importing this module does not import torch, so that the servers start while it loads.
 """
 
 from __future__ import annotations
@@ -51,6 +51,8 @@ from volsplat.client.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
+from volsplat.client.interrupts import interrupts_held
+from volsplat.client.outgoing import Outgoing
 from volsplat.client.probe_answers import ProbeAnswers
 from volsplat.client.published_image import PublishedImage
 from volsplat.client.renderer import (
@@ -66,7 +68,7 @@ from volsplat.deploy.server_command import Program
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import LOOPBACK, Address
 from volsplat.protocol.buffer_pool import BufferPool
-from volsplat.protocol.connection import Connection, ConnectionClosed
+from volsplat.protocol.connection import Connection
 from volsplat.protocol.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.listener import IdCounter, Listener
@@ -85,6 +87,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
+FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
 Answers = queue.SimpleQueue[PublishImage | EndFrame]  # to one frame's request
 
 
@@ -126,7 +129,8 @@ class Session:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._connections: dict[int, Connection] = {}  # touched by the coordinator's and the receiving threads
-        self._connections_lock = threading.Lock()  # guards _connections
+        self._outgoing: dict[int, Outgoing] = {}  # likewise
+        self._connections_lock = threading.Lock()  # guards _connections and _outgoing
         self._frames: dict[int, Answers] = {}
         self._newest_frame = 0
         self._frames_lock = threading.Lock()  # guards _frames and _newest_frame
@@ -135,6 +139,7 @@ class Session:
         self._failure: VolsplatError | None = None
         self._volume_known = threading.Event()  # set when _volume or _failure is
         self._closed = False
+        self._closing = threading.Lock()  # guards _closed, until nothing is left
 
         token = token or new_token()
         self._listener = Listener(
@@ -293,15 +298,24 @@ class Session:
         self._events.put(AbortAsked(aborted))
 
     def close(self) -> None:
-        """End the session and every server that it started. Safe to call twice."""
-        if self._closed:
-            return
-        self._closed = True
+        """End the session and every server that it started, within two seconds. Safe to call twice.
+
+        Ctrl-C meanwhile waits for that: nothing may be left of the servers.
+        """
+        with interrupts_held(on_signal=lambda: None), self._closing:
+            if not self._closed:
+                self._closed = True
+                self._close()
+
+    def _close(self) -> None:
         self._events.put(None)
         self._coordinator_thread.join()
         self._listener.close()
         with self._connections_lock:
-            connections = list(self._connections.values())
+            connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
+        until = time.monotonic() + FAREWELL_SECONDS
+        for posts in outgoing:
+            posts.flush(until)
         for connection in connections:
             connection.close()
         self._servers.stop()
@@ -351,8 +365,9 @@ class Session:
 
     def _receive(self, connection: Connection) -> None:
         peer = connection.peer
+        outgoing = Outgoing(connection, lambda message, error: self._unsent(peer.id, message, error))
         with self._connections_lock:
-            self._connections[peer.id] = connection
+            self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
         data = Address(peer.data_host, peer.data_port)
         self._events.put(ServerJoined(peer.id, peer.role, str(peer), peer.host, data))
         cause = "this side closed the connection"
@@ -365,7 +380,8 @@ class Session:
             if isinstance(error, RemoteProtocolError):
                 self._listener.lines.warn(f"{error}; the connection is closed")
         with self._connections_lock:
-            del self._connections[peer.id]
+            del self._connections[peer.id], self._outgoing[peer.id]
+        outgoing.end()
         self._events.put(ServerLost(peer.id, cause))
 
     def _coordinate(self) -> None:
@@ -403,18 +419,17 @@ class Session:
                 self._fail(error)
 
     def _send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
+        """Have it sent; nobody waits for a server that does not read."""
         with self._connections_lock:
-            connection = self._connections.get(server)
-        if connection is None:
-            return  # its loss is on the way as an event
-        try:
-            connection.send(message, *payload)
-        except ConnectionClosed:
-            return  # by this side, at the end
-        except LocalProtocolError as error:  # nothing of it went out: as if the server had refused it
+            outgoing = self._outgoing.get(server)
+        if outgoing is not None:  # else its loss is on the way as an event
+            outgoing.post(message, *payload)
+
+    def _unsent(self, server: int, message: messages.Message, error: VolsplatError) -> None:
+        if isinstance(error, LocalProtocolError):  # nothing of it went out: as if the server had refused it
             refused = refusal(message, error)
             self._events.put(MessageReceived(server, refused, memoryview(b""), time.perf_counter()))
-        except VolsplatError as error:
+        else:
             self._events.put(ServerLost(server, str(error)))
 
     def _cut_off(self, server: int, cause: str) -> None:
