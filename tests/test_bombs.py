@@ -20,6 +20,7 @@ import numpy as np
 import pytest
 import tifffile
 import zarr
+from astropy.io import fits
 from programs import TIME_LIMIT
 from zarr.codecs import GzipCodec, ZstdCodec
 
@@ -126,6 +127,26 @@ def tiff_of_great_tiles(folder: Path) -> Path:
     return path
 
 
+def fits_tile(folder: Path) -> Path:
+    path = folder / "v.fits"
+    fits.CompImageHDU(VALUES.astype(np.int16), compression_type="GZIP_1", tile_shape=(1, 16, 16)).writeto(path)
+    packed = deflated(31)
+    with fits.open(path, disable_image_compression=True) as hdus:
+        start = hdus[1].fileinfo()["datLoc"]
+        rows, heap = hdus[1].header["NAXIS2"] * hdus[1].header["NAXIS1"], hdus[1].header["PCOUNT"]
+    with path.open("r+b") as file:  # the bomb behind the heap, which grows by it
+        raw = bytearray(file.read())
+        end = start + rows + heap
+        raw[start : start + 8] = struct.pack(">ii", len(packed), heap)
+        grown = bytes(raw[:end]) + packed
+        grown += bytes(-len(grown) % 2880)
+        at = grown.index(b"PCOUNT  =")
+        grown = grown[:at] + f"PCOUNT  = {heap + len(packed):20d}".encode() + grown[at + 30 :]
+        file.seek(0)
+        file.write(grown)
+    return path
+
+
 def nrrd(folder: Path, encoding: str, packed: bytes) -> Path:
     path = folder / "v.nrrd"
     header = f"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 16 16 16\nencoding: {encoding}\n\n"
@@ -172,6 +193,7 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "TIFF, deflated": (lambda folder: tiff(folder, deflated(15), "zlib"), "unpacks to more than"),
     "TIFF, LZMA": (lambda folder: tiff(folder, by_lzma(), "lzma"), "unpacks to more"),
     "TIFF, tiles beyond the page": (tiff_of_great_tiles, "is stored in chunks of 3600000000 bytes"),
+    "FITS, a tile": (fits_tile, "unpacks to more than"),
     "PDB": (text, "bytes of text unpacked"),
     "raw voxels": (raw_gzip, "but the file has more unpacked"),
 }

@@ -16,6 +16,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.astronomy.fits_geometry import placed
 from volsplat.mapshade_server.readers.astronomy.fits_hdus import chosen_hdu
+from volsplat.mapshade_server.readers.astronomy.fits_tiles import check_tiles_within
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.gzip_files import is_gzip
 from volsplat.mapshade_server.readers.part_options import index_in, part_options
@@ -254,8 +255,11 @@ class _TiledVoxels:
         key = [slice(n, n + 1) for n in (self.array.picked.get(axis, 0) for axis in range(len(self.array.sizes)))]
         for axis, low, high in zip(self.array.axes, box.low, box.high, strict=True):
             key[axis] = slice(low, high)
-        with _opened(self.path) as hdus:
-            voxels = hdus[self.number].section[tuple(key[::-1])].reshape(box.size[::-1])
+        wanted = tuple(key[::-1])
+        with _opened(self.path, disable_image_compression=True) as tables, _opened(self.path) as hdus:
+            hdu = hdus[self.number]
+            check_tiles_within(tables[self.number], hdu.tile_shape, hdu.shape, wanted)
+            voxels = hdu.section[wanted].reshape(box.size[::-1])
         return np.array(voxels, voxels.dtype.newbyteorder("="), order="C")
 
 
