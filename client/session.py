@@ -147,7 +147,7 @@ class Session:
             token,
             host=listen.host,
             port=listen.port,
-            assign_id=ServerIds(),
+            assign_id=ServerIds(lambda: len(self._connections)),
             allocate=BufferPool(),
         )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
@@ -450,14 +450,18 @@ class Session:
 
 
 class ServerIds:
-    """Gives ids to servers; nothing but servers may join a client."""
+    """Gives ids to servers; nothing but servers may join a client, and no more of them than messages can name."""
 
-    def __init__(self) -> None:
+    def __init__(self, present: Callable[[], int]) -> None:
+        """`present`: how many servers there are."""
+        self._present = present
         self._counter = IdCounter()
 
     def __call__(self, hello: Hello) -> int:
         if hello.role not in (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER):
             raise BadInput(f"a {hello.role} cannot join a client")
+        if self._present() >= messages.MAX_SERVERS:
+            raise BadInput(f"{messages.MAX_SERVERS} servers have joined already, which is as many as there can be")
         return self._counter(hello)
 
 

@@ -1,10 +1,11 @@
 """Memory for payloads is used again once nobody holds it, and never before."""
 
+import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.protocol import messages
+from volsplat.protocol import buffer_pool, messages
 from volsplat.protocol.buffer_pool import (
     LEAST_SPARE,
     MOST_SPARE,
@@ -72,3 +73,16 @@ def test_few_buffers_are_kept_spare() -> None:
     del many
     pool(MESSAGE, 4096)
     assert len(pool._buffers[4096]) <= most_spare(4096)
+
+
+def test_whoever_sends_all_lengths_by_turns_does_not_make_the_pool_grow(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(buffer_pool, "SPARE_OF_OTHERS", 1 << 20)
+    pool = BufferPool()
+    lengths = sorted({rounded_up(nbytes) for nbytes in range(1, 1 << 19, 4096)})
+    held = pool(MESSAGE, 1 << 18)
+    for length in [*lengths, *reversed(lengths)]:
+        many = [pool(MESSAGE, length) for _ in range(8)]
+        assert len({id(one) for one in [*many, held]}) == 9
+        del many
+        kept = sum(len(one) for buffers in pool._buffers.values() for one in buffers)
+        assert kept <= (1 << 20) + 9 * length + len(held)

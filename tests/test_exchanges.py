@@ -19,12 +19,13 @@ from volsplat.client import Session
 from volsplat.client.coordinator import Coordinator
 from volsplat.client.coordinator_events import FailSession, Instruction, MessageReceived, Send, ServerLost
 from volsplat.client.phantoms import make_phantom
+from volsplat.client.session import ServerIds
 from volsplat.client.single import SingleProcess
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol import messages
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
-from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.errors import BadInput, VolsplatError
 from volsplat.protocol.exchanges import EXCHANGES, OTHERS_AT_ONCE, UNANSWERED, Exchanges, State
 from volsplat.protocol.framing import encode
 from volsplat.protocol.handshake import new_hello
@@ -246,6 +247,15 @@ def test_guests_that_come_and_go_leave_nothing(lasting: tuple[Session, SinglePro
     while len(session.servers) > before:
         assert time.monotonic() < give_up_at
         time.sleep(0.01)
+
+
+def test_no_more_servers_join_than_messages_can_name() -> None:
+    joining = ServerIds(lambda: present)
+    present = messages.MAX_SERVERS - 1
+    assert joining(new_hello(Role.MAPSHADE_SERVER)) == 1
+    present += 1
+    with pytest.raises(BadInput, match="4096 servers have joined already"):
+        joining(new_hello(Role.MAPSHADE_SERVER))
 
 
 def test_a_failed_session_says_who_failed_it() -> None:
