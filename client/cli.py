@@ -5,6 +5,7 @@ Every mistake of the person at the keyboard is one line on stderr and exit statu
 
 import signal
 import sys
+import warnings
 from contextlib import suppress
 from typing import NoReturn
 
@@ -28,6 +29,8 @@ def _status() -> int:
     from volsplat.protocol.errors import BadInput, VolsplatError
     from volsplat.protocol.load_failures import load_failure
 
+    if not sys.warnoptions:  # what libraries say to programmers is not for whoever uses the command
+        warnings.simplefilter("ignore")
     try:
         _listen_to_signals()
         volsplat.main(standalone_mode=False)

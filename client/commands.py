@@ -2,6 +2,7 @@
 
 import logging
 import os
+import resource
 from importlib import import_module
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -13,6 +14,8 @@ from volsplat.client.interrupts import interrupts_held
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.log_lines import log_to_stderr
+
+LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
 
 
 class Entry(NamedTuple):
@@ -62,9 +65,13 @@ class Commands(click.Group):
 
 
 def _need_torch(command: str) -> None:
-    """Raises BadInput if torch is not installed, as on a machine that only works for others."""
+    """Raises BadInput if torch is not installed, as on a machine that only works for others, or cannot be loaded."""
     if find_spec("torch") is None:
         raise BadInput(f"{command} needs torch, which is not installed: pip install 'volsplat[client]'")
+    allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
+    if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY_FOR_TORCH:
+        least, given = (f"{size // 10**6} MB" for size in (LEAST_MEMORY_FOR_TORCH, allowed))
+        raise BadInput(f"{command} needs torch, which takes {least}, and may have {given}; raise `ulimit -v`")
 
 
 def _becoming(name: str, program: Program) -> click.Command:

@@ -29,7 +29,8 @@ from volsplat.protocol.scene import Refine, Step
 from volsplat.protocol.volume_name import check_is_there, volume_name
 
 GRACE_SECONDS = 600
-NEEDED_FOR_THE_PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page", "torch")
+PAGE = "volsplat.client.ui.page"
+NEEDED_FOR_THE_PAGE = ("volsplat.client.ui.application", PAGE, "torch")
 LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 
@@ -79,11 +80,12 @@ def view(
         check_is_there(volume)
     servers = servers_from_options(workers, listen, token_file, memory=memory)
     console = PlainConsole(stderr=True)
-    with ended_with_its_reader(), _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE):
+    with ended_with_its_reader(), _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE) as imported:
         address = PageAddress(bound)
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored) as session:
                 assert isinstance(session, Session)
+                imported(PAGE)
                 _serve(session, options, address, grace, tab, console)
 
 

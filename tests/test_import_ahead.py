@@ -45,3 +45,22 @@ def test_a_module_that_is_not_there_is_told_to_who_needs_it_alone(tmp_path: Path
     )
     ran = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert ran.stderr == ""
+
+
+def test_what_an_import_raised_is_raised_for_whoever_waits_for_it(modules: Path) -> None:
+    (modules / "there.py").write_text("")
+    (modules / "broken.py").write_text("raise ImportError('lib.so: failed to map segment from shared object')")
+    with imported_ahead("there", "broken", "never_begun_either") as awaited:
+        with pytest.raises(ImportError, match="failed to map segment"):
+            awaited("never_begun_either")
+    assert "never_begun_either" not in sys.modules
+
+
+def test_an_error_that_ends_the_block_waits_for_no_import(modules: Path) -> None:
+    (modules / "slow_and_left.py").write_text(SLOW.replace("0.3", "3"))
+    with pytest.raises(KeyboardInterrupt):
+        with imported_ahead("slow_and_left"):
+            while "slow_and_left" not in sys.modules:
+                time.sleep(0.001)
+            raise KeyboardInterrupt
+    assert not hasattr(sys.modules["slow_and_left"], "done")
