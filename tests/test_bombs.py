@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import h5py
+import imagecodecs
 import numcodecs
 import numpy as np
 import pytest
@@ -192,6 +193,11 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "HDF5, chunks beyond the whole": (hdf5_of_great_chunks, "is stored in chunks of 536870912 bytes"),
     "TIFF, deflated": (lambda folder: tiff(folder, deflated(15), "zlib"), "unpacks to more than"),
     "TIFF, LZMA": (lambda folder: tiff(folder, by_lzma(), "lzma"), "unpacks to more"),
+    "TIFF, zstd": (lambda folder: tiff(folder, zstandard(), "zstd"), "unpacks to more than"),
+    "TIFF, LZW": (
+        lambda folder: tiff(folder, bytes(imagecodecs.lzw_encode(bytes(1 << 24))), "lzw"),
+        "unpacks to more than",
+    ),
     "TIFF, tiles beyond the page": (tiff_of_great_tiles, "is stored in chunks of 3600000000 bytes"),
     "FITS, a tile": (fits_tile, "unpacks to more than"),
     "PDB": (text, "bytes of text unpacked"),

@@ -110,6 +110,7 @@ def test_coordinates_give_the_place(tmp_path: Path) -> None:
     told = described(written(tmp_path / "v.nc", fill))
     assert told.geometry.index_to_physical == ((3, 0, 0), (0, -2, 0), (0, 0, 10))  # y goes down: not mirrored
     assert told.geometry.origin == (0, 30, 5) and told.unit == "m"
+    assert told.up == "+z"
     assert (told.value_unit, told.density_name) == ("kg m-3", "air density")
 
 

@@ -8,6 +8,7 @@ import lzma
 import zlib
 from typing import Protocol
 
+from volsplat.mapshade_server.readers.extra import library
 from volsplat.protocol.errors import BadInput
 
 LZMA_MEMORY = 1 << 28
@@ -81,6 +82,18 @@ def unpacked_lzma(packed: Packed, most: int) -> bytes:
         return _whole(stream, stream.decompress(packed, most + 1), most)
     except lzma.LZMAError as error:
         raise Damaged(f"its LZMA bytes are damaged ({error})") from None
+
+
+def unpacked_by_imagecodecs(codec: str, packed: Packed, most: int) -> bytes:
+    """By its decoder of that name, as lzw, packbits or zstd, into a room of that size. Raises ValueError."""
+    decode = getattr(library("imagecodecs", f"what is packed by {codec}"), f"{codec}_decode")
+    try:
+        unpacked = bytes(decode(packed, out=most + 1))
+    except RuntimeError as error:  # which does not tell a room too small from damage
+        raise Damaged(f"it unpacks to more than the {most} bytes that are promised, or is damaged: {error}") from None
+    if len(unpacked) > most:
+        raise TooMuch(most)
+    return unpacked
 
 
 def _whole(stream: _Decompressor, unpacked: bytes, most: int) -> bytes:

@@ -50,6 +50,7 @@ def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
         unit=grid.unit,
         value_unit=text_attribute(variable.attributes, "units"),
         axes=grid.axes,
+        up=grid.up,
         warnings=(*(one.warning for one in coordinates if one.warning), *grid.warnings),
         density_name=text_attribute(variable.attributes, "long_name") or variable.name,
     )

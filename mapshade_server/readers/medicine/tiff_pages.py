@@ -9,14 +9,19 @@ import logging
 from collections.abc import Callable, Iterator
 from copy import copy
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any, BinaryIO
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.bounded_unpacking import check_promise, inflated, unpacked_lzma
+from volsplat.mapshade_server.readers.bounded_unpacking import (
+    check_promise,
+    inflated,
+    unpacked_by_imagecodecs,
+    unpacked_lzma,
+)
 from volsplat.mapshade_server.readers.codestream_size import check_codestream
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.volume_reader import Voxels
@@ -26,7 +31,16 @@ from volsplat.protocol.volume import Box
 UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA = 1, 8, 32946, 34925
 DECODED_BY_TIFFFILE = (UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA)
 WHOLE_BYTES = (8, 16, 32, 64)
-BOUNDED = {DEFLATE: inflated, OLD_DEFLATE: inflated, LZMA: unpacked_lzma}
+LZW, PACKBITS, ZSTD, OLD_ZSTD = 5, 32773, 50000, 34926
+BOUNDED: dict[int, Callable[[bytes, int], bytes]] = {
+    DEFLATE: inflated,
+    OLD_DEFLATE: inflated,
+    LZMA: unpacked_lzma,
+    LZW: partial(unpacked_by_imagecodecs, "lzw"),
+    PACKBITS: partial(unpacked_by_imagecodecs, "packbits"),
+    ZSTD: partial(unpacked_by_imagecodecs, "zstd"),
+    OLD_ZSTD: partial(unpacked_by_imagecodecs, "zstd"),
+}
 TURNED = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 SLACK = 1 << 12  # bytes that some programs write after a strip's last row
 
