@@ -7,6 +7,7 @@ margin about it changes nothing, and where both ends are alike nothing is guesse
 
 import math
 from collections import Counter
+from itertools import product
 from typing import NamedTuple
 
 from volsplat.client.density_histogram import LAST, otsu_byte
@@ -15,8 +16,9 @@ from volsplat.protocol.block_extremes import BlockExtremes, block_dims
 from volsplat.protocol.upright import Up
 from volsplat.protocol.volume import Geometry, VolumeDescription
 
-CUT = 0.3  # of the widest layer: an end of at least so much is cut off
-TAPER = 0.6  # of the cut end: the other one of at most so much tapers
+WIDE = 0.2  # of the widest layer: less than that is no end that was cut off
+STEADY = 0.64  # of the layer two further in: an end of at least so much is cut off
+TAPER = 0.8  # of the cut end's share of that layer: the other end tapers with at most so much of it
 LEAST_LAYER = 0.02  # of the widest layer; less is no end but dirt
 OBJECT = 0.3  # of the way from what is empty to what is full: from here on something is there
 CLIPPED = 0.01  # share of the blocks at either end of their values that tells nothing of the two
@@ -45,11 +47,12 @@ def guessed_up(geometry: Geometry, extremes: BlockExtremes) -> Up | None:
     axis = max(range(3), key=lambda n: abs(steps[n]))
     layers = _layers(extremes, block_dims(geometry.dims), axis)
     widest = max(layers)
-    ends = [count for count in layers if count > LEAST_LAYER * widest]
-    if len(ends) < 2:
+    filled = [count for count in layers if count > LEAST_LAYER * widest]
+    if len(filled) < 3:
         return None
-    first, last = ends[0], ends[-1]
-    if max(first, last) < CUT * widest or min(first, last) > TAPER * max(first, last):
+    first, last = filled[0] / filled[2], filled[-1] / filled[-3]
+    cut = filled[0] if last < first else filled[-1]
+    if cut < WIDE * widest or max(first, last) < STEADY or min(first, last) > TAPER * max(first, last):
         return None
     return "+z" if (last < first) == (steps[axis] > 0) else "-z"
 
@@ -66,11 +69,11 @@ def _layers(extremes: BlockExtremes, dims: tuple[int, int, int], axis: int) -> l
 
 def _object_blocks(extremes: BlockExtremes, dims: tuple[int, int, int]) -> list[int]:
     """The blocks in which something is, wherever the volume's margin is empty of it."""
-    margin = _margin(extremes, dims)
+    margins = _margins(extremes, dims)
     greatest = {
         n: high
         for n, (low, high) in enumerate(zip(extremes.least, extremes.greatest, strict=True))
-        if low <= high and high != margin
+        if low <= high and high not in margins
     }
     if not greatest:
         return []
@@ -78,12 +81,20 @@ def _object_blocks(extremes: BlockExtremes, dims: tuple[int, int, int]) -> list[
     return [n for n, value in greatest.items() if value > edge]
 
 
-def _margin(extremes: BlockExtremes, dims: tuple[int, int, int]) -> float | None:
-    """The one value of the blocks at the volume's corners, if there is one: what somebody filled up with."""
-    ni, nj, nk = dims
-    corners = [i + ni * (j + nj * k) for i in (0, ni - 1) for j in (0, nj - 1) for k in (0, nk - 1)]
-    constant = [extremes.least[n] for n in corners if extremes.least[n] == extremes.greatest[n]]
-    return Counter(constant).most_common(1)[0][0] if constant else None
+def _margins(extremes: BlockExtremes, dims: tuple[int, int, int]) -> set[float]:
+    """What most blocks of an outer face have as their greatest value: clipped air, or what somebody filled up with."""
+    strides = (1, dims[0], dims[0] * dims[1])
+    margins = set()
+    for axis in range(3):
+        across, along = (n for n in range(3) if n != axis)
+        for end in (0, dims[axis] - 1):
+            first = end * strides[axis]
+            places = product(range(dims[across]), range(dims[along]))
+            face = [extremes.greatest[first + a * strides[across] + b * strides[along]] for a, b in places]
+            value, count = Counter(face).most_common(1)[0]
+            if 2 * count > len(face):
+                margins.add(value)
+    return margins
 
 
 def _edge(values: list[float]) -> float:
@@ -91,8 +102,8 @@ def _edge(values: list[float]) -> float:
     clipped = math.floor(CLIPPED * len(values))
     low, high = values[clipped], values[-1 - clipped]
     width = (high - low) / (LAST + 1)
-    if width <= 0.0:
-        return low
+    if width <= 0.0:  # all that is no margin is of one value
+        return -math.inf
     counts = [0.0] * (LAST + 1)
     for value in values:
         counts[min(max(math.floor((value - low) / width), 0), LAST)] += 1
@@ -100,6 +111,6 @@ def _edge(values: list[float]) -> float:
     empty = [min(max(value, low), high) for value in values if value < split]
     full = [min(value, high) for value in values if value >= split]
     if not empty or not full:
-        return low
+        return -math.inf
     below, above = math.fsum(empty) / len(empty), math.fsum(full) / len(full)
     return below + OBJECT * (above - below)
