@@ -11,14 +11,18 @@ from volsplat.client.glow_scenes import spectral_scene, structure_factors_scene
 from volsplat.client.histogram_scene import histogram_scene
 from volsplat.client.presets import start_view
 from volsplat.client.seismic_scene import seismic_scene
+from volsplat.client.slice_scene import slice_scene
 from volsplat.client.subject import Subject
 from volsplat.protocol.kind import Kind
 from volsplat.protocol.scene import Scene
 
 
 def default_scene(subject: Subject) -> Scene:
-    """A scene for a volume, of its kind; by its histogram where that is unknown, or would show nothing."""
-    build = _BY_KIND.get(subject.kind)
+    """A scene for a volume, of its kind; by its histogram where that is unknown, or would show nothing.
+
+    A single slice of a kind without a scene of its own is a picture in greys.
+    """
+    build = _BY_KIND.get(subject.kind, slice_scene if subject.face is not None else None)
     scene = build(subject) if build is not None and subject.histogram.voxels else None
     return msgspec.structs.replace(scene or histogram_scene(subject), view=start_view(subject))
 

@@ -34,7 +34,10 @@ class Seen:
 def histogram_scene(subject: Subject) -> Scene:
     """A CT where one is recognised or stated, labels where the values look like them, else what stands out."""
     histogram, scale = subject.histogram, subject.ct
-    if scale is not None and _well_seen(Seen(0, round(scale.position(SKIN_HU) * LAST)), histogram):
+    skin = None if scale is None else Seen(0, round(scale.position(SKIN_HU) * LAST))
+    # Stated units are believed where a body fills the grid, too.
+    most = 1.0 if subject.in_hounsfield else MOST_SEEN
+    if scale is not None and skin is not None and LEAST_SEEN <= skin.share(histogram) <= most:
         return _skull_in_flesh(scale)
     if _are_labels(subject) and _well_seen(_unusual(histogram), histogram):
         seen, tint = _unusual(histogram), _label_tint(subject)

@@ -216,6 +216,22 @@ def test_a_single_slice_is_seen_from_its_face(dims: tuple[int, int, int], view: 
     assert default_scene(known).view.rotation == preset_scene("ct-skin", known).view.rotation == named_view(view)
 
 
+def test_a_single_slice_is_a_picture_in_greys_and_of_a_ct_in_those_of_soft_tissue() -> None:
+    flat = Geometry(dims=(64, 48, 1))
+    scene = default_scene(subject({float(n): 10 for n in range(-50, 900)}, Kind.MR, "int16", geometry=flat))
+    emitted = scene.tables.emit.entries()
+    assert set(scene.tables.opac.entries()) == {1.0} and not scene.shading.diffuse
+    assert all(red == green == blue for red, green, blue in emitted) and emitted[0][0] == 0 and emitted[LAST][0] == 1
+    known = subject(HEAD, Kind.CT, "int16", geometry=flat, value_unit="HU")
+    greys = [at(default_scene(known), known, hounsfield)[1][0] for hounsfield in (-1000, 40, 1000)]
+    assert greys[0] == 0 < greys[1] < 1 == greys[2]
+
+
+def test_a_body_that_fills_the_grid_is_a_ct_where_its_units_are_stated() -> None:
+    full = {value: count for value, count in HEAD.items() if value > -200}
+    assert uses_ct_tables(subject(full, Kind.CT, "int16", value_unit="HU"))
+
+
 def test_the_face_of_a_slice_is_where_its_volume_stands_upright() -> None:
     flat = VolumeDescription(name="flat", format="test", geometry=Geometry(dims=(64, 48, 1)), scalar_type="uint8")
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=2, no_data=0)
