@@ -106,7 +106,7 @@ class Coordinator:
     def _handle_ServerProcessEnded(self, event: ServerProcessEnded) -> list[Instruction]:
         if self.holding.phase != Phase.GATHERING:
             return []  # its lost connection tells
-        return self._fail(PeerLost(f"{event.cause}; its message is above"))
+        return self._fail(PeerLost(event.cause))
 
     def _handle_VolumeAsked(self, event: VolumeAsked) -> list[Instruction]:
         self._asked = event
@@ -170,7 +170,9 @@ class Coordinator:
         return [*self._begin_frame(), *self._send_probes()]
 
     def _received_Refused(self, server: int, message: messages.Refused, event: MessageReceived) -> list[Instruction]:
-        error = PeerLost(message.cause) if message.peer_lost else BadInput(message.cause)
+        joined = self.servers[server]
+        cause = f"{joined.name}: {message.cause}" if joined.elsewhere else message.cause
+        error = PeerLost(cause) if message.peer_lost else BadInput(cause)
         if message.probe:
             return self._probes.refused(message.probe, error)
         if not message.frame:

@@ -35,6 +35,7 @@ class ServerJoined:
     name: str  # for a person: role, number and address
     host: str  # where it dials from
     data: Address  # where a splat server takes data links
+    elsewhere: bool = False  # on another machine, so that its errors must name it
 
 
 @dataclass(frozen=True)

@@ -13,9 +13,10 @@ from __future__ import annotations
 
 import logging
 import queue
+import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
@@ -68,7 +69,7 @@ from volsplat.deploy.server_command import Program
 from volsplat.protocol import messages
 from volsplat.protocol.addresses import LOOPBACK, Address
 from volsplat.protocol.buffer_pool import BufferPool
-from volsplat.protocol.connection import Connection
+from volsplat.protocol.connection import OWN_OUTPUT, Connection, Peer
 from volsplat.protocol.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.listener import IdCounter, Listener
@@ -130,6 +131,7 @@ class Session:
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._connections: dict[int, Connection] = {}  # touched by the coordinator's and the receiving threads
         self._outgoing: dict[int, Outgoing] = {}  # likewise
+        self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
         self._connections_lock = threading.Lock()  # guards _connections and _outgoing
         self._frames: dict[int, Answers] = {}
         self._newest_frame = 0
@@ -150,11 +152,11 @@ class Session:
             assign_id=ServerIds(lambda: len(self._connections)),
             allocate=BufferPool(),
         )
+        self._servers = LocalServers(on_end=lambda line: self._events.put(ServerProcessEnded(line)))
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
         wanted = workers or usable_cores()
-        self._servers = LocalServers(on_end=lambda line: self._events.put(ServerProcessEnded(line)))
         try:
             if spawn:
                 address = str(self.address)
@@ -364,19 +366,22 @@ class Session:
             ).start()
 
     def _receive(self, connection: Connection) -> None:
-        peer = connection.peer
-        outgoing = Outgoing(connection, lambda message, error: self._unsent(peer.id, message, error))
+        peer = self._peers[connection.peer.id] = connection.peer
+        outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
         with self._connections_lock:
             self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
         data = Address(peer.data_host, peer.data_port)
-        self._events.put(ServerJoined(peer.id, peer.role, str(peer), peer.host, data))
+        elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
+        self._events.put(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
         cause = "this side closed the connection"
         try:
             while (received := connection.receive()) is not None:
                 at = time.perf_counter()
+                if isinstance(received.message, messages.FrameFinished):
+                    self._tell_ends(received.message.lost)
                 self._events.put(MessageReceived(peer.id, received.message, received.payload, at))
         except VolsplatError as error:
-            cause = str(error)
+            cause = self._told_loss(peer, error)
             if isinstance(error, RemoteProtocolError):
                 self._listener.lines.warn(f"{error}; the connection is closed")
         with self._connections_lock:
@@ -425,12 +430,24 @@ class Session:
         if outgoing is not None:  # else its loss is on the way as an event
             outgoing.post(message, *payload)
 
-    def _unsent(self, server: int, message: messages.Message, error: VolsplatError) -> None:
+    def _tell_ends(self, workers: Sequence[int]) -> None:
+        """Of workers that another server calls lost, say how their processes ended, where they did."""
+        for worker in workers:
+            peer = self._peers.get(worker)
+            if peer is not None and (ended := self._servers.told_end(peer.name)):
+                self._events.put(ServerLost(worker, f"{peer} is gone: it {ended}"))
+
+    def _told_loss(self, peer: Peer, error: VolsplatError) -> str:
+        """Why a server is lost, with how its process ended where that is known."""
+        ended = self._servers.told_end(peer.name) if OWN_OUTPUT in str(error) else ""
+        return str(error).replace(OWN_OUTPUT, f"it {ended}") if ended else str(error)
+
+    def _unsent(self, peer: Peer, message: messages.Message, error: VolsplatError) -> None:
         if isinstance(error, LocalProtocolError):  # nothing of it went out: as if the server had refused it
             refused = refusal(message, error)
-            self._events.put(MessageReceived(server, refused, memoryview(b""), time.perf_counter()))
+            self._events.put(MessageReceived(peer.id, refused, memoryview(b""), time.perf_counter()))
         else:
-            self._events.put(ServerLost(server, str(error)))
+            self._events.put(ServerLost(peer.id, self._told_loss(peer, error)))
 
     def _cut_off(self, server: int, cause: str) -> None:
         self._listener.lines.warn(f"{cause}; the connection is closed")

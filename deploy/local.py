@@ -1,11 +1,13 @@
 """Starts servers as processes of this machine, and ends them."""
 
 import os
+import socket
 import subprocess
 import threading
 import time
 from collections.abc import Callable
 
+from volsplat.deploy.process_end import told_end
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.tokens import Token
 
@@ -48,7 +50,20 @@ class LocalServers:
 
     def _watch(self, program: Program, process: "subprocess.Popen[bytes]") -> None:
         status = process.wait()
-        self._on_end(f"the {program.title} (process {process.pid}) ended with status {status}")
+        self._on_end(f"the {program.title} (process {process.pid}) {told_end(status)}")
+
+    def told_end(self, name: str) -> str:
+        """How the server of this name (see process_name) ended; "" where it was not started here or goes on.
+
+        Waits a moment: a process is gone a little later than its connections.
+        """
+        process = next((one for one in self._processes if name == f"{socket.gethostname()}, process {one.pid}"), None)
+        if process is None:
+            return ""
+        try:
+            return told_end(process.wait(GRACE_SECONDS))
+        except subprocess.TimeoutExpired:
+            return ""
 
     def stop(self) -> None:
         """End every server: wait for them, then terminate, then kill. Returns when none is left."""

@@ -28,6 +28,7 @@ KEEPALIVE_IDLE_SECONDS = 10  # a silent peer is asked after this; one whose mach
 KEEPALIVE_INTERVAL_SECONDS = 5
 KEEPALIVE_PROBES = 3  # … this many unanswered questions later
 TIMEVAL = struct.Struct("@ll")  # seconds and microseconds, as SO_SNDTIMEO takes them
+OWN_OUTPUT = "its own output tells why"  # of a peer that is gone
 ON_THE_WAY = 2 << 20  # bytes by the local door, if the system allows: with more, too much is hidden when it arrives
 MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
 
@@ -249,7 +250,7 @@ class Connection:
             return ConnectionClosed(f"the connection to {self} is closed")
         place = "" if self._decoder.between_messages else " in the middle of a message"
         self.close()
-        return PeerLost(f"{self} is gone: it closed the connection{place}; its own output tells why")
+        return PeerLost(f"{self} is gone: it closed the connection{place}; {OWN_OUTPUT}")
 
     def _lost(self, error: OSError) -> VolsplatError:
         if self._closed:
@@ -257,7 +258,7 @@ class Connection:
         self.close()
         if isinstance(error, TimeoutError) and self._deadline is not None:
             return PeerLost(f"{self} did not finish the handshake in time")
-        return PeerLost(f"{self} is gone: {error.strerror or error}; its own output tells why")
+        return PeerLost(f"{self} is gone: {error.strerror or error}; {OWN_OUTPUT}")
 
 
 def _after(buffers: list[memoryview], count: int) -> list[memoryview]:

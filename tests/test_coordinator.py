@@ -238,6 +238,16 @@ def test_what_a_server_refuses_is_bad_input_with_its_cause() -> None:
     assert str(failed.error) == "head.nrrd: truncated"
 
 
+def test_what_a_server_of_another_machine_refuses_names_it() -> None:
+    coordinator = Coordinator()
+    name = "map/shade server 2 (node1, process 12) at 10.0.0.1:4711"
+    far = ServerJoined(FIRST, Role.MAPSHADE_SERVER, name, "10.0.0.1", NO_DATA, elsewhere=True)
+    for event in [JOINS[0], far, JOINS[2], ASKED]:
+        coordinator.handle(event)
+    (failed,) = coordinator.handle(said(FIRST, messages.Refused("DescribeVolume", "head.nrrd: truncated")))
+    assert isinstance(failed, FailSession) and str(failed.error) == f"{name}: head.nrrd: truncated"
+
+
 def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
     coordinator = drawing()
     outside = Scene(tables=SCENE.tables, bounds=Bounds(low=(0, 0, 0), high=(9, 9, 9)))

@@ -136,6 +136,7 @@ def test_a_killed_server_ends_the_session_with_one_clear_line(head: Path, victim
             while time.monotonic() < deadline:
                 session.render(scene)
         assert NAMES[victim] in str(lost.value) and "\n" not in str(lost.value)
+        assert "it was killed by SIGKILL (by hand, or by the system for want of memory)" in str(lost.value)
     assert psutil.wait_procs(servers, timeout=PATIENCE)[1] == []
 
 
