@@ -7,8 +7,10 @@ JPEG and TIFF have room for a single text, which holds all of them as a JSON obj
 import base64
 import json
 import os
+import shutil
 import zlib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
@@ -29,6 +31,8 @@ _ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
 _PACKED = "zlib,base64:"
 _BLOCK_PIXELS = 1 << 20  # converted at a time, so that a large image is not held twice
 _BLOCK_ROWS = 64  # of which blocks are multiples: a format packs up to so many together
+_LONGEST_COMPLAINT = 200  # characters of what a library says
+_TRIAL_BYTES = 1 << 20
 _PNG_END = b"IEND\xaeB`\x82"
 _LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
 
@@ -188,15 +192,10 @@ def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -
     target = Path(os.path.realpath(path))
     temporary = temporary_name(target)
     try:
-        output = oiio.ImageOutput.create(str(temporary))
-        if output is None:
-            raise BadInput(f"{path}: cannot write the image: {_one_line(oiio.geterror())}")
-        written, row = output.open(str(temporary), spec), 0
-        for block in blocks if written else ():
-            written = output.write_scanlines(row, row + len(block), 0, block.numpy()) and written
-            row += len(block)
-        if not (output.close() and written and _is_ended(temporary)):
-            raise BadInput(f"{path}: cannot write the image: {_one_line(output.geterror() or 'the disk may be full')}")
+        with _written_by_library(temporary) as place:
+            said = _write_to(temporary, place, spec, blocks)
+        if said is not None:
+            raise BadInput(f"{path}: cannot write the image: {_system_s_reason(temporary) or said}")
         os.replace(temporary, target)
     except OSError as error:
         raise BadInput(f"{path}: cannot write the image: {error.strerror}") from error
@@ -204,9 +203,50 @@ def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -
         temporary.unlink(missing_ok=True)
 
 
-def _is_ended(path: Path) -> bool:
+@contextmanager
+def _written_by_library(path: Path) -> Iterator[str]:
+    """Where OpenImageIO writes what is to lie at `path`: libjpeg ends the process where a disk is full."""
+    if path.suffix not in (".jpg", ".jpeg") or not hasattr(os, "memfd_create"):
+        yield str(path)
+        return
+    memory = os.memfd_create(path.name)
+    try:
+        place = f"/proc/self/fd/{memory}"
+        yield place
+        shutil.copyfile(place, path)
+    finally:
+        os.close(memory)
+
+
+def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -> str | None:
+    """None where it went well, else what the library says of it."""
+    output = oiio.ImageOutput.create(str(path))
+    if output is None:
+        return _one_line(oiio.geterror())
+    written, row = output.open(place, spec), 0
+    for block in blocks if written else ():
+        written = output.write_scanlines(row, row + len(block), 0, block.numpy()) and written
+        row += len(block)
+    if output.close() and written and _is_ended(Path(place), path.suffix):
+        return None
+    return _one_line(output.geterror() or "the disk may be full")[:_LONGEST_COMPLAINT]
+
+
+def _system_s_reason(path: Path) -> str:
+    """Why nothing more can be written into this file, "" where something can: libraries tell of places in it."""
+    try:
+        with path.open("ab") as file:
+            file.write(bytes(_TRIAL_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
+
+
+def _is_ended(path: Path, suffix: str) -> bool:
     """Whether a file that OpenImageIO is content with is whole: of a full disk it tells, but not for PNG."""
-    if path.suffix != ".png":
+    if suffix != ".png":
         return True
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - len(_PNG_END), 0))

@@ -2,6 +2,8 @@
 
 import os
 import resource
+import shutil
+import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -169,13 +171,34 @@ def little_space(size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-@pytest.mark.parametrize("kind", [".png", ".tif", ".exr"])  # libjpeg ends the process
+@pytest.mark.parametrize("kind", [".png", ".tif", ".exr"])
 @pytest.mark.parametrize("size", [0, 10, 4096, 60000])
 def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, kind: str, size: int) -> None:
     path = tmp_path / f"image{kind}"
-    with little_space(size), pytest.raises(BadInput, match=f"image{kind}: cannot write the image"):
+    with little_space(size), pytest.raises(BadInput, match=f"image{kind}: cannot write the image: File too large"):
         write(path, picture(256, 256), SCENE)
     assert os.listdir(tmp_path) == []
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """A disk of its own, of 40 KiB."""
+    disk = tmp_path / "disk"
+    disk.mkdir()
+    mount = ["mount", "-t", "tmpfs", "-o", "size=40k", "tmpfs", str(disk)]
+    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
+        pytest.skip("no disk can be mounted here: this needs Linux and root")
+    yield disk
+    subprocess.run(["umount", str(disk)], check=True)
+
+
+@pytest.mark.parametrize("kind", [".png", ".jpg", ".tif", ".exr"])
+def test_no_space_left_is_said_so(small_disk: Path, kind: str) -> None:
+    """Also of JPEG, whose library would end the process."""
+    with pytest.raises(BadInput) as told:
+        write(small_disk / f"image{kind}", torch.rand(256, 256, 4), SCENE)
+    assert str(told.value) == f"{small_disk / f'image{kind}'}: cannot write the image: No space left on device"
+    assert os.listdir(small_disk) == []
 
 
 def test_what_cannot_be_written_is_refused_before_rendering(tmp_path: Path) -> None:
