@@ -62,6 +62,11 @@ class MapShadeServer:
         if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
             raise self._failure
 
+    @property
+    def _ended(self) -> bool:
+        """The session is over, or the client lost."""
+        return self._over or self._failure is not None
+
     def _receive(self) -> None:
         try:
             while self._receive_next():
@@ -122,7 +127,9 @@ class MapShadeServer:
         if self._data_link is None or self._data_link.closed or self._data_link.route != route:
             self._close_data_link()
             address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=self._client.id)
-            connection = connect(address, hello, self._token, Role.SPLAT_SERVER, server=route.server)
+            connection = connect(
+                address, hello, self._token, Role.SPLAT_SERVER, server=route.server, given_up=lambda: self._ended
+            )
             self._data_link = DataLink(route, connection)
         self._client.send(messages.ConnectedToSplatServers(servers=[route.server]))
 

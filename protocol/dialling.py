@@ -4,6 +4,7 @@ import errno
 import secrets
 import socket
 import time
+from collections.abc import Callable
 
 import msgspec
 
@@ -37,11 +38,12 @@ def connect(
     patience: float = PATIENCE_SECONDS,
     handshake_seconds: float = HANDSHAKE_SECONDS,
     allocate: Allocate = new_buffer,
+    given_up: Callable[[], bool] = lambda: False,
 ) -> Connection:
     """An open connection to the `expected` role at `address`.
 
     `hello` (see handshake.new_hello) says who dials; `server` is the id of a splat server that is dialled. For
-    `patience` seconds it is tried again while nobody listens there.
+    `patience` seconds it is tried again while nobody listens there, unless it is `given_up` meanwhile.
     Raises PeerLost where nobody answers in time, BadInput where a person must put it right (unknown name, another
     token or version, another kind of server), RemoteProtocolError where something else than volsplat listens.
     """
@@ -54,7 +56,7 @@ def connect(
             handshake = DiallerHandshake(token, fresh, expected)
             return _try_once(address, place, handshake, server, handshake_seconds, allocate)
         except PeerLost as error:
-            if time.monotonic() + pause > give_up_at:
+            if given_up() or time.monotonic() + pause > give_up_at:
                 raise PeerLost(f"{error} (tried for {patience:g} s)") from error
         time.sleep(pause)
         pause = min(2 * pause, LONGEST_PAUSE_SECONDS)

@@ -336,3 +336,17 @@ def test_only_the_newest_of_the_frames_that_wait_is_kept(bench: Bench, tmp_path:
         bench.control.send(messages.EndSession())
         bench.ends()
     bench.control.close()
+
+
+def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench) -> None:
+    """It would be dialled for 30 s."""
+    nobody = bench.splat_servers[0].address
+    bench.splat_servers[0].close()
+    before = bench.connection.counters.messages_in
+    bench.control.send(messages.ConnectToSplatServers([messages.Route(2, nobody.host, nobody.port)]))
+    until(lambda: bench.connection.counters.messages_in > before)
+    asked_at = time.monotonic()
+    bench.control.send(messages.EndSession())
+    bench.ends()
+    assert time.monotonic() - asked_at < 20.0
+    bench.control.close()
