@@ -1,9 +1,51 @@
 """Where a file is written before it takes its name, so that whoever looks finds the old one or a whole one."""
 
+import hashlib
+import os
+import re
 import secrets
+import shutil
+import socket
+from contextlib import suppress
 from pathlib import Path
+
+PREFIX = ".volsplat"
 
 
 def temporary_name(path: Path) -> Path:
-    """A name beside `path`, of the same kind, that is renamed to it once the file is whole."""
-    return path.with_name(f".volsplat-{secrets.token_hex(8)}{path.suffix.lower()}")
+    """A name beside `path`, of the same kind, that is renamed to it once the file is whole.
+
+    What programs of this machine have left there under such names, because they were killed, is removed.
+    """
+    _sweep(path.parent)
+    return path.with_name(f"{PREFIX}-{_machine()}-{os.getpid()}-{secrets.token_hex(8)}{path.suffix.lower()}")
+
+
+def _sweep(folder: Path) -> None:
+    """Names tell the machine and process that write there: of other machines nothing is known."""
+    with suppress(OSError):  # whoever writes there will hear of it
+        for left in list(folder.glob(f"{PREFIX}-{_machine()}-*")):
+            named = re.fullmatch(rf"{re.escape(PREFIX)}-\w+-(\d+)-[0-9a-f]+(\.\w+)?", left.name)
+            if named is not None and not _is_running(int(named[1])):
+                _remove(left)
+
+
+def _remove(left: Path) -> None:
+    if left.is_dir() and not left.is_symlink():  # images of a movie
+        shutil.rmtree(left, ignore_errors=True)
+    else:
+        left.unlink(missing_ok=True)
+
+
+def _is_running(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except (PermissionError, OverflowError):  # another user's; or no number of a process
+        return True
+    return True
+
+
+def _machine() -> str:
+    return hashlib.blake2b(socket.gethostname().encode(), digest_size=4).hexdigest()
