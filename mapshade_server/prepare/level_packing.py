@@ -52,7 +52,9 @@ class LevelPacker:
                 checksums[writer.shard_name(self.number, shard)] = writer.write_shard(self.number, shard, part)
             self._lay_down(packed)
             journal.finish_shards(checksums)
-            yield packed.box
+            box = packed.box
+            del packed, part  # before the next one is made
+            yield box
 
     def _packed(self, box: Box) -> PackedBlock:
         sub_cube = SubCube(self.geometry, box, self.source.second_range)
