@@ -1,6 +1,6 @@
 """Pictures side by side in one image, each with a caption."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import OpenImageIO as oiio
@@ -21,6 +21,7 @@ class SheetPicture(NamedTuple):
     caption: str
     aside: str = ""  # faint, at the caption's right
     note: str = ""  # faint, below the caption
+    legend: Callable[[int, float], Tensor] | None = None  # (N, N, 3) for a side of N pixels on a grey, at the right
 
 
 def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "") -> Tensor:
@@ -39,12 +40,16 @@ def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "
         top = head + (n // columns) * (height + strip + gap)
         inset = left + (cell - image.shape[1]) // 2
         sheet[top : top + image.shape[0], inset : inset + image.shape[1]] = image
+        if legend := pictures[n].legend:
+            right, below = left + cell, top + height
+            sheet[below : below + strip, right - strip : right] = legend(strip, PAPER)
         corners.append((left, top + height))
     canvas = canvas_of(sheet)
     if title:
         write(canvas, gap, round(text * 2.2), title, round(text * 1.4), INK, FONT, room=sheet.shape[1] - 2 * gap)
     for (left, bottom), picture in zip(corners, pictures, strict=True):
-        _write_caption(canvas, left, bottom, cell, text, picture)
+        room = cell if picture.legend is None else cell - strip
+        _write_caption(canvas, left, bottom, room, text, picture)
     return torch.from_numpy(canvas.get_pixels(oiio.FLOAT)).clamp(0.0, 1.0)
 
 

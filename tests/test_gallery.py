@@ -172,6 +172,18 @@ def test_a_label_says_what_a_volume_is_and_its_size(data_set: DataSet, measured:
     assert text.endswith(", 96 x 128 x 113") and text.count(" x ") == 2
 
 
+def test_a_plate_explains_the_colours_of_phases() -> None:
+    black = torch.zeros(512, 512, 3)
+    red, green = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
+    plain = {image.name: Drawn(black, "a label") for image in PLATES[2].images}
+    explained = {**plain, "structure-factors": Drawn(black, "a label", (red, green))}
+    before, after = plate_sheet(PLATES[2], plain), plate_sheet(PLATES[2], explained)
+    assert before.shape == after.shape
+    for colour in (red, green):
+        assert not (before == torch.tensor(colour)).all(dim=2).any()
+        assert (after == torch.tensor(colour)).all(dim=2).any()
+
+
 # With measured volumes.
 
 

@@ -14,12 +14,13 @@ from volsplat.client.image_file import over_background, write_image, write_pixel
 from volsplat.client.image_formats import check_writable
 from volsplat.client.image_properties import image_properties
 from volsplat.client.phantoms import make_phantom
+from volsplat.client.phase_wheel import phase_legend, wheel_colours
 from volsplat.client.picture_sheet import SheetPicture, picture_sheet
 from volsplat.client.renderer import Renderer
 from volsplat.client.scene_file import read_scene_file
 from volsplat.client.volume_writer import write_volume
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.scene import Scene
+from volsplat.protocol.scene import Colour, Scene
 from volsplat.protocol.volume import Index
 
 COLUMNS = 2
@@ -33,6 +34,7 @@ class Drawn:
 
     pixels: Tensor
     label: str
+    phases: tuple[Colour, ...] | None = None  # the colours of equal sectors of phase, if it is coloured by phase
 
 
 def sheet_path(folder: Path, plate: Plate) -> Path:
@@ -75,11 +77,14 @@ def draw_gallery(
 
 def plate_sheet(plate: Plate, drawn: dict[str, Drawn]) -> Tensor:
     """The sheet of a plate as (H, W, 3) float32; `drawn` has its images by name."""
-    shown = [
-        SheetPicture(drawn[image.name].pixels, image.mark, image.caption, note=drawn[image.name].label)
-        for image in plate.images
-    ]
+    shown = [_sheet_picture(image, drawn[image.name]) for image in plate.images]
     return picture_sheet(shown, COLUMNS, f"Plate {plate.number}: {plate.title}")
+
+
+def _sheet_picture(image: PlateImage, drawn: Drawn) -> SheetPicture:
+    phases = drawn.phases
+    legend = None if phases is None else lambda side, paper: phase_legend(phases, side, paper=paper)
+    return SheetPicture(drawn.pixels, image.mark, image.caption, note=drawn.label, legend=legend)
 
 
 def _drawn(
@@ -102,8 +107,9 @@ def _drawn(
             properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
             write_image(image_path(folder, image), finished, scene, properties)
             pixels_shown = over_background(finished, scene.image.background)
-            dims = renderer.volume.description.geometry.dims
-            drawn[image.name] = Drawn(pixels_shown, label(data_set, measured, dims))
+            description = renderer.volume.description
+            below = label(data_set, measured, description.geometry.dims)
+            drawn[image.name] = Drawn(pixels_shown, below, wheel_colours(description, scene))
             yield image
 
 
