@@ -55,7 +55,7 @@ class FrameWalk:
         octahedral = quantisation.directions == "octahedral"
         active, cross_bar, tables = active_shading(scene, plan.step), scene.cross_bar, scene.tables
         rule = shading_tables.opacity_rule(scene)
-        hides = plan.order == Order.FRONT_TO_BACK and plan.reach == Reach.FOOTPRINT
+        hides = plan.order == Order.FRONT_TO_BACK and plan.reach != Reach.PIXEL
         exponents = _opacity_exponents(plan)
         distinct = sorted(set(exponents))
         self._walk = _kernels.FrameWalk(
@@ -113,9 +113,13 @@ def sample_reach(scene: Scene, plan: FramePlan) -> tuple[float, float]:
     if plan.reach == Reach.FOOTPRINT:
         shape = footprint_shape(plan, scene.reconstruction)
         return (shape.half_width, shape.half_height)
+    sheet, *within = plan.traversal.axes
     largest = [max(visits.block_sizes()) for visits in plan.visits]
-    d = plan.pixels_per_index
-    half_x, half_y = (sum(abs(d[row][axis]) * largest[axis] for axis in range(3)) / 2 for row in range(2))
+    # Where a ray enters or leaves a sheet it has gone aside in it by no more than half the way through it
+    half_x, half_y = (
+        sum(abs(steps[axis]) * (largest[axis] + largest[sheet]) for axis in within) / 2
+        for steps in plan.pixels_per_index[:2]
+    )
     return (half_x, half_y)
 
 

@@ -31,6 +31,8 @@ LARGEST_POSITION = 1 << 29  # pixels; beyond it 64 bits would not hold the DDA
 
 FROZEN_ALPHA = 1.0 - 1.0 / 1024.0  # front-to-back: from here on a pixel no longer changes
 
+CELLS_IN_A_SHEET = 3  # that a ray passes through, each for as much of its path
+
 FIT_FRACTION = 0.98  # of the image's shorter side, for the ball that a fit shows: without a volume's data all of it
 
 
@@ -38,8 +40,8 @@ class Reach(StrEnum):
     """How a sample reaches the pixels (design, section 6)."""
 
     FOOTPRINT = "footprint"  # weights from the footprint table
-    CELL = "cell"  # the pixel centres inside its cell in its sheet
-    PIXEL = "pixel"  # the one nearest pixel: cells are no larger than a pixel
+    CELL = "cell"  # the pixel centres inside its cell in its sheet, where rays enter, cross and leave the sheet
+    PIXEL = "pixel"  # the one nearest pixel: voxels are no larger than a pixel
 
 
 @dataclass(frozen=True)
@@ -82,9 +84,9 @@ class FramePlan:
         """The t of 1 - (1 - a)^t for a sample whose clipped block has this many voxels along i, j, k.
 
         a is the opacity of one of the volume's reference spacings; a coarser level's is thicker.
-        Footprints carry thickness in their weights, so there only the stride counts. A cell covers its pixels
-        once, so t is the path through its sheet in reference spacings; one pixel holds many cells, so there it
-        is the path times the cell's share of the pixel.
+        Footprints carry thickness in their weights, so there only the stride counts. Cells cover a pixel three times
+        in each sheet, so t is a third of the path through the sheet in reference spacings; one pixel holds many
+        cells, so there it is the path times the cell's share of the pixel.
         """
         return self.thickness * self._reference_spacings(block)
 
@@ -95,7 +97,8 @@ class FramePlan:
             return self.zoom * self.zoom * (block[0] * block[1] * block[2])
         sheet, row, sample = self.traversal.axes
         area = abs(_cross2(self.pixels_per_index, row, sample))
-        return abs(matrices.determinant(self.pixels_per_index)) / (area * self.zoom) * block[sheet]
+        path = abs(matrices.determinant(self.pixels_per_index)) / (area * self.zoom) * block[sheet]
+        return path / CELLS_IN_A_SHEET
 
 
 def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolution | None = None) -> FramePlan:
@@ -121,7 +124,7 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolut
     visits = tuple(visits_of(bounds.low[axis], bounds.high[axis], drawn.stride) for axis in range(3))
     order = resolved_order(scene, geometry)
     traversal = traversal_of(_ray_to_viewer(to_pixels, zoom), order)
-    reach = Reach.FOOTPRINT if rule.footprint else _nearest_reach(to_pixels, traversal, drawn.stride)
+    reach = Reach.FOOTPRINT if rule.footprint else _nearest_reach(to_pixels, drawn.stride)
     return FramePlan(
         step=step,
         width=scene.image.width,
@@ -244,10 +247,12 @@ def _check_reach(origin: Vector, to_pixels: Matrix, dims: Index) -> None:
             )
 
 
-def _nearest_reach(to_pixels: Matrix, traversal: Traversal, stride: int) -> Reach:
-    """PIXEL where a cell's parallelogram in its sheet fits into a pixel, so that no pixel is left out; else CELL."""
-    _, row, sample = traversal.axes
-    spans = [stride * (abs(to_pixels[axis][row]) + abs(to_pixels[axis][sample])) for axis in range(2)]
+def _nearest_reach(to_pixels: Matrix, stride: int) -> Reach:
+    """PIXEL where the outline of a voxel's block fits into a pixel, so that no pixel is left out; else CELL.
+
+    Whatever closed shell of voxels a pixel's rays pass through, then one of its samples lies in the pixel.
+    """
+    spans = [stride * sum(map(abs, to_pixels[axis])) for axis in range(2)]
     return Reach.PIXEL if max(spans) <= 1.0 else Reach.CELL
 
 

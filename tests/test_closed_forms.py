@@ -18,6 +18,7 @@ from tolerances import (
     STRIDES,
 )
 from volsplat.protocol.footprint_shape import GAUSSIAN_SIGMA
+from volsplat.protocol.frame_plan import CELLS_IN_A_SHEET
 from volsplat.protocol.matrices import Vector, rotation_from_quaternion
 from volsplat.protocol.scene import (
     TRAVERSAL_ORDERS,
@@ -184,7 +185,7 @@ def test_thin_fog_is_not_lost(opacity: float, step: Step, order: Order) -> None:
 def test_fog_at_the_edge_of_the_code_still_adds_up() -> None:
     """An opacity below half the smallest code is nothing; the smallest itself is summed like any other."""
     geometry = Geometry((16, 16, 256))
-    for codes, expected in ((0.4, 0.0), (1.0, 256 / (511 * 2**14))):
-        scene = plain_scene(codes / (511 * 2**14), view=View(zoom=2.0), size=(16, 16))
+    for codes, expected in ((0.4, 0.0), (1.0, CELLS_IN_A_SHEET * 256 / (511 * 2**14))):
+        scene = plain_scene(CELLS_IN_A_SHEET * codes / (511 * 2**14), view=View(zoom=2.0), size=(16, 16))
         alpha = rendered(constant(geometry.dims), geometry, scene, Step.C)[8, 8, 3]
         assert float(alpha) == pytest.approx(expected, rel=FOG)

@@ -1,5 +1,6 @@
 """A frame's numbers: the same from the same scene, opacity for the path through a block, and what is refused."""
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -12,7 +13,7 @@ from hypothesis import strategies as st
 
 from reference import mapping
 from tolerances import ROUNDING
-from volsplat.protocol.frame_plan import Reach, plan_frame
+from volsplat.protocol.frame_plan import CELLS_IN_A_SHEET, Reach, plan_frame
 from volsplat.protocol.refinement import active_shading
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, ColourTable, Order, Refine, Scene, Shading, Step, View
 from volsplat.protocol.volume import Box, Geometry
@@ -47,7 +48,7 @@ def test_cells_of_all_sheets_add_up_to_the_path_through_the_volume(
         low, high = plan.visits[sheet_axis].block(n)
         block = [1, 1, 1]
         block[sheet_axis] = high - low
-        total += plan.opacity_exponent((block[0], block[1], block[2]))
+        total += CELLS_IN_A_SHEET * plan.opacity_exponent((block[0], block[1], block[2]))
     layers = plan.bounds.size[sheet_axis]
     assert total == pytest.approx(layers * thickness_of_a_layer(scene, geometry, sheet_axis), rel=ROUNDING)
 
@@ -71,17 +72,15 @@ def test_footprints_carry_thickness_in_their_weights_so_only_the_stride_counts(
 
 @given(situations(largest=30), st.sampled_from(NEAREST_STEPS), st.floats(0.02, 1.0))
 def test_one_nearest_pixel_leaves_no_hole(situation: tuple[Scene, Geometry], step: Step, zoom: float) -> None:
-    """Where the plan says one pixel a sample, every pixel inside a sheet's outline has a sample."""
+    """Where the plan says one pixel a sample, every pixel that a shell covers has a sample of it."""
     scene, geometry = situation
     scene = msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom))
     plan = plan_frame(scene, geometry, step)
     if plan.reach != Reach.PIXEL:
         return
-    stride = plan.stride
-    _, row, sample = plan.traversal.axes
-    steps = mapping.steps_on_screen(scene, geometry)[:2, [row, sample]] * stride
-    # Any unit square around a point holds the sample whose cell the point is in.
-    corners = torch.tensor([[-0.5, -0.5], [-0.5, 0.5], [0.5, -0.5], [0.5, 0.5]], dtype=torch.float64)
+    # A unit square around a point holds the middles of all voxels that a ray through the point passes through.
+    steps = mapping.steps_on_screen(scene, geometry)[:2] * plan.stride
+    corners = torch.tensor(list(itertools.product((-0.5, 0.5), repeat=3)), dtype=torch.float64)
     assert (corners @ steps.T).abs().max() <= 0.5 + ROUNDING
 
 

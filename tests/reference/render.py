@@ -15,7 +15,7 @@ from reference.footprint import Footprint, footprint_of
 from volsplat.protocol.frame_plan import FRACTION_BITS, FramePlan, Reach, plan_frame
 from volsplat.protocol.index_rules import Quantisation
 from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
-from volsplat.protocol.scene import Scene, Step
+from volsplat.protocol.scene import Order, Scene, Step
 from volsplat.protocol.volume import Geometry
 
 LATTICE = 1 << SUBPIXEL_BITS
@@ -145,28 +145,41 @@ def _splat_pixels(buffer: Tensor, shaded: Shaded, plan: FramePlan, scene: Scene,
 def _splat_cells(
     buffer: Tensor, shaded: Shaded, plan: FramePlan, scene: Scene, geometry: Geometry, exact: bool
 ) -> None:
-    """Sheet by sheet, give every pixel the sample whose cell its centre lies in."""
+    """Sheet by sheet, give every pixel the three samples in whose cells its ray enters, crosses and leaves the sheet.
+
+    It crosses in the row where it leaves, the place along the row still being that where it entered.
+    """
     counts = [plan.visits[axis].count for axis in plan.traversal.axes]
     # Visible samples by (sheet, row, sample); -1 where there is none.
     found = torch.full((counts[0], counts[1], counts[2]), -1, dtype=torch.int64)
     found[tuple(shaded.samples.ordinals.unbind(1))] = torch.arange(len(shaded.opacity))
     for sheet in torch.unique(shaded.samples.ordinals[:, 0]).tolist():
-        if exact:
-            grid = sheet_coordinates(plan, sheet, scene, geometry)
-        else:
-            grid = sheet_coordinates_by_dda(plan, sheet)
-        row, sample = visit_at(grid[:, 0], plan, 1), visit_at(grid[:, 1], plan, 2)
-        pixel = torch.nonzero((row >= 0) & (sample >= 0)).flatten()
-        which = found[sheet, row[pixel], sample[pixel]]
-        pixel, which = pixel[which >= 0], which[which >= 0]
-        combining.combine(scene.order, buffer, pixel, shaded.opacity[which], shaded.colour[which])
+        for row, sample in cells_on_the_way(plan, sheet, (scene, geometry) if exact else None):
+            pixel = torch.nonzero((row >= 0) & (sample >= 0)).flatten()
+            which = found[sheet, row[pixel], sample[pixel]]
+            pixel, which = pixel[which >= 0], which[which >= 0]
+            combining.combine(scene.order, buffer, pixel, shaded.opacity[which], shaded.colour[which])
 
 
-def doubled_sheet_index(plan: FramePlan, sheet: int) -> int:
-    """Twice the index of a sheet's middle, which is that of its clipped blocks."""
+def cells_on_the_way(
+    plan: FramePlan, sheet: int, exact: tuple[Scene, Geometry] | None = None
+) -> list[tuple[Tensor, Tensor]]:
+    """The rows and samples (H * W,) of the cells that pixels' rays are in, in the order of traversal; -1 outside.
+
+    By the plan's fixed point, or `exact` by its scene and geometry in real numbers.
+    """
     visits = plan.visits[plan.traversal.axes[0]]
     low, high = visits.block(sheet if plan.traversal.ascending[0] else visits.count - 1 - sheet)
-    return low + high - 1
+    to_viewer = plan.traversal.ascending[0] == (plan.order == Order.BACK_TO_FRONT)
+    far, near = (2 * low - 1, 2 * high - 1) if to_viewer else (2 * high - 1, 2 * low - 1)
+    on_face = [
+        sheet_coordinates(plan, face, *exact) if exact else sheet_coordinates_by_dda(plan, face) for face in (far, near)
+    ]
+    (far_row, near_row), (far_sample, near_sample) = (
+        [visit_at(grid[:, n], plan, n + 1) for grid in on_face] for n in range(2)
+    )
+    way = [(far_row, far_sample), (near_row, far_sample), (near_row, near_sample)]
+    return way if plan.order == Order.BACK_TO_FRONT else way[::-1]
 
 
 def pixel_centres(plan: FramePlan) -> Tensor:
@@ -175,11 +188,14 @@ def pixel_centres(plan: FramePlan) -> Tensor:
     return torch.stack((x.flatten(), y.flatten()), dim=1)
 
 
-def sheet_coordinates(plan: FramePlan, sheet: int, scene: Scene, geometry: Geometry) -> Tensor:
-    """The grid coordinates (H * W, 2) on the row and sample axes where the pixels' rays meet a sheet."""
+def sheet_coordinates(plan: FramePlan, doubled: int, scene: Scene, geometry: Geometry) -> Tensor:
+    """The grid coordinates (H * W, 2) on the row and sample axes where the pixels' rays meet a plane of the sheet axis.
+
+    `doubled` is twice the plane's index.
+    """
     sheet_axis, row_axis, sample_axis = plan.traversal.axes
     corner = torch.zeros((1, 3), dtype=torch.float64)
-    corner[0, sheet_axis] = doubled_sheet_index(plan, sheet) / 2
+    corner[0, sheet_axis] = doubled / 2
     steps = mapping.steps_on_screen(scene, geometry)[:2] * torch.tensor([[1.0], [-1.0]], dtype=torch.float64)
     back: Tensor = torch.linalg.inv(steps[:, [row_axis, sample_axis]])
     off: Tensor = pixel_centres(plan) - mapping.on_screen(corner, scene, geometry)
@@ -187,10 +203,9 @@ def sheet_coordinates(plan: FramePlan, sheet: int, scene: Scene, geometry: Geome
     return grid
 
 
-def sheet_coordinates_by_dda(plan: FramePlan, sheet: int) -> Tensor:
+def sheet_coordinates_by_dda(plan: FramePlan, doubled: int) -> Tensor:
     """As sheet_coordinates, by the plan's fixed point; where two cells meet, the exact fraction decides."""
     sheet_axis, row_axis, sample_axis = plan.traversal.axes
-    doubled = doubled_sheet_index(plan, sheet)
     origins = [dda.origin + doubled * dda.half_steps[sheet_axis] for dda in (plan.x, plan.y)]
     row_x, sample_x = plan.x.half_steps[row_axis], plan.x.half_steps[sample_axis]
     row_y, sample_y = plan.y.half_steps[row_axis], plan.y.half_steps[sample_axis]

@@ -1,7 +1,7 @@
 // Splats cells: of each row of the image that a cell touches the pixels inside. Narrow cells of samples that follow
 // each other in a row are painted together, each of their pixels with the sample in whose cell it lies.
 #pragma once
-#include "../four_by_four.h"
+#include "closed_tiles.h"
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
 #include "sheet_cells.h"
@@ -17,7 +17,8 @@ public:
         : job_(job),
           cells_(job),
           way_(job.cell.axes[2].ascending ? 1 : -1),
-          most_together_(cells_.pixels_across() < kWideCell ? kMostTogether : 1) {}
+          most_together_(cells_.pixels_across() < kWideCell ? kMostTogether : 1),
+          worth_looking_(int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)) {}
 
     void run() {
         if (cells_.empty()) return;
@@ -27,14 +28,19 @@ public:
                 const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
                 splat_run(run, packets);
                 packets += uint64_t(run.count) * kPacketBytes;
+                if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();
             }
         }
+        if (kFrontToBack && unseen_pixels_ >= worth_looking_ / 4) look_for_closed_tiles();  // for the next job
     }
 
 private:
     static constexpr int kMostTogether = 64;  // which fit into the first cache many times
     static constexpr int kWideCell = 6;       // pixels: from here on a cell alone keeps a vector busy
     static constexpr int kPixels = kSpanRows;  // at once
+    static constexpr int kThirds = SheetCells::kThirds;
+    // For so many times the pixels of the job's rows it is worth to look for tiles that have become closed.
+    static constexpr int kWorthLooking = 4;
     typedef typename Fitting<kPixels>::Lanes Lanes;
     static constexpr int kLanes = sizeof(Lanes) / sizeof(float);
 
@@ -48,7 +54,9 @@ private:
                 paint_together();
                 first_ = ordinal;
             }
-            samples_[count_++] = Four{sample.opacity, sample.red, sample.green, sample.blue};
+            opacities_[count_] = sample.opacity;
+            reds_[count_] = sample.red, greens_[count_] = sample.green, blues_[count_] = sample.blue;
+            ++count_;
         }
         paint_together();
     }
@@ -57,74 +65,136 @@ private:
         if (count_ == 0) return;
         const int64_t last = first_ + way_ * (count_ - 1);
         const int64_t least = way_ > 0 ? first_ : last, greatest = way_ > 0 ? last : first_;
-        int64_t v_low, v_high, top, bottom;
-        cells_.bounds(least, greatest, v_low, v_high);
-        cells_.image_rows(v_low, v_high, top, bottom);
-        for (; top < bottom; top += kSpanRows) {
-            const RowSpans spans = cells_.spans(top, v_low, v_high);
-            const int rows = bottom - top < kSpanRows ? static_cast<int>(bottom - top) : kSpanRows;
-            for (int n = 0; n < rows; ++n) {
-                if (count_ == 1) paint_one(top + n, spans.begin[n], spans.end[n]);
-                else paint(top + n, spans.begin[n], spans.end[n], least, greatest);
+        const RowSpan rows = cells_.enter_cells(least, greatest);
+        for (int64_t top = rows.begin; top < rows.end; top += kSpanRows) {
+            RowSpans thirds[kThirds];
+            cells_.spans(top, thirds);
+            for (int n = 0; n < kSpanRows && top + n < rows.end; ++n) {
+                RowSpan in[kThirds];
+                for (int third = 0; third < kThirds; ++third)
+                    in[third] = {thirds[third].begin[n], thirds[third].end[n]};
+                if (count_ == 1) paint_one(top + n, in);
+                else paint(top + n, in, least, greatest);
             }
         }
         count_ = 0;
     }
 
-    // Weight 1 on the pixels x..x_end of a row; what is written beyond them stays as it was.
-    void paint_one(int64_t y, int x, int x_end) {
-        const Four& sample = samples_[0];
-        const Point<Widest> point = in_all_lanes<Widest>(sample[0], sample[1], sample[2], sample[3]);
-        float* pixels = pixel(x, y);
-        for (; x < x_end; x += kWidest, pixels += kWidest)
-            combine<kFrontToBack, false, Widest>(pixels, job_.image.plane, ones<kWidest>(x_end - x), point);
+    // From the first to the last pixel of all thirds.
+    static RowSpan around(const RowSpan (&thirds)[kThirds]) {
+        RowSpan all{1 << 30, 0};
+        for (const RowSpan& third : thirds) {
+            if (third.begin >= third.end) continue;
+            if (third.begin < all.begin) all.begin = third.begin;
+            if (third.end > all.end) all.end = third.end;
+        }
+        return all;
     }
 
-    void paint(int64_t y, int x, int x_end, int64_t least, int64_t greatest) {
-        const int64_t plane = job_.image.plane;
-        float* pixels = pixel(x, y);
-        for (; x < x_end; x += kPixels, pixels += kPixels) {
-            const RowInts nth = way_ * (cells_.ordinals(x, y, least, greatest) - static_cast<int32_t>(first_));
-            int32_t places[kPixels];
-            __builtin_memcpy(places, &nth, sizeof places);
-            const float* const weights = ones<kPixels>(x_end - x);
-            for (int n = 0; n < kPixels; n += kLanes)
-                combine<kFrontToBack, false, Lanes>(pixels + n, plane, weights + n, points_at(places + n));
+    // What of the opacities goes to the pixels from x on that lie in the span.
+    template <class Some>
+    static Some within(Some opacity, const RowSpan& span, int x) {
+        typedef decltype(Some{} < Some{}) Bits;
+        Bits nth;
+        __builtin_memcpy(&nth, kCounts, sizeof nth);
+        return (Some)((Bits)opacity & (nth >= span.begin - x) & (nth < span.end - x));
+    }
+
+    // What is written beyond the thirds of a row stays as it was.
+    void paint_one(int64_t y, const RowSpan (&thirds)[kThirds]) {
+        const Point<Lanes> point = in_all_lanes<Lanes>(opacities_[0], reds_[0], greens_[0], blues_[0]);
+        const RowSpan all = around(thirds);
+        float* place = pixel(all.begin, y);
+        if (kFrontToBack && all.end > all.begin) unseen_pixels_ += all.end - all.begin + kLanes;
+        for (int x = all.begin; x < all.end; x += kLanes, place += kLanes) combine_thirds(place, x, thirds, point, point);
+    }
+
+    void paint(int64_t y, const RowSpan (&thirds)[kThirds], int64_t least, int64_t greatest) {
+        const RowSpan all = around(thirds);
+        float* place = pixel(all.begin, y);
+        if (kFrontToBack && all.end > all.begin) unseen_pixels_ += all.end - all.begin + kPixels;
+        for (int x = all.begin; x < all.end; x += kPixels) {
+            const RowInts far = places(0, x, y, least, greatest);
+            const RowInts near = cells_.keeps_samples() ? far : places(1, x, y, least, greatest);
+            if constexpr (kLanes == kPixels) {
+                combine_thirds(place, x, thirds, points_at(far), points_at(near));
+                place += kLanes;
+            } else {
+                int32_t numbers[2][kPixels];
+                __builtin_memcpy(numbers[0], &far, sizeof far);
+                __builtin_memcpy(numbers[1], &near, sizeof near);
+                for (int n = 0; n < kPixels; n += kLanes, place += kLanes)
+                    combine_thirds(place, x + n, thirds, points_at(numbers[0] + n), points_at(numbers[1] + n));
+            }
         }
+    }
+
+    // Where among these the samples are in whose cells eight pixels lie on a face.
+    RowInts places(int face, int x, int64_t y, int64_t least, int64_t greatest) const {
+        return way_ * (cells_.ordinals(face, x, y, least, greatest) - static_cast<int32_t>(first_));
+    }
+
+    // From the first to the last third of the rays' way, or front to back.
+    __attribute__((always_inline)) void combine_thirds(float* place, int x, const RowSpan (&thirds)[kThirds],
+                                                       const Point<Lanes>& far, const Point<Lanes>& near) const {
+        const int64_t plane = job_.image.plane;
+        Pixels<Lanes> pixels = load_pixels<Lanes>(place, plane);
+        if constexpr (kFrontToBack) {
+            combine<true>(pixels, within(near.opacity, thirds[2], x), near);
+            combine<true>(pixels, within(far.opacity, thirds[1], x), far);
+            combine<true>(pixels, within(far.opacity, thirds[0], x), far);
+        } else {
+            combine<false>(pixels, within(far.opacity, thirds[0], x), far);
+            combine<false>(pixels, within(far.opacity, thirds[1], x), far);
+            combine<false>(pixels, within(near.opacity, thirds[2], x), near);
+        }
+        store_pixels(pixels, place, plane);
+    }
+
+    __attribute__((noinline)) void look_for_closed_tiles() {
+        unseen_pixels_ = 0;
+        ClosedTiles(job_.image).look(job_.row_begin, job_.row_end);
     }
 
     float* pixel(int64_t x, int64_t y) const { return job_.image.pixels + y * job_.image.pitch + x; }
 
-    // Of so many weights the first `count` are 1, the others 0.
-    template <int kMost>
-    static const float* ones(int count) {
-        return kOnesAndZeros + kOnes - (count < kMost ? count : kMost);
-    }
-
-    // The samples of as many pixels as there are lanes.
+    // The samples at these places, which rise or fall.
     Point<Lanes> points_at(const int32_t* places) const {
-        Four channels[4][kLanes / 4];  // opacity, red, green, blue
-        for (int part = 0; part < kLanes / 4; ++part, places += 4) {
-            Four turned[4] = {samples_[places[0]], samples_[places[1]], samples_[places[2]], samples_[places[3]]};
-            transpose(turned);
-            for (int channel = 0; channel < 4; ++channel) channels[channel][part] = turned[channel];
+        float channels[4][kLanes];
+        for (int n = 0; n < kLanes; ++n) {
+            channels[0][n] = opacities_[places[n]], channels[1][n] = reds_[places[n]];
+            channels[2][n] = greens_[places[n]], channels[3][n] = blues_[places[n]];
         }
-        Point<Lanes> points;
-        __builtin_memcpy(&points, channels, sizeof points);
-        return points;
+        return {load<Lanes>(channels[0]), load<Lanes>(channels[1]), load<Lanes>(channels[2]), load<Lanes>(channels[3])};
     }
 
-    static constexpr int kOnes = 16;
-    static constexpr float kOnesAndZeros[2 * kOnes] = {1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1, 1};
-    static_assert(kWidest <= kOnes && kPixels <= kOnes);
+#ifdef __AVX2__
+    Point<Eight> points_at(const RowInts& places) const {
+        const int32_t first = places[0] < places[kPixels - 1] ? places[0] : places[kPixels - 1];
+        const RowInts from_there = places - first;
+        if (from_there[0] >= kPixels || from_there[kPixels - 1] >= kPixels) {
+            int32_t numbers[kPixels];
+            __builtin_memcpy(numbers, &places, sizeof numbers);
+            return points_at(numbers);
+        }
+        const auto channel = [&](const float* samples) { return picked(load<Eight>(samples + first), from_there); };
+        return {channel(opacities_), channel(reds_), channel(greens_), channel(blues_)};
+    }
+#endif
+
+    static constexpr int32_t kCounts[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    static_assert(sizeof(Lanes) <= sizeof kCounts);
 
     const SplatJob& job_;
     SheetCells cells_;
     const int way_;  // from one sample's ordinal to the next one's
     const int most_together_;
+    const int64_t worth_looking_;
+    int64_t unseen_pixels_ = 0;  // painted since tiles were looked at
     int64_t first_ = 0;
     int count_ = 0;
-    Four samples_[kMostTogether];  // opacity, red, green, blue
+    float opacities_[kMostTogether + kPixels], reds_[kMostTogether + kPixels];  // with room to load whole vectors
+    float greens_[kMostTogether + kPixels], blues_[kMostTogether + kPixels];
 };
 
 }  // namespace

@@ -64,6 +64,9 @@ inline Eight behind(Eight opacity, Eight alpha) {
 
 inline Eight at_most_1(Eight a) { return _mm256_min_ps(a, _mm256_set1_ps(1.0f)); }
 
+// The lanes of these numbers.
+inline Eight picked(Eight lanes, EightBits numbers) { return _mm256_permutevar8x32_ps(lanes, (__m256i)numbers); }
+
 inline bool any(EightBits bits) { return !_mm256_testz_si256((__m256i)bits, (__m256i)bits); }
 #endif
 

@@ -29,9 +29,10 @@ Extent extent_of(const unsigned char* packets, uint64_t count, int shift) {
 int64_t reach_of(const SplatJob& job) {
     if (job.reach == Reach::pixel) return 1;
     if (job.reach == Reach::footprint) return job.footprint.height / 2 + 2;
-    // A cell ends no further from its sample than the next ones are on each axis, and lies in the middle of its sheet
+    // A cell ends no further from its middle than the next samples are, and where a ray enters or leaves the sheet it
+    // is no further from the sample
     double rows = 2;
-    for (int axis = 0; axis < 3; ++axis) rows += pixels_apart(job.cell, 1, axis);
+    for (int axis = 1; axis < 3; ++axis) rows += 2 * pixels_apart(job.cell, 1, axis);
     return rows < kFarthest ? static_cast<int64_t>(rows) : kFarthest;
 }
 

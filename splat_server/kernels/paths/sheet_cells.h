@@ -1,24 +1,18 @@
 // Which pixel centres lie inside the samples' cells in their sheet (design, section 6: nearest pixel above one pixel a
 // voxel). The cells of a sheet tile the image with no hole and no overlap: what floating point cannot tell for certain
 // is decided in integers, from the indices.
+//
+// A ray is in up to three cells of a sheet, and each has a third of its path: that in which it enters the sheet, that in
+// which it leaves it, and between them the one that shares a side with both, in the row where it leaves. From sheet to
+// sheet it stays in its row and place. So whatever a ray passes through shares a side with what comes next, and a closed
+// shell one voxel thin lets no ray through.
 #pragma once
 #include "../splat_job.h"
-#include "pixel_vectors.h"
+#include "cell_coordinate.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
-
-typedef __int128 Wide;
-
-constexpr double kFixedOne = 4294967296.0;  // 2^-32 pixel
-
-inline int64_t floor_of(double value) {
-    const auto truncated = static_cast<int64_t>(value);
-    return truncated - (static_cast<double>(truncated) > value);
-}
-
-inline double size_of(double value) { return value < 0 ? -value : value; }
 
 // Pixels along one coordinate from a sample to the next on an axis.
 inline double pixels_apart(const CellView& cells, int coordinate, int axis) {
@@ -26,185 +20,24 @@ inline double pixels_apart(const CellView& cells, int coordinate, int axis) {
            static_cast<double>(cells.axes[axis].stride) / kFixedOne;
 }
 
-constexpr int kSpanRows = 8;
-typedef int32_t RowInts __attribute__((vector_size(kSpanRows * 4)));
-typedef int64_t RowBits __attribute__((vector_size(kSpanRows * 8)));
-typedef double RowReals __attribute__((vector_size(kSpanRows * 8)));
-
-inline bool any(const RowBits& bits) {
-#ifdef __AVX512F__
-    return _mm512_test_epi64_mask((__m512i)bits, (__m512i)bits) != 0;
-#else
-    FourBits parts[4];
-    static_assert(sizeof parts == sizeof bits);
-    __builtin_memcpy(parts, &bits, sizeof parts);
-    return any(parts[0] | parts[1] | parts[2] | parts[3]);
-#endif
-}
-
-// The pixels begin <= x < end of some image rows, one below the other.
-struct RowSpans {
-    RowInts begin, end;
-};
-
-// One doubled grid coordinate over the pixels of a sheet, as the fraction (constant + from x + from y) / area.
-class CellCoordinate {
-public:
-    // Over the 2^-32 pixels from the sheet's origin; `area` is above 0.
-    void set_slopes(int64_t per_x, int64_t per_y, Wide area) {
-        per_x_ = per_x, per_y_ = per_y, area_ = area;
-        slope_x_ = static_cast<double>(per_x) * (kFixedOne / static_cast<double>(area));
-        slope_y_ = static_cast<double>(per_y) * (kFixedOne / static_cast<double>(area));
-        pixels_ = per_x == 0 ? 0 : 1 / slope_x_;
-    }
-
-    // For block_numbers: block n begins at the doubled coordinate 2 * (first + n * size) - 1.
-    void set_blocks(int64_t first, int64_t size) {
-        first_block_ = 2 * first - 1, block_size_ = 2 * size;
-        blocks_per_unit_ = 1 / static_cast<double>(block_size_);
-    }
-
-    void enter_sheet(int64_t origin_x, int64_t origin_y, int width, int height) {
-        at_zero_ = -Wide(origin_x) * per_x_ - Wide(origin_y) * per_y_;
-        constant_ = static_cast<double>(at_zero_) / static_cast<double>(area_);
-        width_ = width;
-        constexpr double kRounding = 1.0 / (int64_t(1) << 47);  // of all that is added up, well above 2^-53
-        const double greatest = size_of(constant_) + size_of(slope_x_) * width + size_of(slope_y_) * height;
-        doubt_ = kRounding * (2 * greatest + 1) * size_of(pixels_);
-        block_doubt_ = kRounding * (2 * greatest + size_of(static_cast<double>(first_block_)) + 1) * blocks_per_unit_;
-    }
-
-    // Whether floating point leaves no more than two neighbouring blocks in question, as block_numbers needs it.
-    bool tells_blocks() const { return block_doubt_ < 0.5; }
-
-    // Of eight pixels from (x, y) on the blocks that they lie in; of those beyond `least` or `greatest` these.
-    RowInts block_numbers(int64_t x, int64_t y, int64_t least, int64_t greatest) const {
-        const RowReals across = {0, 1, 2, 3, 4, 5, 6, 7};
-        const double at_row = constant_ + slope_y_ * static_cast<double>(y) - static_cast<double>(first_block_);
-        RowReals place = (at_row + slope_x_ * (static_cast<double>(x) + across)) * blocks_per_unit_;
-        const double low = static_cast<double>(least) + 0.5, high = static_cast<double>(greatest) + 0.5;
-        place = place < low ? RowReals{} + low : place;
-        place = place > high ? RowReals{} + high : place;
-        RowInts numbers = __builtin_convertvector(place, RowInts);
-        const RowReals within = place - __builtin_convertvector(numbers, RowReals);
-        const RowBits doubtful = (within <= block_doubt_) | (within >= 1 - block_doubt_);
-        if (any(doubtful))
-            for (int n = 0; n < kSpanRows; ++n)
-                if (doubtful[n]) numbers[n] = block_at(x + n, y, numbers[n] + (within[n] > 0.5));
-        return numbers;
-    }
-
-    // Whether the coordinate is the same all along a row.
-    bool level() const { return per_x_ == 0; }
-
-    // Of these rows, where it is level, those with low <= coordinate < high.
-    RowSpan rows_between(int64_t low, int64_t high, RowSpan rows) const {
-        const int32_t begin = first_row_beyond(per_y_ < 0 ? high : low, rows.begin, rows.end);
-        return {begin, first_row_beyond(per_y_ < 0 ? low : high, begin, rows.end)};
-    }
-
-    // Narrows the spans of the rows from `y` on to the pixels with low <= coordinate < high, where it is not level.
-    void narrow(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
-        if (!narrow_if_certain(y, low, high, spans)) narrow_exactly(y, low, high, spans);
-    }
-
-private:
-    // Leaves the spans alone and says no where a bound lies so near to a pixel's centre that rounding could decide.
-    bool narrow_if_certain(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
-        const RowReals down = {0, 1, 2, 3, 4, 5, 6, 7};
-        const RowReals rows = constant_ + slope_y_ * (static_cast<double>(y) + down);
-        RowBits doubtful{};
-        // The first pixel beyond a bound; off the image any will do
-        const auto first_beyond = [&](int64_t bound) {
-            RowReals place = (static_cast<double>(bound) - rows) * pixels_ + 1;
-            place = place < 0.5 ? RowReals{} + 0.5 : place;
-            place = place > width_ + 1.5 ? RowReals{} + (width_ + 1.5) : place;
-            const RowInts first = __builtin_convertvector(place, RowInts);
-            const RowReals within = place - __builtin_convertvector(first, RowReals);
-            doubtful |= (within <= doubt_) | (within >= 1 - doubt_);
-            return first;
-        };
-        const RowInts begin = first_beyond(per_x_ < 0 ? high : low), end = first_beyond(per_x_ < 0 ? low : high);
-        if (any(doubtful)) return false;
-        spans.begin = begin > spans.begin ? begin : spans.begin;
-        spans.end = end < spans.end ? end : spans.end;
-        return true;
-    }
-
-    void narrow_exactly(int64_t y, int64_t low, int64_t high, RowSpans& spans) const {
-        for (int n = 0; n < kSpanRows; ++n) {
-            const int32_t begin = spans.begin[n], end = spans.end[n];
-            if (begin >= end) continue;
-            const int32_t from = first_beyond(per_x_ < 0 ? high : low, y + n, begin, end);
-            spans.begin[n] = from;
-            spans.end[n] = first_beyond(per_x_ < 0 ? low : high, y + n, from, end);
-        }
-    }
-
-    Wide at(int64_t x, int64_t y) const { return at_zero_ + (Wide(x) << 32) * per_x_ + (Wide(y) << 32) * per_y_; }
-
-    // The one of two neighbouring blocks, by the number of the second, that a pixel lies in.
-    int32_t block_at(int64_t x, int64_t y, int32_t second) const {
-        const int64_t bound = first_block_ + second * block_size_;
-        return at(x, y) < bound * area_ ? second - 1 : second;
-    }
-
-    // The first pixel of begin..end where a rising coordinate is no longer below `bound`, a falling one is, or `end`.
-    int32_t first_beyond(int64_t bound, int64_t y, int32_t begin, int32_t end) const {
-        return first_of(begin, end, [&](int32_t x) {
-            return per_x_ < 0 ? at(x, y) < bound * area_ : at(x, y) >= bound * area_;
-        });
-    }
-
-    // The same of rows; floating point tells where to look.
-    int32_t first_row_beyond(int64_t bound, int32_t begin, int32_t end) const {
-        const auto is_beyond = [&](int32_t y) {
-            return per_y_ < 0 ? at(0, y) < bound * area_ : at(0, y) >= bound * area_;
-        };
-        const double place = (static_cast<double>(bound) - constant_) / slope_y_;
-        const int32_t near = place < begin ? begin : place > end ? end : static_cast<int32_t>(place);
-        const int32_t low = near - 1 > begin ? near - 1 : begin, high = near + 2 < end ? near + 2 : end;
-        if ((low > begin && is_beyond(low)) || (high < end && !is_beyond(high))) return first_of(begin, end, is_beyond);
-        return first_of(low, high, is_beyond);
-    }
-
-    // The first of begin..end from which on something is true, or `end`.
-    template <class IsTrue>
-    static int32_t first_of(int32_t begin, int32_t end, const IsTrue& is_true) {
-        while (begin < end) {
-            const int32_t middle = begin + (end - begin) / 2;
-            if (is_true(middle)) end = middle;
-            else begin = middle + 1;
-        }
-        return begin;
-    }
-
-    int64_t per_x_ = 0, per_y_ = 0;
-    Wide area_ = 1, at_zero_ = 0;
-    double slope_x_ = 0, slope_y_ = 0, constant_ = 0;
-    double pixels_ = 0;  // for which the coordinate changes by 1
-    double doubt_ = 0;   // pixels: nearer than this to a pixel's centre a crossing must be decided in integers
-    int width_ = 0;
-    int64_t first_block_ = 0, block_size_ = 1;
-    double blocks_per_unit_ = 1;
-    double block_doubt_ = 0;  // blocks: nearer than this to its end a pixel's block must be decided in integers
-};
-
 class SheetCells {
 public:
+    static constexpr int kThirds = 3;  // of a ray's path through a sheet (protocol/frame_plan.py)
+
     explicit SheetCells(const SplatJob& job) : job_(job), view_(job.cell) {
         // A pixel centre p lies at doubled row u and sample v where p - o = u * row half step + v * sample half step.
         row_x_ = view_.half_step[0][1], row_y_ = view_.half_step[1][1];
         sample_x_ = view_.half_step[0][2], sample_y_ = view_.half_step[1][2];
         area_ = Wide(row_x_) * sample_y_ - Wide(row_y_) * sample_x_;
-        if (area_ > 0) {
-            rows_.set_slopes(sample_y_, -sample_x_, area_);
-            samples_.set_slopes(-row_y_, row_x_, area_);
-        } else if (area_ < 0) {
-            rows_.set_slopes(-sample_y_, sample_x_, -area_);
-            samples_.set_slopes(row_y_, -row_x_, -area_);
+        const int64_t sign = area_ < 0 ? -1 : 1;
+        for (int face = 0; face < kFaces && area_ != 0; ++face) {
+            rows_at_[face].set_slopes(sign * sample_y_, -sign * sample_x_, area_ * sign);
+            samples_at_[face].set_slopes(-sign * row_y_, sign * row_x_, area_ * sign);
+            samples_at_[face].set_blocks(block_start(view_.axes[2], 0), view_.axes[2].stride);
         }
-        samples_.set_blocks(block_start(view_.axes[2], 0), view_.axes[2].stride);
+        const int64_t sheet_x = view_.half_step[0][0], sheet_y = view_.half_step[1][0];
+        row_aside_ = aside(Wide(sheet_x) * sample_y_ - Wide(sheet_y) * sample_x_, view_.axes[1]);
+        sample_aside_ = aside(Wide(sheet_y) * row_x_ - Wide(sheet_x) * row_y_, view_.axes[2]);
         const double dx = static_cast<double>(sample_x_), dy = static_cast<double>(sample_y_);
         const double square = dx * dx + dy * dy;
         along_x_ = dx / square / 2, along_y_ = dy / square / 2;
@@ -219,25 +52,20 @@ public:
 
     void enter_row(uint32_t sheet, uint32_t row) {
         int64_t low, high;
-        block(view_.axes[0], ordinal(view_.axes[0], sheet), low, high);
-        if (sheet != sheet_) {
-            sheet_ = sheet;
-            for (int c = 0; c < 2; ++c) origin_[c] = view_.origin[c] + (low + high - 1) * view_.half_step[c][0];
-            rows_.enter_sheet(origin_[0], origin_[1], job_.image.width, job_.image.height);
-            samples_.enter_sheet(origin_[0], origin_[1], job_.image.width, job_.image.height);
-        }
+        if (sheet != sheet_) enter_sheet(sheet);
         block(view_.axes[1], ordinal(view_.axes[1], row), low, high);
         u_low_ = 2 * low - 1, u_high_ = 2 * high - 1;
-        middle_x_ = static_cast<double>(origin_[0] + (low + high - 1) * row_x_);
-        middle_y_ = static_cast<double>(origin_[1] + (low + high - 1) * row_y_);
+        for (int c = 0; c < 2; ++c)
+            middle_[c] = static_cast<double>(origin_[c] + (low + high - 1) * view_.half_step[c][1]);
         half_rows_ = static_cast<double>(high - low) * size_of(static_cast<double>(row_y_));
-        if (rows_.level()) image_rows_ = rows_.rows_between(u_low_, u_high_, {job_.row_begin, job_.row_end});
+        if (rows_at_[0].level())
+            for (int face = 0; face < kFaces; ++face) level_rows_[face] = rows_at_[face].rows_between(u_low_, u_high_, all_rows());
     }
 
     // The ordinal of the sample of this row that is nearest to a position in 1/64 pixel.
     int64_t ordinal_at(int64_t x64, int64_t y64) const {
-        const double from_x = static_cast<double>(x64) * (kFixedOne / 64) - middle_x_;
-        const double from_y = static_cast<double>(y64) * (kFixedOne / 64) - middle_y_;
+        const double from_x = static_cast<double>(x64) * (kFixedOne / 64) - middle_[0];
+        const double from_y = static_cast<double>(y64) * (kFixedOne / 64) - middle_[1];
         const double middle = from_x * along_x_ + from_y * along_y_;
         const AxisView& axis = view_.axes[2];
         // Within half a voxel of its middle a block belongs to one ordinal only, so rounding cannot matter.
@@ -247,50 +75,116 @@ public:
         return place > 0 ? static_cast<int64_t>(place) : 0;
     }
 
-    // The doubled bounds of the cells of some samples that follow each other.
-    void bounds(int64_t least, int64_t greatest, int64_t& v_low, int64_t& v_high) const {
+    // Whether `ordinals` can be asked for on this sheet.
+    bool tells_ordinals() const { return samples_at_[0].tells_blocks() && samples_at_[1].tells_blocks(); }
+
+    // Of eight pixels from (x, y) on the ordinals of the cells that they lie in on a face, within these bounds.
+    RowInts ordinals(int face, int64_t x, int64_t y, int64_t least, int64_t greatest) const {
+        return samples_at_[face].block_numbers(x, y, least, greatest);
+    }
+
+    // Whether a ray keeps its place along the rows all through the sheet.
+    bool keeps_samples() const { return sample_aside_ == 0; }
+
+    // From now on it is about the cells of some samples of the row that follow each other. The image rows that they may
+    // touch, within the job's.
+    RowSpan enter_cells(int64_t least, int64_t greatest) {
         int64_t low, high, unused;
         block(view_.axes[2], least, low, unused);
         block(view_.axes[2], greatest, unused, high);
-        v_low = 2 * low - 1, v_high = 2 * high - 1;
+        v_low_ = 2 * low - 1, v_high_ = 2 * high - 1;
+        if (!rows_at_[0].level() && !samples_at_[0].level()) return rows_around();
+        if (samples_at_[0].level())
+            for (int face = 0; face < kFaces; ++face)
+                level_rows_[face] = samples_at_[face].rows_between(v_low_, v_high_, all_rows());
+        const RowSpan &a = level_rows_[0], &b = level_rows_[1];
+        if (a.begin >= a.end || b.begin >= b.end) return a.begin < a.end ? a : b;
+        return {a.begin < b.begin ? a.begin : b.begin, a.end > b.end ? a.end : b.end};
     }
 
-    // Whether `ordinals` can be asked for on this sheet.
-    bool tells_ordinals() const { return samples_.tells_blocks(); }
-
-    // Of eight pixels from (x, y) on the ordinals of the cells that they lie in, within these bounds.
-    RowInts ordinals(int64_t x, int64_t y, int64_t least, int64_t greatest) const {
-        return samples_.block_numbers(x, y, least, greatest);
-    }
-
-    // The image rows that cells of this row may touch, where a coordinate is level those that they do:
-    // top <= y < bottom, within the job's.
-    void image_rows(int64_t v_low, int64_t v_high, int64_t& top, int64_t& bottom) const {
-        if (rows_.level() || samples_.level()) {
-            const RowSpan rows = rows_.level() ? image_rows_
-                                               : samples_.rows_between(v_low, v_high, {job_.row_begin, job_.row_end});
-            top = rows.begin, bottom = rows.end;
-            return;
-        }
-        const double middle = middle_y_ + static_cast<double>(v_low + v_high) * half_sample_y_;
-        const double reach = half_rows_ + static_cast<double>(v_high - v_low) * size_of(half_sample_y_);
-        constexpr double kSpare = 1.0 / 1024;  // pixels, for rounding
-        const double least = (middle - reach) / kFixedOne - kSpare + 1;
-        const double greatest = (middle + reach) / kFixedOne + kSpare + 1;
-        top = least > job_.row_begin ? floor_of(least < job_.row_end ? least : job_.row_end) : job_.row_begin;
-        bottom =
-            greatest < job_.row_end ? floor_of(greatest > job_.row_begin ? greatest : job_.row_begin) : job_.row_end;
-    }
-
-    // The pixels of the image rows from `y` on that lie in cells of this row, where `image_rows` has these.
-    RowSpans spans(int64_t y, int64_t v_low, int64_t v_high) const {
-        RowSpans spans{RowInts{}, RowInts{} + job_.image.width};
-        if (!rows_.level()) rows_.narrow(y, u_low_, u_high_, spans);
-        if (!samples_.level()) samples_.narrow(y, v_low, v_high, spans);
-        return spans;
+    // Of the image rows from `y` on the pixels whose rays are in these cells in each third of their way to the viewer.
+    void spans(int64_t y, RowSpans (&thirds)[kThirds]) const {
+        RowSpans in_row[kFaces], in_samples[kFaces];
+        within(rows_at_, row_aside_, y, u_low_, u_high_, in_row);
+        within(samples_at_, sample_aside_, y, v_low_, v_high_, in_samples);
+        thirds[0] = common(in_row[0], in_samples[0]);
+        thirds[1] = common(in_row[1], in_samples[0]);
+        thirds[2] = common(in_row[1], in_samples[1]);
     }
 
 private:
+    static constexpr int kFaces = 2;  // of a sheet: away from the viewer, and towards the viewer
+
+    RowSpan all_rows() const { return {job_.row_begin, job_.row_end}; }
+
+    RowSpan rows_around() const {
+        const double middle = middle_[1] + static_cast<double>(v_low_ + v_high_) * half_sample_y_;
+        const double reach = half_rows_ + static_cast<double>(v_high_ - v_low_) * size_of(half_sample_y_) + aside_y_;
+        constexpr double kSpare = 1.0 / 1024;  // pixels, for rounding
+        const double least = (middle - reach) / kFixedOne - kSpare + 1;
+        const double greatest = (middle + reach) / kFixedOne + kSpare + 1;
+        const auto limited = [&](double row) {
+            return static_cast<int32_t>(
+                floor_of(row > job_.row_begin ? (row < job_.row_end ? row : job_.row_end) : job_.row_begin));
+        };
+        return {limited(least), limited(greatest)};
+    }
+
+    // Of the rows from `y` on the pixels with low <= coordinate < high on each face.
+    void within(const CellCoordinate (&coordinate)[kFaces], double aside, int64_t y, int64_t low, int64_t high,
+                RowSpans (&spans)[kFaces]) const {
+        for (int face = 0; face < kFaces; ++face) {
+            if (face > 0 && aside == 0) {
+                spans[face] = spans[0];
+                continue;
+            }
+            spans[face] = {RowInts{}, RowInts{} + job_.image.width};
+            if (!coordinate[face].level()) {
+                coordinate[face].narrow(y, low, high, spans[face]);
+                continue;
+            }
+            const RowInts rows = RowInts{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<int32_t>(y);
+            spans[face].end &= (rows >= level_rows_[face].begin) & (rows < level_rows_[face].end);
+        }
+    }
+
+    static RowSpans common(const RowSpans& a, const RowSpans& b) {
+        return {a.begin > b.begin ? a.begin : b.begin, a.end < b.end ? a.end : b.end};
+    }
+
+    // How far along an axis of its own a sheet is shifted on the screen for each half voxel that it lies deeper; 0 where
+    // rounding alone shifts it against the order of traversal, for a pixel's samples must come in that order.
+    double aside(Wide numerator, const AxisView& axis) const {
+        if (area_ < 0) numerator = -numerator;
+        const bool rises = (numerator < 0) == view_.axes[0].ascending;  // in the order of the sheets
+        if (numerator == 0 || rises != axis.ascending) return 0;
+        return static_cast<double>(numerator) / static_cast<double>(area_ < 0 ? -area_ : area_);
+    }
+
+    void enter_sheet(uint32_t sheet) {
+        sheet_ = sheet;
+        int64_t low, high;
+        block(view_.axes[0], ordinal(view_.axes[0], sheet), low, high);
+        const int64_t middle = low + high - 1;
+        const bool far_is_low = view_.axes[0].ascending != job_.front_to_back;
+        for (int face = 0; face < kFaces; ++face) {
+            const int64_t away = (face == 0) == far_is_low ? low - high : high - low;
+            const int64_t at_rows = middle + (row_aside_ == 0 ? 0 : away);
+            const int64_t at_samples = middle + (sample_aside_ == 0 ? 0 : away);
+            enter_face(rows_at_[face], at_rows);
+            enter_face(samples_at_[face], at_samples);
+        }
+        for (int c = 0; c < 2; ++c) origin_[c] = view_.origin[c] + middle * view_.half_step[c][0];
+        aside_y_ = static_cast<double>(high - low) *
+                   (size_of(row_aside_ * static_cast<double>(row_y_)) + size_of(sample_aside_ * static_cast<double>(sample_y_)));
+    }
+
+    void enter_face(CellCoordinate& coordinate, int64_t doubled) const {
+        coordinate.enter_sheet(view_.origin[0] + doubled * view_.half_step[0][0],
+                               view_.origin[1] + doubled * view_.half_step[1][0], job_.image.width,
+                               job_.image.height);
+    }
+
     static int64_t ordinal(const AxisView& axis, uint32_t visited) {
         return axis.ascending ? int64_t(visited) : axis.count - 1 - int64_t(visited);
     }
@@ -308,17 +202,19 @@ private:
 
     const SplatJob& job_;
     const CellView& view_;
-    CellCoordinate rows_, samples_;
+    CellCoordinate rows_at_[kFaces], samples_at_[kFaces];
     int64_t row_x_, row_y_, sample_x_, sample_y_;
     Wide area_;
     double along_x_, along_y_;  // doubled samples for 2^-32 pixel
+    double row_aside_, sample_aside_;
     uint32_t sheet_ = ~uint32_t(0);
-    int64_t origin_[2] = {0, 0};  // of the sheet
-    double middle_x_ = 0, middle_y_ = 0;  // of the row of samples, where v is 0
-    double half_rows_ = 0;  // how far its cells reach up and down from there
-    RowSpan image_rows_{0, 0};  // that its cells lie in, where its coordinate is level
+    int64_t origin_[2] = {0, 0};  // of the sheet's middle
+    double aside_y_ = 0;          // how far up and down from there rays enter and leave it
+    double middle_[2] = {0, 0};   // of the row of samples, where v is 0
+    double half_rows_ = 0;        // how far its cells reach up and down from there
+    RowSpan level_rows_[kFaces] = {{0, 0}, {0, 0}};  // that the cells lie in, where a coordinate is level
     double half_sample_y_;
-    int64_t u_low_ = 0, u_high_ = 0;
+    int64_t u_low_ = 0, u_high_ = 0, v_low_ = 0, v_high_ = 0;
 };
 
 }  // namespace
