@@ -28,8 +28,8 @@ from volsplat.protocol import messages
 from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import HISTOGRAM_BINS
-from volsplat.protocol.levels import Prepared
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.protocol.levels import Prepared, Resolution
+from volsplat.protocol.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.volume_identity import VolumeIdentity
 
 PACKET_BYTES = 4
@@ -74,8 +74,18 @@ class HeldVolume:
     def sub_cubes(self, level: int) -> list[SubCube]:
         """Those of a level. Raises BadInput where it is not held."""
         if level not in self._levels:
-            raise BadInput(f"level {level} is not held, only {', '.join(map(str, sorted(self._levels)))}")
+            raise BadInput(f"level {level} is not held, only {', '.join(map(str, sorted(self._levels))) or 'none'}")
         return self._levels[level]
+
+    def sub_cubes_drawn(self, resolution: Resolution) -> list[SubCube]:
+        """Those of a resolution's level. Raises BadInput where it is not held, or has another grid."""
+        sub_cubes = self.sub_cubes(resolution.level)
+        for sub_cube in sub_cubes:
+            if sub_cube.geometry.dims != resolution.geometry.dims:
+                raise BadInput(
+                    f"level {resolution.level} has {sub_cube.geometry.dims} voxels, not {resolution.geometry.dims}"
+                )
+        return sub_cubes
 
     # -- from values
 
@@ -93,6 +103,7 @@ class HeldVolume:
         reader: VolumeReader = loan or _reader_of(request)
         self._drop()  # nothing is held, should the reading fail
         description = reader.describe()
+        _check_within(request.boxes, description.geometry)
         if not request.held:
             slabs = slab_reader(reader)
             self._passed = [PassedBox(slabs, box) for box in request.boxes]
@@ -129,6 +140,7 @@ class HeldVolume:
 
     def _on_AwaitParts(self, request: messages.AwaitParts) -> list[Answer]:
         self._drop()
+        _check_within(request.boxes, request.description.geometry)
         self._awaited = AwaitedParts(request)
         return []
 
@@ -148,6 +160,8 @@ class HeldVolume:
     def _on_CountHistograms(self, request: messages.CountHistograms) -> list[Answer]:
         density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
         sub_cubes: Sequence[SubCube | PassedBox] = self._passed or self.sub_cubes(0)
+        if not sub_cubes:
+            raise BadInput("of the volume nothing is held here to count")
         extremes = BlockExtremes.nothing(sub_cubes[0].geometry.dims)
         for sub_cube in sub_cubes:
             more = sub_cube.histograms(request.low, request.high, request.max_gradient)
@@ -181,6 +195,10 @@ class HeldVolume:
         started = time.perf_counter()
         store, identity = identified_store(request.path)
         check_identity(request.path, identity, request.identity)
+        for one in request.levels:
+            if one.level >= len(store.levels):
+                raise BadInput(f"there is no level {one.level}: {request.path} has {len(store.levels)} levels")
+            _check_within(one.boxes, store.levels[one.level].geometry)
         kept = self._let_go_except({(one.level, box) for one in request.levels for box in one.boxes}, request.path)
         self._path = request.path
         for one in sorted(request.levels, key=lambda one: -one.level):
@@ -230,6 +248,12 @@ class HeldVolume:
             seconds=time.perf_counter() - started,
         )
         return Answer(packed)
+
+
+def _check_within(boxes: Sequence[Box], geometry: Geometry) -> None:
+    for box in boxes:
+        if any(high > size for high, size in zip(box.high, geometry.dims, strict=True)):
+            raise BadInput(f"box {box.low} to {box.high} reaches beyond the volume of {geometry.dims} voxels")
 
 
 def _reader_of(request: messages.ReadSubCubes | messages.LendVolume) -> VolumeReader:

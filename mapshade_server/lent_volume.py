@@ -38,6 +38,8 @@ class LentVolume:
         """A part's values as bytes. Raises BadInput for one that the volume does not have."""
         if part.scalar >= len(self._scalars) or self.scalar_types[part.scalar] != part.scalar_type:
             raise BadInput(f"the volume's scalars are {', '.join(self.scalar_types)}, not {part.scalar_type}")
+        if any(high > size for high, size in zip(part.box.high, self._description.geometry.dims, strict=True)):
+            raise BadInput(f"part {part.box.low} to {part.box.high} reaches beyond the volume")
         values = np.ascontiguousarray(_cut(self._scalars[part.scalar], part.box))
         return values.data.cast("B")
 

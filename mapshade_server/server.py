@@ -150,7 +150,7 @@ class MapShadeServer:
         tally = FrameTally()
         started = time.perf_counter()
         plan = plan_frame(request.scene, request.geometry, request.step, request.resolution)
-        sub_cubes = self._held.sub_cubes(request.resolution.level)
+        sub_cubes = self._held.sub_cubes_drawn(request.resolution)
         tile_map = link.begin_frame(request.frame, plan.width, plan.height)
         walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.scene, plan, tile_map)
         tally.planning_seconds = time.perf_counter() - started
@@ -170,7 +170,7 @@ class MapShadeServer:
             return  # it was answered between two batches
         self._probes.popleft()
         self._held.check(request.assignment, f"probe {request.probe}")
-        sub_cubes = self._held.sub_cubes(request.resolution.level)
+        sub_cubes = self._held.sub_cubes_drawn(request.resolution)
         line = LineOfSight(request.scene, request.geometry, request.x, request.y, request.resolution)
         voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.scene, line)
         self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))

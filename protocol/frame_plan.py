@@ -240,7 +240,7 @@ def _screen_index_ddas(in_pixels: Matrix, geometry: Geometry, factors: Index) ->
 def _check_reach(origin: Vector, to_pixels: Matrix, dims: Index) -> None:
     for axis in range(2):
         far = abs(origin[axis]) + sum(abs(to_pixels[axis][a]) * dims[a] for a in range(3))
-        if far > LARGEST_POSITION:
+        if not far <= LARGEST_POSITION:  # nor NaN
             raise ValueError(
                 f"the volume reaches {far:.0f} pixels from the image, more than {LARGEST_POSITION}; lower the zoom "
                 "or move the centre"

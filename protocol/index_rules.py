@@ -44,6 +44,18 @@ class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     directions: Literal["octahedral", "paper"] = "octahedral"
     strength_low: float = 0.0  # what becomes byte 0
 
+    def __post_init__(self) -> None:
+        low, high = self.window
+        if not low < high or not math.isfinite(low) or not math.isfinite(self.density_scale) or self.density_scale <= 0:
+            raise ValueError(
+                f"the density window must be finite and rise, by no more than float64 can divide, not {low} to {high}"
+            )
+        if not 0.0 <= self.strength_scale < math.inf or not math.isfinite(self.strength_low):
+            strengths = f"{self.strength_scale} from {self.strength_low} on"
+            raise ValueError(
+                f"strength must have a finite scale, not below 0, and a finite least value, not {strengths}"
+            )
+
     @property
     def density_scale(self) -> float:
         return (TABLE_ENTRIES - 1) / (self.window[1] - self.window[0])
@@ -121,7 +133,8 @@ def strength_scale(survey: Survey, counts: list[int]) -> float:
     if not any(with_gradient):
         with_gradient = counts
     top = percentile(with_gradient, 0.0, survey.max_gradient, STRENGTH_PERCENTILE)
-    return 255.0 / top
+    scale = 255.0 / top
+    return scale if math.isfinite(scale) else 0.0  # gradients so weak are none
 
 
 def second_scalar_scale(values: tuple[float, float]) -> float:

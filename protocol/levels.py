@@ -21,6 +21,9 @@ from volsplat.protocol.volume import Box, Geometry, Index
 LISTS_PER_STORED_PACKET = 0.4
 
 
+GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
+
+
 class Prepared(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What was decided of a volume when it was prepared."""
 
@@ -37,8 +40,10 @@ class Resolution(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     stride: int
 
     def __post_init__(self) -> None:
-        if self.level < 0 or self.stride < 1:
-            raise ValueError(f"a resolution needs a level from 0 on and a stride from 1 on, not {self}")
+        if self.level < 0:
+            raise ValueError(f"a resolution needs a level from 0 on, not {self.level}")
+        if not 1 <= self.stride <= GREATEST_STRIDE:
+            raise ValueError(f"a resolution's stride must be 1 to {GREATEST_STRIDE}, not {self.stride}")
 
 
 def own_resolution(geometry: Geometry, step: Step) -> Resolution:
@@ -62,8 +67,20 @@ def levels_drawn(levels: Sequence[Geometry], base: int) -> range:
 
 
 def factors_of(geometry: Geometry, level: Geometry) -> Index:
-    """How many voxels of the volume each voxel of a level stands for along i, j, k."""
-    i, j, k = (round(coarse / fine) for coarse, fine in zip(level.spacing, geometry.spacing, strict=True))
+    """How many voxels of the volume each voxel of a level stands for along i, j, k.
+
+    Raises ValueError where it is no level of the volume.
+    """
+    ratios = [coarse / fine for coarse, fine in zip(level.spacing, geometry.spacing, strict=True)]
+    if not all(math.isfinite(ratio) for ratio in ratios):
+        raise ValueError(f"spacing {level.spacing} is that of no level of a volume whose spacing is {geometry.spacing}")
+    i, j, k = (round(ratio) for ratio in ratios)
+    if min(i, j, k) < 1 or level.dims != tuple(
+        -(-size // factor) for size, factor in zip(geometry.dims, (i, j, k), strict=True)
+    ):
+        raise ValueError(
+            f"{level.dims} voxels, each of {i} x {j} x {k}, are no level of a volume of {geometry.dims} voxels"
+        )
     return (i, j, k)
 
 

@@ -14,7 +14,7 @@ from volsplat.protocol.levels import Prepared, Resolution
 from volsplat.protocol.machine import Machine
 from volsplat.protocol.printable import printable
 from volsplat.protocol.scene import Scene, Step
-from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.protocol.volume import LONGEST_AXIS, MOST_VOXELS, Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.volume_identity import VolumeIdentity
 
 LARGEST_ID = 2**31 - 1
@@ -161,7 +161,7 @@ class ReadSubCubes(Message, frozen=True):
 
     assignment: AssignmentId
     path: Path
-    boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
+    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
     identity: VolumeIdentity
     held: bool = True
 
@@ -220,7 +220,7 @@ class AwaitParts(Message, frozen=True):
 
     assignment: AssignmentId
     description: VolumeDescription
-    boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
+    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
 
     def __post_init__(self) -> None:
         _check_boxes(self.boxes)
@@ -494,6 +494,8 @@ def _check_boxes(boxes: list[Box]) -> None:
     for box in boxes:
         if min(box.low) < 0 or min(box.size) < 1:
             raise ValueError(f"a box must have 0 <= low < high on each axis, not {box.low} to {box.high}")
+        if max(box.high) > LONGEST_AXIS or box.voxels > MOST_VOXELS:
+            raise ValueError(f"a box of {box.size} voxels from {box.low} on lies in no volume")
 
 
 RAW: Literal["raw"] = "raw"  # the one encoding of batches so far

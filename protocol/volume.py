@@ -13,6 +13,9 @@ from volsplat.protocol.upright import Up
 
 Index = tuple[int, int, int]  # always grid (i, j, k)
 
+LONGEST_AXIS = 2**31 - 1  # voxels
+MOST_VOXELS = 2**48  # of a volume: their bytes are counted in 64 bits, and so is what is kept of each
+
 HALO = 1  # voxels around a sub-cube that its gradients need
 
 # The types that values may have, by their torch names, and the bytes of each.
@@ -70,7 +73,17 @@ class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if min(self.dims) < 1:
             raise ValueError(f"a volume needs at least one voxel on each axis, not {self.dims}")
-        matrices.inverse(self.index_to_physical)
+        if max(self.dims) > LONGEST_AXIS or self.box.voxels > MOST_VOXELS:
+            raise ValueError(
+                f"a volume has at most {LONGEST_AXIS} voxels on each axis and {MOST_VOXELS} in all, not {self.dims}"
+            )
+        inverse = matrices.inverse(self.index_to_physical)
+        numbers = (*self.origin, *self.spacing, *(entry for row in inverse for entry in row))
+        if not all(map(math.isfinite, numbers)) or min(self.spacing) <= 0.0 or not self.reference_spacing > 0.0:
+            raise ValueError(
+                f"a volume's place in space must be of a size that float64 can compute with; index_to_physical is "
+                f"{self.index_to_physical}, origin {self.origin}"
+            )
 
     @property
     def box(self) -> Box:

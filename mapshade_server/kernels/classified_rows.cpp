@@ -57,8 +57,8 @@ std::size_t RowLists::bytes_with(std::size_t more_voxels) const {
 
 ClassifiedRows::ClassifiedRows(const Index3& size, double share)
     : size_(size),
-      most_bytes_(static_cast<std::size_t>(share * sizeof(std::uint32_t) *
-                                           static_cast<double>(size[0] * size[1] * size[2]))) {}
+      most_bytes_(static_cast<std::size_t>(share * sizeof(std::uint32_t) * static_cast<double>(size[0]) *
+                                           static_cast<double>(size[1]) * static_cast<double>(size[2]))) {}
 
 std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility& visibility) {
   if (!same(visibility, visibility_)) forget_all_but(axis);
