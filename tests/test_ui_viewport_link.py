@@ -14,9 +14,10 @@ from viewed import Shown, Viewed, Viewport, viewed
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.single import SingleProcess
+from volsplat.client.ui.image_size import sized
 from volsplat.client.ui.picture_encoding import stored_levels
 from volsplat.client.volume_writer import write_volume
-from volsplat.protocol.scene import Image, Refine, Step
+from volsplat.protocol.scene import Refine, Step
 
 SIDE = 96  # pixels of the image
 
@@ -55,15 +56,15 @@ def pixels(picture: Shown) -> torch.Tensor:
 def test_a_still_image_refines_through_the_steps_to_a_lossless_one(view: Viewed, volume: Path) -> None:
     with view.viewport("steps") as viewport:
         viewport.says("size", width=SIDE + 7, height=SIDE)
-        shown = viewport.last_picture(width=SIDE + 7)
+        # Those before are of the scene that the page began with.
+        shown = [picture for picture in viewport.last_picture(width=SIDE + 7) if picture.header["width"] == SIDE + 7]
     finished = [picture.header["step"] for picture in shown if picture.header["complete"]]
     assert finished == sorted(finished) and finished[-1] == "F"
     numbers = [picture.header["number"] for picture in shown]
     assert numbers == sorted(set(numbers))
     with SingleProcess(volume) as single:
-        scene = msgspec.structs.replace(
-            single.volume.default_scene(), image=Image(width=SIDE + 7, height=SIDE), refine=Refine(lit_from=Step.C)
-        )
+        first = msgspec.structs.replace(single.volume.default_scene(), refine=Refine(lit_from=Step.C))
+        scene = sized(single.volume.fitted(first), width=SIDE + 7, height=SIDE)
         expected = stored_levels(single.render(scene), scene.image.background)
     assert shown[-1].data.startswith(b"\x89PNG")
     assert torch.equal(pixels(shown[-1]), expected)
