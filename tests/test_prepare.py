@@ -35,7 +35,7 @@ from programs import TIME_LIMIT, VOLSPLAT, Person
 
 from reference import level_means
 from volsplat.client.single import SingleProcess
-from volsplat.mapshade_server.packet_store import PacketStore, open_store
+from volsplat.mapshade_server.packet_store import PacketStore, attributes_of, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.command import window_from_option
 from volsplat.mapshade_server.prepare.halving import halved, mean_type
@@ -271,6 +271,20 @@ def test_a_volume_without_any_value_is_refused_and_nothing_is_written(nothing: f
         done.stderr == "volsplat: volume.nrrd: no voxel has a value, all are NaN or infinite; export the volume again\n"
     )
     assert [path.name for path in tmp_path.iterdir()] == ["volume.nrrd"]
+
+
+def test_a_source_that_is_changed_while_it_is_prepared_is_refused(tmp_path: Path) -> None:
+    volume, out = written(tmp_path / "volume.nrrd", values_of("int16")), tmp_path / "o.zarr"
+
+    class Touching(Told):
+        def begin(self, stage: str, total: int) -> None:
+            super().begin(stage, total)
+            if stage == "packing":
+                os.utime(volume, ns=(10**18, 10**18))
+
+    with pytest.raises(BadInput, match="was replaced or changed while it was prepared"):
+        prepare_small(volume, out, told=Touching())
+    assert not attributes_of(out).complete
 
 
 def test_another_source_and_other_options_are_refused(tmp_path: Path) -> None:

@@ -77,6 +77,7 @@ class Preparation:
 
     def __init__(self, volume: str, out: Path, options: Options, progress: Progress) -> None:
         library("zarr", f"{out}: a packet store")
+        self._volume = volume
         self._out = out
         self._options = options
         self._progress = progress
@@ -125,6 +126,10 @@ class Preparation:
         self._pack(source, attributes, writer, journal)
         if self._options.verify:
             self._verify(writer, journal)
+        if source_of(self._volume) != self._wish.source:
+            raise BadInput(
+                f"{self._volume}: was replaced or changed while it was prepared; delete {self._out}, begin anew"
+            )
         writer.finish()
 
     def _source(self, journal: Journal) -> Scalars:
