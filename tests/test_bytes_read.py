@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,8 +20,11 @@ from volsplat.client.single import SingleProcess
 from volsplat.client.sub_cubes import divided
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import PROGRAM_BYTES, Layout
+from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.slabs import SlabReader
 from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.volume import Geometry
 
 MOST_READ = 1.2  # times what the file has
 DIMS = (128, 128, 128)
@@ -107,3 +111,18 @@ def test_prepare_reads_a_file_in_rows_three_times(tmp_path: Path) -> None:
         taken.append((bytes_read() - before) / path.stat().st_size)
     means, halo = 0.6, 2 / layout.shard  # of the levels' float32 values; along j and k, of the last pass
     assert 3.0 < taken[1] < 3.0 + means + 2 * halo
+
+
+def test_a_survey_keeps_no_slab() -> None:
+    """Slabs thinner than a brick: of most of them no voxel is looked at for the background."""
+    geometry = Geometry((256, 256, 512))
+    reader = SlabReader(
+        geometry, "uint8", (256, 1, 1), lambda box: np.zeros(box.size[::-1], np.uint8), slab_bytes=8 * 256 * 256
+    )
+    tracemalloc.start()
+    try:
+        survey_volume(reader, "zeros", 64, 0, 1, Told())
+        _, most = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert most < geometry.box.voxels // 2

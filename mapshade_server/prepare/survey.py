@@ -72,7 +72,7 @@ def survey_volume(
 
     def looked(slab: Slab) -> _Looked:
         corners = tuple(slice(-low % brick, None, brick) for low in slab.box.low)[::-1]
-        return _Looked(slab.sub_cube.survey(), slab.values[corners].ravel())
+        return _Looked(slab.sub_cube.survey(), slab.values[corners].flatten())  # a copy: a view would keep the slab
 
     progress.begin("surveying", whole.voxels * item_bytes)
     survey = Survey(low=math.inf, high=-math.inf, max_gradient=0.0, voxels=0, no_data=0)
