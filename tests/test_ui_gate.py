@@ -148,6 +148,15 @@ def test_a_wrong_or_malformed_cookie_opens_nothing(guarded: Guarded, cookie: str
     assert refused(httpx.get(guarded.base, headers=[(b"cookie", header)]))
 
 
+@pytest.mark.parametrize("beside", ['theme={"dark":true}', 'x="', "a b", "bare", "n=\xe9"])
+def test_what_other_programs_of_this_host_keep_beside_the_cookie_shuts_nobody_out(
+    guarded: Guarded, beside: str
+) -> None:
+    given = guarded.cookie()
+    for header in (f"{beside}; {given}", f"{given}; {beside}"):
+        assert httpx.get(guarded.base, headers=[(b"cookie", header.encode("latin-1"))]).text.startswith("secret")
+
+
 def test_two_pages_forwarded_to_one_machine_do_not_overwrite_each_others_cookies(guarded: Guarded) -> None:
     first, second = guarded.cookie(8123), guarded.cookie(8124)
     assert first.partition("=")[0] == "volsplat-8123" and second.partition("=")[0] == "volsplat-8124"

@@ -11,9 +11,8 @@ from __future__ import annotations
 import hmac
 import re
 import secrets
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qsl, quote, urlencode
 
 from volsplat.client.ui.peer_owner import PeerOwner, own_peers
@@ -47,6 +46,14 @@ class Asked:
 
     def values(self, name: str) -> list[str]:
         return [value for given, value in self.headers if given == name]
+
+    def cookies(self, name: str) -> Iterator[str]:
+        """Those of this name, whatever stands beside them: other programs of this host set any, well-formed or not."""
+        for header in self.values("cookie"):
+            for pair in header.split(";"):
+                given, _, value = pair.strip().partition("=")
+                if given == name:
+                    yield value
 
     @property
     def parameters(self) -> list[tuple[str, str]]:
@@ -118,7 +125,7 @@ class Admission:
                 f"{cookie}={self._cookie}; HttpOnly; Path=/; SameSite=strict",
                 once or asked.from_elsewhere,
             )
-        if not any(self._is_cookie(cookie, value) for value in asked.values("cookie")):
+        if not any(_same(value, self._cookie) for value in asked.cookies(cookie)):
             return Refused(403, _TOKEN)
         if asked.from_elsewhere:
             return Refused(403, _ANOTHER_PAGE)
@@ -135,13 +142,6 @@ class Admission:
                 on_use()
                 return True
         return None
-
-    def _is_cookie(self, name: str, header: str) -> bool:
-        try:
-            given = SimpleCookie(header).get(name)
-        except CookieError:
-            return False
-        return given is not None and _same(given.value, self._cookie)
 
 
 def _same(given: str, secret: str) -> bool:
