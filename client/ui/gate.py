@@ -59,7 +59,7 @@ def _asked(scope: Scope) -> Asked:
         path=scope["path"],
         query=scope["query_string"].decode("latin-1"),
         headers=[(name.decode("latin-1"), value.decode("latin-1")) for name, value in scope["headers"]],
-        peer=tuple(scope["client"]),
+        peer=tuple(scope["client"] or ("", 0)),  # none where it has gone already
         here=tuple(scope["server"]),
         is_socket=scope["type"] == "websocket",
     )

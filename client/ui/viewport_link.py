@@ -22,8 +22,8 @@ async def serve_viewport(viewing: Viewing, socket: WebSocket, tab: str) -> None:
     outgoing: asyncio.Queue[str | bytes] = asyncio.Queue()  # bounded by what may be under way
     talk = ViewportTalk(viewing, tab, outgoing.put_nowait)
     sending = asyncio.create_task(_send(socket, outgoing))
-    talk.begin()
     try:
+        talk.begin()
         while (text := await _received(socket)) is not None:
             talk.heard(text)
         log.info("tab %s has gone", tab)

@@ -27,6 +27,7 @@ log = logging.getLogger(__name__)
 WAITING_PATH = "/waiting"  # where the page asks what is being done
 
 _PAGE = Path(__file__).parent / "static" / "waiting.html"
+_ASKING_SECONDS = 10.0  # that a browser may take to ask: anybody may call, and each call has a thread
 _POLL_SECONDS = 0.05  # until it notices that it shall end
 _TEXT, _HTML = "text/plain; charset=utf-8", "text/html; charset=utf-8"
 
@@ -84,6 +85,7 @@ class _Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: _Server
+    timeout = _ASKING_SECONDS
 
     def do_GET(self) -> None:
         url = urlsplit(self.path)
