@@ -16,7 +16,7 @@ import queue
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
@@ -378,12 +378,15 @@ class Session:
             while (received := connection.receive()) is not None:
                 at = time.perf_counter()
                 if isinstance(received.message, messages.FrameFinished):
-                    self._tell_ends(received.message.lost)
+                    self._tell_ends(received.message)
                 self._events.put(MessageReceived(peer.id, received.message, received.payload, at))
         except VolsplatError as error:
             cause = self._told_loss(peer, error)
             if isinstance(error, RemoteProtocolError):
                 self._listener.lines.warn(f"{error}; the connection is closed")
+        except MemoryError:
+            cause = f"the memory does not suffice for what {peer} sends; ask for a smaller image (--size)"
+            connection.close()
         with self._connections_lock:
             del self._connections[peer.id], self._outgoing[peer.id]
         outgoing.end()
@@ -430,9 +433,14 @@ class Session:
         if outgoing is not None:  # else its loss is on the way as an event
             outgoing.post(message, *payload)
 
-    def _tell_ends(self, workers: Sequence[int]) -> None:
-        """Of workers that another server calls lost, say how their processes ended, where they did."""
-        for worker in workers:
+    def _tell_ends(self, finished: messages.FrameFinished) -> None:
+        """Of workers that the splat server calls lost, say how their processes ended, if they did.
+
+        Of an older frame workers are lost that went on to the newest one: nobody waits for them to end.
+        """
+        with self._frames_lock:
+            lost = finished.lost if finished.frame == self._newest_frame else []
+        for worker in lost:
             peer = self._peers.get(worker)
             if peer is not None and (ended := self._servers.told_end(peer.name)):
                 self._events.put(ServerLost(worker, f"{peer} is gone: it {ended}"))

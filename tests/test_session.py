@@ -11,11 +11,16 @@ import psutil
 import pytest
 import torch
 from head_volume import head, single, skin
+from message_samples import SAMPLES
 
 from volsplat.client import Session
 from volsplat.client.session import FrameAborted
 from volsplat.client.single import SingleProcess
+from volsplat.protocol import messages
+from volsplat.protocol.buffer_pool import BufferPool
 from volsplat.protocol.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.messages import Message
+from volsplat.protocol.roles import Role
 from volsplat.protocol.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Refine, Step
 
 __all__ = ["head", "single"]
@@ -185,6 +190,44 @@ def test_whoever_waits_hears_of_a_mistake_inside(head: Path) -> None:
     with Session(head, workers=1, on_progress=fail) as session:
         with pytest.raises(VolsplatError, match="a progress bar broke"):
             session.volume  # noqa: B018
+
+
+class LittleMemory(BufferPool):
+    """None for images."""
+
+    def __call__(self, message: Message, nbytes: int) -> bytearray:
+        if isinstance(message, messages.ImageRead):
+            raise MemoryError
+        return super().__call__(message, nbytes)
+
+
+def test_an_image_that_the_memory_does_not_hold_is_waited_for_by_nobody(
+    head: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("volsplat.client.session.BufferPool", LittleMemory)
+    with Session(head, workers=1) as session:
+        with pytest.raises(PeerLost, match="the memory does not suffice for what splat server .* sends; ask for"):
+            session.render(skin(session))
+
+
+def test_nobody_waits_for_the_end_of_workers_that_have_gone_on_to_a_newer_frame(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.render(skin(session))
+    waited_for: list[str] = []
+
+    def told_end(name: str) -> str:
+        waited_for.append(name)
+        return ""
+
+    monkeypatch.setattr(session._servers, "told_end", told_end)
+    worker = next(server.id for server in session.servers if server.role is Role.MAPSHADE_SERVER)
+    sample = SAMPLES[messages.FrameFinished][0]
+    for frame, times in ((session._newest_frame - 1, 0), (session._newest_frame, 1)):
+        finished = msgspec.structs.replace(sample, frame=frame, complete=False, lost=[worker])
+        assert isinstance(finished, messages.FrameFinished)
+        session._tell_ends(finished)
+        assert len(waited_for) == times
 
 
 def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Session) -> None:
