@@ -223,7 +223,8 @@ class HeldVolume:
 
     def _drop(self) -> None:
         self._levels, self.assignment, self._path = {}, 0, ""
-        self._lent, self._awaited, self._passed = None, None, []
+        self._lent, self._awaited = None, None
+        self._passed, self._passed_by = [], lambda: None
 
     def _read(self, sub_cubes: Sequence[SubCube | PassedBox], assignment: int, started: float) -> Answer:
         """The sub-cubes have their values, or know where to find them."""
