@@ -31,5 +31,5 @@ def _cause(error: Exception) -> str:
     line = " ".join(str(error).split())
     if line and isinstance(error, VolsplatError | ValueError | OSError):
         return line
-    log.error("a mistake of volsplat's", exc_info=error)
-    return f"a mistake of volsplat's, please report it: {type(error).__name__}: {line}"
+    log.error("an error in volsplat itself", exc_info=error)
+    return f"an error in volsplat itself, please report it: {type(error).__name__}: {line}"

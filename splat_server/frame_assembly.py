@@ -122,7 +122,7 @@ class FrameAssembly:
                 raise RemoteProtocolError(instruction.fault)
 
     def advance(self, max_packets: int = 1 << 17) -> Progress:
-        """Have splatted what is decided of the order, about `max_packets` of it; splats where much is undone.
+        """Have splatted what is decided of the order, about `max_packets` of it; splats where much is unfinished.
 
         Once the frame is complete all of it is splatted.
         """
@@ -151,7 +151,7 @@ class FrameAssembly:
 
     @property
     def splatting(self) -> bool:
-        """Whether anything handed to the splatter is undone."""
+        """Whether anything handed to the splatter is unfinished."""
         return self.image.busy
 
     @property

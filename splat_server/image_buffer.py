@@ -47,7 +47,7 @@ class ImageBuffer:
     ) -> None:
         """Combine the spans' samples with the buffer, after those that came before.
 
-        With several threads that goes on after the return; while much is undone, the caller helps. `batches` is
+        With several threads that goes on after the return; while much is unfinished, the caller helps. `batches` is
         kept until then: the spans' memory, which must not change. Without it the caller keeps that memory.
         `reach` is by columns if the buffer is (see pixel_reach). `pixels_per_packet` says what to thread.
         """

@@ -1,9 +1,9 @@
 """The splat server's loop: merges what map/shade servers send, splats it, and hands out the image at any time.
 
 One thread works: it answers the client, and between two answers it merges a few milliseconds' worth of packets for the
-threads that splat, of which it is one (see image_buffer); few such portions are undone at a time, so that aborts and
-requests for the image never wait long. Others receive from the client, send to it (see outbox), and receive from the
-map/shade servers (see data_links).
+threads that splat, of which it is one (see image_buffer); few such portions are unfinished at a time, so that aborts
+and requests for the image never wait long. Others receive from the client, send to it (see outbox), and receive from
+the map/shade servers (see data_links).
 """
 
 import threading

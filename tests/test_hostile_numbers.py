@@ -91,7 +91,7 @@ def told(request: Message) -> Iterator[None]:
         yield
     except Exception as error:
         cause = refusal(request, error).cause
-        assert "mistake of volsplat" not in cause and cause != OUT_OF_MEMORY, repr(error)
+        assert "error in volsplat itself" not in cause and cause != OUT_OF_MEMORY, repr(error)
 
 
 def held_at(path: Path) -> tuple[HeldVolume, messages.VolumeDescribed]:
