@@ -42,12 +42,13 @@ from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.index_rules import Quantisation, Survey
 from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.volume_identity import VolumeIdentity
 
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 2
+FORMAT = 3
 BRICKS = "bricks"
 DENSITY_COUNTS, STRENGTH_COUNTS = "histograms/density", "histograms/strength"
 BLOCKS = "blocks"
@@ -65,11 +66,10 @@ class StoredLevel(msgspec.Struct, frozen=True):
 
 
 class Source(msgspec.Struct, frozen=True):
-    """What a store was made from, so that another volume is not taken for it."""
+    """What a store was made from, so that another volume is not taken for it. Nothing of the folder that it lay in."""
 
-    name: str
-    size: int  # bytes
-    modified: int  # nanoseconds since 1970
+    name: str  # without its folder; all of a URL
+    identity: VolumeIdentity  # at no place
 
 
 class StoreAttributes(msgspec.Struct, frozen=True, kw_only=True):

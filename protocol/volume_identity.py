@@ -6,6 +6,7 @@ import msgspec
 from msgspec import Meta
 
 Digest = Annotated[str, Meta(pattern="^[0-9a-f]{32}$")]
+NOWHERE = "0" * 32
 Bytes = Annotated[int, Meta(ge=0, le=2**62)]
 
 
@@ -20,6 +21,10 @@ class VolumeIdentity(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_f
     contents: Digest  # of blocks that are taken evenly from all
     times: Digest  # of when each was last changed
     place: Digest  # of the machine and the path, or of the URL
+
+    def at_no_place(self) -> "VolumeIdentity":
+        """The same wherever the files lie. Among identities at no place, any difference of times is one."""
+        return msgspec.structs.replace(self, place=NOWHERE)
 
     def difference(self, described: "VolumeIdentity") -> str:
         """In what this is another volume than the one that was described, for a person; "" where it is the same."""

@@ -5,6 +5,7 @@ import gzip
 import json
 import os
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -302,6 +303,27 @@ def test_another_source_and_other_options_are_refused(tmp_path: Path) -> None:
             prepare_small(volume, out, Options(directions="paper", layout=SMALL))
     os.utime(volume, ns=(1, 1))
     with pytest.raises(BadInput, match="was begun from volume.nrrd as it was before it changed"):
+        prepare_small(volume, out)
+
+
+def test_a_source_is_known_by_its_contents_wherever_it_lies(tmp_path: Path) -> None:
+    volume, out = written(tmp_path / "volume.nrrd", values_of("int16")), tmp_path / "o.zarr"
+    killed_after(30, volume, out)
+    moved = tmp_path / "elsewhere" / "volume.nrrd"
+    moved.parent.mkdir()
+    shutil.move(volume, moved)
+    told = Told()
+    prepare_small(moved, out, told=told)
+    assert told.notes and told.notes[0].startswith("resuming")
+    shutil.copy2(moved, volume)
+    prepare_small(volume, tmp_path / "whole.zarr")
+    assert tree(out) == tree(tmp_path / "whole.zarr"), "its folder is not in the store"
+    time_of_change = volume.stat().st_mtime_ns
+    content = bytearray(volume.read_bytes())
+    content[-1] ^= 1
+    volume.write_bytes(content)
+    os.utime(volume, ns=(time_of_change, time_of_change))
+    with pytest.raises(BadInput, match=r"as it was before it changed \(its contents differ\); delete it"):
         prepare_small(volume, out)
 
 

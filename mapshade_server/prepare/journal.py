@@ -88,9 +88,13 @@ class Journal:
 
 def check_source(out: Path, began: Source, source: Source) -> None:
     """Raises BadInput where the store at `out` was begun from another source, or from one that was different then."""
-    if began != source:
-        what = f"{began.name} as it was before it changed" if began.name == source.name else began.name
-        raise BadInput(f"{out}: was begun from {what}; delete it, or name another place")
+    what = began.name
+    if began.name == source.name:
+        difference = source.identity.difference(began.identity)
+        if not difference:
+            return
+        what = f"{what} as it was before it changed ({difference})"
+    raise BadInput(f"{out}: was begun from {what}; delete it, or name another place")
 
 
 def other_options(out: Path) -> BadInput:

@@ -12,6 +12,7 @@ import numpy as np
 from volsplat.mapshade_server.packet_store import (
     BRICK_FIELDS,
     BRICKS,
+    Source,
     StoreAttributes,
     StoredLevel,
     attributes_of,
@@ -25,14 +26,14 @@ from volsplat.mapshade_server.prepare.level_packing import LevelPacker
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.prepare.scalars import Scalars, StoredScalars, volume_scalars
-from volsplat.mapshade_server.prepare.source_identity import source_of
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter, begin_store, brick_dims, sweep
 from volsplat.mapshade_server.prepare.survey import survey_volume
-from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.slabs import SLAB_BYTES, SlabReader
+from volsplat.mapshade_server.volume_identity import identified_volume, identity_of
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Geometry, Index
+from volsplat.protocol.volume_identity import VolumeIdentity
 from volsplat.protocol.volume_name import volume_name
 
 UNPACKED = "source"
@@ -82,13 +83,13 @@ class Preparation:
         self._options = options
         self._progress = progress
         self._is_far = volume_name(volume).is_url
-        reader = open_volume(volume)
-        self._description = reader.describe()
-        self._scalars = volume_scalars(reader)
+        self._reader, self._identity = identified_volume(volume)
+        self._description = self._reader.describe()
+        self._scalars = volume_scalars(self._reader)
         second = self._scalars.second
         self._second_type = None if second is None else second.read(FIRST_VOXEL).dtype
         dims, scalar_type = self._description.geometry.dims, self._description.scalar_type
-        self._wish = Wish(source_of(volume), options.window, options.directions, options.layout)
+        self._wish = Wish(_source(volume, self._identity), options.window, options.directions, options.layout)
         self._levels = options.layout.levels(self._description.geometry)
         item_bytes = np.dtype(scalar_type).itemsize
         more_bytes = [] if self._second_type is None else [self._second_type.itemsize]
@@ -126,11 +127,18 @@ class Preparation:
         self._pack(source, attributes, writer, journal)
         if self._options.verify:
             self._verify(writer, journal)
-        if source_of(self._volume) != self._wish.source:
-            raise BadInput(
-                f"{self._volume}: was replaced or changed while it was prepared; delete {self._out}, begin anew"
-            )
+        self._check_unchanged()
         writer.finish()
+
+    def _check_unchanged(self) -> None:
+        """Raises BadInput unless the volume is still the one that was opened."""
+        found = identity_of(self._volume, self._reader, self._description)
+        difference = found.difference(self._identity)
+        if difference:
+            raise BadInput(
+                f"{self._volume}: was replaced or changed while it was prepared: {difference}; "
+                f"delete {self._out}, begin anew"
+            )
 
     def _source(self, journal: Journal) -> Scalars:
         """The scalars of level 0: from the volume itself or, where blocks of it cost too much, from a raw copy."""
@@ -250,6 +258,12 @@ class Preparation:
     def _is_finished(self, level: int, block: Box, writer: StoreWriter, journal: Journal) -> bool:
         shards = self._options.layout.shards(self._levels[level].dims, block)
         return all(writer.shard_name(level, shard) in journal.state.shards for shard in shards)
+
+
+def _source(volume: str, identity: VolumeIdentity) -> Source:
+    name = volume_name(volume)
+    shown = name if name.is_url else name._replace(place=Path(name.place).name)
+    return Source(str(shown), identity.at_no_place())
 
 
 def _is_empty_folder(path: Path) -> bool:
