@@ -73,6 +73,8 @@ class MapShadeServer:
                 pass
         except VolsplatError as error:
             self._failure = error
+        except MemoryError:
+            self._failure = VolsplatError(f"the memory does not suffice for what {self._client} sends")
         self._newest_frame = self._newest_assignment = sys.maxsize
         self._requests.end()
         # What is being sent is of no use any more, and a peer that does not read would hold it up for ever.

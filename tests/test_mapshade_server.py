@@ -10,6 +10,7 @@ import msgspec
 import pytest
 import torch
 from arbitrary import plain_scene
+from message_samples import SAMPLES
 from phantoms import QUANTISATION, shaded_scene
 
 from volsplat.client.phantoms import make_phantom
@@ -21,6 +22,7 @@ from volsplat.protocol.closed_tiles import new_tile_map
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
 from volsplat.protocol.errors import PeerLost, VolsplatError
+from volsplat.protocol.framing import Allocate, new_buffer
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.levels import own_resolution
 from volsplat.protocol.listener import Listener
@@ -45,11 +47,12 @@ def shells(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Bench:
     """A map/shade server in a thread, what a client says to it, and where splat servers would listen."""
 
-    def __init__(self) -> None:
+    def __init__(self, allocate: Allocate = new_buffer) -> None:
         self.token = new_token()
         self._clients = Listener(Role.CLIENT, self.token)
         self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token) for _ in range(2)]
-        self.connection = connect(self._clients.address, new_hello(Role.MAPSHADE_SERVER), self.token, Role.CLIENT)
+        hello = new_hello(Role.MAPSHADE_SERVER)
+        self.connection = connect(self._clients.address, hello, self.token, Role.CLIENT, allocate=allocate)
         self._server = MapShadeServer(self.connection, self.token)
         self.failure: VolsplatError | None = None  # of the server
         self._thread = threading.Thread(target=self._run, name="map/shade server under test", daemon=True)
@@ -336,6 +339,20 @@ def test_only_the_newest_of_the_frames_that_wait_is_kept(bench: Bench, tmp_path:
         bench.control.send(messages.EndSession())
         bench.ends()
     bench.control.close()
+
+
+def test_a_server_ends_where_the_memory_does_not_suffice_for_a_part() -> None:
+    def no_memory(message: messages.Message, nbytes: int) -> bytearray:
+        raise MemoryError
+
+    bench = Bench(no_memory)
+    part, payload = SAMPLES[messages.HoldPart]
+    bench.control.send(part, payload)
+    with pytest.raises(PeerLost):
+        bench.control.receive()
+    bench.control.close()
+    bench.close()
+    assert "the memory does not suffice" in str(bench.failure)
 
 
 def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench) -> None:
