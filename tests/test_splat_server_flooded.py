@@ -94,7 +94,7 @@ def attacked() -> Iterator[Attacked]:
 
 def flood(link: Connection, rising: bool) -> int:
     """Empty batches of frames that nobody asked for, as many as are taken at once; how many that were."""
-    link._socket.settimeout(1.0)
+    link._socket.settimeout(PATIENCE if rising else 1.0)  # those of one frame are not all taken, however long one waits
     for n in range(BATCHES):
         batch = empty(10 + n, LIAR, 0) if rising else empty(10, LIAR, n)
         (control,) = encode(batch, speech=Speech(DATA_LINK_TO_SPLAT))
