@@ -1,8 +1,8 @@
 """What the browser is told to refuse on the page's behalf: foreign scripts, frames, guesses at types, and copies.
 
 NiceGUI compiles its templates in the browser (Vue) and sends code to run, which takes 'unsafe-eval'; scripts in the
-page itself must carry a nonce, so that markup which finds its way into the page runs nothing. Quasar sets styles
-inline.
+page itself must carry a nonce, so that markup which is put into the page in the browser runs nothing. (What a page is
+served with gets the nonce, whoever wrote it: NiceGUI escapes what it is given.) Quasar sets styles inline.
 """
 
 from __future__ import annotations
