@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 
 from volsplat.mapshade_server.readers import stored_voxels
 from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.voxel_room import voxel_room
+from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box
 
 VALUES = np.arange(40 * 30 * 20, dtype=np.uint16).reshape(20, 30, 40)
@@ -54,3 +56,8 @@ def test_slabs_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: 
     slabs = [voxels.read(Box((0, 0, k), (40, 30, k + 5))) for k in range(0, 20, 5)]
     assert (np.concatenate(slabs) == VALUES).all()
     assert unpacked == VALUES.nbytes + 4
+
+
+def test_a_box_larger_than_the_memory_names_a_cure_that_there_is() -> None:
+    with pytest.raises(BadInput, match=r"big\.raw: .* GiB of voxels do not fit .*volsplat prepare"):
+        voxel_room(Box((0, 0, 0), (1 << 20, 1 << 20, 1 << 10)), "float64", "big.raw")

@@ -18,6 +18,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
 from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.voxel_room import voxel_room
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Index
 
@@ -94,14 +95,7 @@ class StoredVoxels:
 
     def read(self, box: Box) -> Voxels:
         """The voxels of `box`, in native byte order. Raises BadInput where the files end too early."""
-        ni, nj, nk = box.size
-        try:
-            voxels = np.empty((nk, nj, ni), self.dtype)
-        except MemoryError:
-            need = box.voxels * self.dtype.itemsize / 2**30
-            raise BadInput(
-                f"{self.source}: {need:.1f} GiB of voxels do not fit into memory; use more workers"
-            ) from None
+        voxels = voxel_room(box, self.dtype, self.source)
         first = 0  # of the piece's sheets, in the whole volume
         for piece in self.pieces:
             low, high = max(box.low[2], first), min(box.high[2], first + piece.sheets)

@@ -24,6 +24,7 @@ from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.voxel_room import no_room
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, VolumeDescription
 
@@ -126,7 +127,7 @@ def _opened(h5py: ModuleType, path: Path) -> Iterator[Any]:
         with h5py.File(path, "r", locking="best-effort") as file:
             yield file
     except MemoryError:
-        raise BadInput(f"{path}: the voxels do not fit into memory; use more workers") from None
+        raise no_room(path) from None
     except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
         raise BadInput(f"{path}: {_reason(error)}; check or fetch the file again") from None
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.voxel_room import voxel_room
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Box, Index
 
@@ -193,13 +194,7 @@ class BlockVoxels:
         (i0, j0, k0), (i1, j1, k1) = box
         ni, nj, _ = self._array.dims
         dtype = self._array.dtype
-        try:
-            voxels: Voxels = np.empty(box.size[::-1], dtype.newbyteorder("="))
-        except MemoryError:
-            need = box.voxels * dtype.itemsize / 2**30
-            raise BadInput(
-                f"{self._array.path}: {need:.1f} GiB of voxels do not fit into memory; use more workers"
-            ) from None
+        voxels = voxel_room(box, dtype.newbyteorder("="), self._array.path)
         for n, k in enumerate(range(k0, k1)):
             rows = self._bytes((k * nj + j0) * ni * dtype.itemsize, (k * nj + j1) * ni * dtype.itemsize)
             voxels[n] = np.frombuffer(rows, dtype).reshape(j1 - j0, ni)[:, i0:i1]

@@ -15,6 +15,7 @@ from volsplat.mapshade_server.readers.arrays.web_failures import (
     reason_and_cure,
 )
 from volsplat.mapshade_server.readers.arrays.zarr_codecs import bounded_codecs
+from volsplat.mapshade_server.readers.voxel_room import no_room
 from volsplat.protocol.errors import BadInput
 
 METADATA = ("zarr.json", ".zgroup", ".zarray", ".zattrs", ".zmetadata")
@@ -111,7 +112,7 @@ def one_line_errors(name: str) -> Iterator[None]:
     except BadInput:
         raise
     except MemoryError:
-        raise BadInput(f"{name}: the voxels do not fit into memory; use more workers") from None
+        raise no_room(name) from None
     except Exception as error:
         if "://" in name:
             end_requests()

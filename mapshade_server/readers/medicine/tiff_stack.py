@@ -20,6 +20,7 @@ from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse
 from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
 from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.mapshade_server.readers.voxel_room import voxel_room
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.matrices import Matrix, Vector
 from volsplat.protocol.volume import Box, Index, VolumeDescription
@@ -77,11 +78,7 @@ class TiffStackReader:
         scalar_type = self._description.scalar_type
         if self._raw is not None:
             return self._raw.read(box).astype(scalar_type, copy=False)
-        try:
-            voxels = np.empty(box.size[::-1], scalar_type)
-        except MemoryError:
-            path = self._pages[0].path
-            raise BadInput(f"{path}: {box.voxels} voxels do not fit into memory; use more workers") from None
+        voxels = voxel_room(box, scalar_type, self._pages[0].path)
         opened = None
         with ExitStack() as files:
             for n, page in enumerate(self._pages[box.low[2] : box.high[2]]):
