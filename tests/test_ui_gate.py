@@ -228,6 +228,17 @@ def test_sockets_open_with_the_cookie_and_for_this_page_alone(guarded: Guarded) 
 # -- whose process
 
 
+def test_the_sockets_of_a_port_are_those_that_have_it() -> None:
+    if not list(tcp_sockets()):
+        pytest.skip("this system does not tell whose sockets are (no /proc/net/tcp)")
+    with socket.create_server(("127.0.0.1", 0)) as listening, socket.create_connection(listening.getsockname()) as ours:
+        for one in (listening, ours):
+            host, port = one.getsockname()
+            found = list(tcp_sockets(port))
+            assert (host, port) in [each.local for each in found]
+            assert {each.local[1] for each in found} == {port}
+
+
 def test_a_socket_is_known_by_both_of_its_ends() -> None:
     if not list(tcp_sockets()):
         pytest.skip("this system does not tell whose sockets are (no /proc/net/tcp)")

@@ -42,7 +42,7 @@ def own_peers() -> PeerOwner:
 
 def _owner(end: tuple[str, int], other: tuple[str, int]) -> int | None:
     """The user who holds this end of an open connection, None if there is none such."""
-    for found in tcp_sockets():
+    for found in tcp_sockets(end[1]):
         if found.state == ESTABLISHED and (found.local, found.remote) == (end, other):
             return found.owner
     return None
