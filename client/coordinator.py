@@ -154,10 +154,14 @@ class Coordinator:
         boxes = self.holding.boxes
         self._note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in boxes.items())
         data = self.servers[self._splat_server].data
-        routes = [messages.Route(server=self._splat_server, host=data.host, port=data.port)]
+        keys = {worker: self.servers[worker].key for worker in boxes}
+        routes = {
+            worker: messages.Route(server=self._splat_server, host=data.host, port=data.port, key=key)
+            for worker, key in keys.items()
+        }
         return [
-            Send(self._splat_server, messages.InviteWorkers(workers=list(boxes))),
-            *(Send(worker, messages.ConnectToSplatServers(routes=routes)) for worker in boxes),
+            Send(self._splat_server, messages.InviteWorkers(keys=keys)),
+            *(Send(worker, messages.ConnectToSplatServers(routes=[route])) for worker, route in routes.items()),
         ]
 
     def _received_ConnectedToSplatServers(

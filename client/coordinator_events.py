@@ -1,6 +1,7 @@
 """The coordinator's events and instructions, and what they carry."""
 
-from dataclasses import dataclass
+import secrets
+from dataclasses import dataclass, field
 
 from volsplat.client.surveyed_volume import SurveyedVolume
 from volsplat.protocol import messages
@@ -36,6 +37,9 @@ class ServerJoined:
     host: str  # where it dials from
     data: Address  # where a splat server takes data links
     elsewhere: bool = False  # on another machine, so that its errors must name it
+    key: bytes = field(  # a worker's, which proves its data links: the splat server and it alone are told
+        default_factory=lambda: secrets.token_bytes(messages.WORKER_KEY_BYTES), repr=False
+    )
 
 
 @dataclass(frozen=True)

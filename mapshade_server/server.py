@@ -130,7 +130,12 @@ class MapShadeServer:
             self._close_data_link()
             address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=self._client.id)
             connection = connect(
-                address, hello, self._token, Role.SPLAT_SERVER, server=route.server, given_up=lambda: self._ended
+                address,
+                hello,
+                self._token.bound_to(route.key),
+                Role.SPLAT_SERVER,
+                server=route.server,
+                given_up=lambda: self._ended,
             )
             self._data_link = DataLink(route, connection)
         self._client.send(messages.ConnectedToSplatServers(servers=[route.server]))

@@ -17,5 +17,9 @@ class RemoteProtocolError(VolsplatError):
     """The peer broke the protocol; the connection must be closed."""
 
 
+class TooEarly(VolsplatError):
+    """A peer came before it was told of; the connection is closed without a word, and it dials again."""
+
+
 class PeerLost(VolsplatError):
     """A server that a frame needs is gone."""

@@ -6,11 +6,13 @@ leaves the state as it was.
 
 Each proof is HMAC-SHA256 with the token as key, over the prover's side, both greetings (so both nonces, roles and
 version ranges) and, in Welcome, the id. The side in it keeps a proof from being sent back to the one who made it;
-the dialler proves itself first, so that whoever connects to a port learns nothing to try tokens on.
+the dialler proves itself first, so that whoever connects to a port learns nothing to try tokens on. Where the
+accepter holds each peer to a token of its own (data links), that one is the key.
 """
 
 import hmac
 import secrets
+from collections.abc import Callable
 from enum import Enum
 
 from volsplat.protocol.errors import BadInput, LocalProtocolError, RemoteProtocolError
@@ -168,15 +170,27 @@ class DiallerHandshake(Handshake):
 class AccepterHandshake(Handshake):
     """The side that accepts: call receive() with each message; in state PROVEN, call welcome() or reject()."""
 
-    def __init__(self, token: Token, role: Role, versions: VersionRange = SPOKEN, nonce: bytes | None = None) -> None:
+    def __init__(
+        self,
+        token: Token,
+        role: Role,
+        versions: VersionRange = SPOKEN,
+        nonce: bytes | None = None,
+        token_of: Callable[[Hello], Token] | None = None,
+    ) -> None:
+        """`token_of` gives the token that this peer must know instead; it may raise TooEarly."""
         super().__init__(Side.ACCEPTER, token)
+        self._token_of = token_of
         self.challenge = Challenge(role, versions.oldest, versions.newest, nonce or secrets.token_bytes(NONCE_BYTES))
         self.hello: Hello | None = None
         self.version = 0  # agreed on, from CHALLENGE_SENT on
         self.rejection = ""  # why the peer was rejected, in our words
 
     def receive(self, message: Message) -> Challenge | Rejected | None:
-        """The message to send next, if any; after Rejected, `rejection` says why. Raises RemoteProtocolError."""
+        """The message to send next, if any; after Rejected, `rejection` says why.
+
+        Raises RemoteProtocolError, or TooEarly where the peer's own token is not known yet.
+        """
         state = self._next(Does.RECEIVES, type(message))
         match message:
             case Hello():
@@ -184,11 +198,10 @@ class AccepterHandshake(Handshake):
                 return self._greeted(message)
             case Proof():
                 assert self.hello is not None
+                if self._token_of is not None:
+                    self._token = self._token_of(self.hello)
                 if not hmac.compare_digest(message.proof, self._proof(Side.DIALLER, self.hello, self.challenge, 0)):
-                    return self.reject(
-                        f"the {self.hello.role} has another session token than the {self.challenge.role}; start it "
-                        "with the token of this session (VOLSPLAT_TOKEN or --token-file)"
-                    )
+                    return self.reject(self._unproven(self.hello))
                 self.state = state
         return None
 
@@ -204,6 +217,14 @@ class AccepterHandshake(Handshake):
         self.state = self._next(Does.SENDS, Rejected)
         self.rejection = cause
         return Rejected(cause[:LONGEST_LINE])
+
+    def _unproven(self, hello: Hello) -> str:
+        if self._token_of is not None:
+            return f"the {hello.role} does not know the key that the client gave to worker {hello.server} alone"
+        return (
+            f"the {hello.role} has another session token than the {self.challenge.role}; start it with the token of "
+            "this session (VOLSPLAT_TOKEN or --token-file)"
+        )
 
     def _greeted(self, hello: Hello) -> Challenge | Rejected:
         if Way(hello.role, self.challenge.role) not in DIALLED:

@@ -15,7 +15,7 @@ from contextlib import suppress
 
 from volsplat.protocol.addresses import LOOPBACK, Address
 from volsplat.protocol.connection import Connection, ConnectionClosed, Peer
-from volsplat.protocol.errors import BadInput, RemoteProtocolError, VolsplatError
+from volsplat.protocol.errors import BadInput, RemoteProtocolError, TooEarly, VolsplatError
 from volsplat.protocol.framing import Allocate, new_buffer
 from volsplat.protocol.greetings import Hello
 from volsplat.protocol.handshake import AccepterHandshake, State
@@ -60,17 +60,20 @@ class Listener:
         host: str = LOOPBACK,
         port: int = 0,
         assign_id: Callable[[Hello], int] | None = None,
+        token_of: Callable[[Hello], Token] | None = None,
         allocate: Allocate = new_buffer,
         versions: VersionRange = SPOKEN,
         handshake_seconds: float = HANDSHAKE_SECONDS,
         most_pending: int = MOST_PENDING,
     ) -> None:
         """`port` 0 takes any free one. `assign_id` gives a proven peer its id, or raises VolsplatError to reject it.
-
+        `token_of` gives the token that a peer must know in the place of `token`, or raises TooEarly to have it dial
+        again; several threads may call it at a time.
         Raises BadInput where the address cannot be had.
         """
         self._role, self._token, self._versions = role, token, versions
         self._assign_id = assign_id or IdCounter()
+        self._token_of = token_of
         self._allocate = allocate
         self._handshake_seconds = handshake_seconds
         self._most_pending = most_pending
@@ -181,6 +184,8 @@ class Listener:
             self._shake_hands(connection, address)
         except ConnectionClosed:
             log.debug("%s is gone: this side closed it", connection)
+        except TooEarly as error:
+            log.debug("%s is to dial again: %s", connection, error)
         except VolsplatError as error:
             failure = printable(str(error))
         with self._lock:
@@ -194,7 +199,7 @@ class Listener:
 
     def _shake_hands(self, connection: Connection, address: Address) -> None:
         """Runs the handshake. Raises BadInput where the peer is rejected, or what the connection raises."""
-        handshake = AccepterHandshake(self._token, self._role, self._versions)
+        handshake = AccepterHandshake(self._token, self._role, self._versions, token_of=self._token_of)
         while handshake.state is not State.PROVEN:
             received = connection.receive()
             if received is None:

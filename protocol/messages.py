@@ -25,6 +25,7 @@ MAX_BOXES = 4096
 MOST_LEVELS = 32
 LONGEST_LINE = 1000  # characters
 LONGEST_PATH = 4096
+WORKER_KEY_BYTES = 32
 
 ServerId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # given by the client at Welcome, never used again
 FrameId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each image request of a session
@@ -35,6 +36,9 @@ Ordinal = Annotated[int, Meta(ge=0, le=2**32 - 1)]  # as in a row run
 Seconds = Annotated[float, Meta(ge=0)]
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]
 LevelNumber = Annotated[int, Meta(ge=0, lt=MOST_LEVELS)]
+WorkerKey = Annotated[
+    bytes, Meta(min_length=WORKER_KEY_BYTES, max_length=WORKER_KEY_BYTES)
+]  # drawn by the client, for one worker and the splat servers
 Port = Annotated[int, Meta(ge=1, le=65535)]
 Line = Annotated[str, Meta(max_length=LONGEST_LINE)]
 Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
@@ -53,11 +57,12 @@ class Detail(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class Route(Detail, frozen=True):
-    """Where a splat server takes data links."""
+    """Where a splat server takes data links, and the key that proves which worker the link is of."""
 
     server: ServerId
     host: Line
     port: Port
+    key: WorkerKey
 
 
 class MapShadeStats(Detail, frozen=True):
@@ -310,12 +315,12 @@ class OpenPackets(Message, frozen=True):
 
 
 class InviteWorkers(Message, frozen=True):
-    """Client to splat server: take the data links of these workers and of no other. Nothing answers it.
+    """Client to splat server: take the data links of these workers, by their keys, and of no other.
 
-    A link that comes before its invitation waits, unread.
+    Nothing answers it. A link that comes before its invitation is closed, and its worker dials again.
     """
 
-    workers: ServerIds
+    keys: Annotated[dict[ServerId, WorkerKey], Meta(max_length=MAX_SERVERS)]
 
 
 class ConnectToSplatServers(Message, frozen=True):

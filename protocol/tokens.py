@@ -3,6 +3,7 @@
 It comes from the environment or from a file that only its owner can read; a command line can be read by everybody.
 """
 
+import hmac
 import os
 import secrets
 import stat
@@ -34,6 +35,10 @@ class Token:
     def key(self) -> bytes:
         """What proofs are made with."""
         return self._text.encode("ascii")
+
+    def bound_to(self, worker_key: bytes) -> "Token":
+        """What proves a worker's data link: it takes both this token and the key that the client gave the worker."""
+        return Token(hmac.new(self.key, b"volsplat data link" + worker_key, "sha256").hexdigest())
 
     def added_to(self, environment: Mapping[str, str]) -> dict[str, str]:
         """A copy of `environment` for a server that this process starts on its own machine."""

@@ -16,6 +16,7 @@ from volsplat.protocol.machine import usable_cores
 from volsplat.protocol.roles import Role
 from volsplat.protocol.server_process import address_option, process_name
 from volsplat.protocol.tokens import need_token
+from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.server import SplatServer
 
 ANY_PORT = f"{LOOPBACK}:0"
@@ -40,8 +41,17 @@ def splat_server(
     """Join the client at HOST:PORT, merge and splat what its map/shade servers send, and hand out the image."""
     log_to_stderr("splat-server", logging.INFO if verbose else logging.WARNING)
     token = need_token(os.environ, token_file)
-    with Listener(Role.SPLAT_SERVER, token, host=listen.host, port=listen.port, allocate=BufferPool()) as data_links:
+    invitations = Invitations(token)
+    with Listener(
+        Role.SPLAT_SERVER,
+        token,
+        host=listen.host,
+        port=listen.port,
+        token_of=invitations.token_of,
+        allocate=BufferPool(),
+    ) as data_links:
         # An address that means "every interface" is no address to dial: the client then names the one it sees.
         host = "" if data_links.address.host in ("0.0.0.0", "::") else data_links.address.host
         hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=data_links.address.port, name=process_name())
-        SplatServer(connect(client, hello, token, Role.CLIENT, patience=patience), data_links, threads).run()
+        control = connect(client, hello, token, Role.CLIENT, patience=patience)
+        SplatServer(control, data_links, invitations, threads).run()

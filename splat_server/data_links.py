@@ -1,14 +1,14 @@
 """The links from the map/shade servers: a thread for each, which hands its batches to the merge.
 
 A thread stops reading while its worker's buffers are full (see merge.Merge.may_read); the socket makes the worker wait.
-Only links of workers that the client has invited are read. Others wait: the invitation may be on its way.
+Only links of workers that the client has invited are taken (see invitations).
 """
 
 import logging
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from volsplat.protocol import messages
@@ -17,12 +17,12 @@ from volsplat.protocol.errors import RemoteProtocolError, VolsplatError
 from volsplat.protocol.listener import Listener
 from volsplat.protocol.packet_layout import ROW_RUN_BYTES
 from volsplat.splat_server._kernels import BatchMemory
+from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import Batch, BatchArrived, RefuseBatch, WorkerLinked, WorkerLost
 
 log = logging.getLogger(__name__)
 
-MOST_UNINVITED = 64  # links that wait; beyond, the oldest makes room
 UNREAD_SECONDS = 25.0  # a worker reads at once; one that has not taken what was sent for this long is gone
 
 
@@ -53,15 +53,19 @@ class DataLinks:
     """Takes links and their batches until it is closed."""
 
     def __init__(
-        self, listener: Listener, merge: Merge, changed: threading.Condition, on_news: Callable[[], None]
+        self,
+        listener: Listener,
+        invitations: Invitations,
+        merge: Merge,
+        changed: threading.Condition,
+        on_news: Callable[[], None],
     ) -> None:
         """`changed` guards the merge and all that is here. `on_news` is called within it: the merge may go on."""
         self._listener = listener
+        self._invitations = invitations
         self._merge = merge
         self._changed = changed
         self._on_news = on_news
-        self._invited: set[int] = set()  # workers
-        self._uninvited: list[Connection] = []  # links that wait, oldest first
         self._links: dict[int, Connection] = {}  # by worker, the newest of each
         self._came: dict[int, _Came] = {}  # by worker, over its newest link
         self._held_back: defaultdict[int, float] = defaultdict(float)  # seconds since the frame began, by worker
@@ -70,21 +74,11 @@ class DataLinks:
     def close(self) -> None:
         self._listener.close()
         with self._changed:
-            links = [*self._links.values(), *self._uninvited]
+            links = list(self._links.values())
             self._links.clear()
-            self._uninvited.clear()
             self._changed.notify_all()  # threads that hold back
         for link in links:
             link.close()
-
-    def invite(self, workers: Iterable[int]) -> None:
-        """From now on take these workers' links and no other; those that are there stay."""
-        with self._changed:
-            self._invited = set(workers)
-            taken = [link for link in self._uninvited if link.peer.id in self._invited]
-            self._uninvited = [link for link in self._uninvited if link not in taken]
-        for link in taken:
-            self._take_up(link)
 
     def begin_frame(self) -> None:
         """Forget for how long workers were held back before."""
@@ -119,17 +113,10 @@ class DataLinks:
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
             link.lose_after(UNREAD_SECONDS)
-            with self._changed:
-                invited = link.peer.id in self._invited
-                if not invited:
-                    self._uninvited.append(link)
-                crowd = self._uninvited[:-MOST_UNINVITED]
-                del self._uninvited[: len(crowd)]
-            for oldest in crowd:
-                self._listener.lines.warn(f"{oldest} was not invited by the client; the connection is closed")
-                oldest.close()
-            if invited:
+            if link.peer.id in self._invitations:
                 self._take_up(link)
+            else:  # the client has thought better of it since the handshake
+                link.close()
 
     def _take_up(self, link: Connection) -> None:
         """Read from a link, in the place of the one that its worker had before."""

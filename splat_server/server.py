@@ -20,6 +20,7 @@ from volsplat.protocol.peak_memory import peak_memory
 from volsplat.protocol.refusals import refusal
 from volsplat.splat_server.data_links import DataLinks
 from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
+from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import FrameAborted
 from volsplat.splat_server.outbox import Outbox
@@ -40,8 +41,10 @@ def packets_at_once(pixels_per_packet: int) -> int:
 class SplatServer:
     """One client's splat server. `run` returns when the client ends the session."""
 
-    def __init__(self, client: Connection, data_links: Listener, threads: int) -> None:
+    def __init__(self, client: Connection, data_links: Listener, invitations: Invitations, threads: int) -> None:
+        """`data_links` takes links by what `invitations` say."""
         self._client = client
+        self._invitations = invitations
         self._threads = threads
         self._changed = threading.Condition()  # guards what follows; notified whenever any of it changes
         self._merge = Merge()
@@ -61,7 +64,7 @@ class SplatServer:
         self._hidden_told = 0  # hidden packets when the workers last heard which tiles are closed
         self._next_tile_news = 0.0
 
-        self._data_links = DataLinks(data_links, self._merge, self._changed, self._note_news)
+        self._data_links = DataLinks(data_links, invitations, self._merge, self._changed, self._note_news)
         self._tile_news = TileNews()
         self._outbox = Outbox(client, image_sent=self._notify, failed=self._end)
 
@@ -256,7 +259,7 @@ class SplatServer:
                 if isinstance(received.message, messages.EndSession):
                     break
                 if isinstance(received.message, messages.InviteWorkers):
-                    self._data_links.invite(received.message.workers)
+                    self._invitations.replace(received.message.keys)
                     continue
                 with self._changed:
                     for older in [request for request in self._requests if superseded(request, received.message)]:

@@ -83,8 +83,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.DescribeMachine(), b""),
         (messages.MachineDescribed(1 << 34), b""),
         (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
-        (messages.InviteWorkers([1, 2]), b""),
-        (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001)]), b""),
+        (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
+        (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
         (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, RESOLUTION, [1, 2]), b""),
         (messages.AbortFrame(7), b""),
@@ -248,10 +248,10 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         st.lists(st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, max_size=2)), max_size=3),
         identities,
     ),
-    messages.InviteWorkers: st.builds(messages.InviteWorkers, st.lists(ids, max_size=3)),
+    messages.InviteWorkers: st.builds(messages.InviteWorkers, st.dictionaries(ids, blobs, max_size=3)),
     messages.ConnectToSplatServers: st.builds(
         messages.ConnectToSplatServers,
-        st.lists(st.builds(messages.Route, ids, lines, st.integers(1, 65535)), max_size=3),
+        st.lists(st.builds(messages.Route, ids, lines, st.integers(1, 65535), blobs), max_size=3),
     ),
     messages.ConnectedToSplatServers: st.builds(messages.ConnectedToSplatServers, st.lists(ids, max_size=3)),
     messages.RenderFrame: st.builds(

@@ -10,7 +10,7 @@ from message_samples import SAMPLES
 from protocol_pictures import PICTURES, redrawn
 
 from volsplat.protocol import greetings
-from volsplat.protocol.errors import BadInput, LocalProtocolError, RemoteProtocolError
+from volsplat.protocol.errors import BadInput, LocalProtocolError, RemoteProtocolError, TooEarly
 from volsplat.protocol.framing import encode
 from volsplat.protocol.greetings import Challenge, Hello, Proof, Rejected, Welcome
 from volsplat.protocol.handshake import (
@@ -82,6 +82,31 @@ def test_another_token_is_told_to_both_sides_in_one_line() -> None:
         dialler.receive(rejected)
     assert dialler.state is State.REJECTED
     assert "\n" not in str(caught.value) + accepter.rejection
+
+
+def test_a_data_link_must_know_its_workers_key_and_neither_it_nor_the_token_is_sent() -> None:
+    key, way = bytes(range(32)), Way(Role.DATA_LINK, Role.SPLAT_SERVER)
+    keys = {5: TOKEN.bound_to(key)}
+    stream = b""
+    for known, opens in ((TOKEN.bound_to(key), True), (TOKEN, False), (TOKEN.bound_to(bytes(32)), False)):
+        dialler = DiallerHandshake(known, new_hello(way.sender, server=5, versions=FIRST), way.receiver)
+        accepter = AccepterHandshake(TOKEN, way.receiver, FIRST, token_of=lambda hello: keys[hello.server])
+        said = run(dialler, accepter)
+        assert (accepter.state is State.OPEN) is opens
+        assert opens or "does not know the key that the client gave to worker 5" in accepter.rejection
+        stream += b"".join(bytes(buffer) for message in said for buffer in encode(message))
+    assert not any(secret in stream for secret in (key, TOKEN.key, keys[5].key))
+
+
+def test_a_peer_whose_own_token_is_not_known_yet_is_in_the_same_state_still() -> None:
+    def unknown(hello: Hello) -> Token:
+        raise TooEarly(hello.name)
+
+    way = Way(Role.DATA_LINK, Role.SPLAT_SERVER)
+    accepter = AccepterHandshake(TOKEN, way.receiver, FIRST, token_of=unknown)
+    with pytest.raises(TooEarly):
+        run(DiallerHandshake(TOKEN, new_hello(way.sender, server=5, versions=FIRST), way.receiver), accepter)
+    assert accepter.state is State.CHALLENGE_SENT
 
 
 @given(st.lists(st.integers(1, 9), min_size=4, max_size=4))

@@ -35,6 +35,7 @@ SIZE = 16
 SCENE = shaded_scene(View(zoom=3.0), (64, 48))
 OUTSIDE = msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0)))
 PATIENCE = 30.0  # seconds, after which what never comes fails its test
+KEY = bytes(range(messages.WORKER_KEY_BYTES))
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,8 @@ class Bench:
     def __init__(self, allocate: Allocate = new_buffer) -> None:
         self.token = new_token()
         self._clients = Listener(Role.CLIENT, self.token)
-        self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token) for _ in range(2)]
+        links = self.token.bound_to(KEY)
+        self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token, token_of=lambda _: links) for _ in range(2)]
         hello = new_hello(Role.MAPSHADE_SERVER)
         self.connection = connect(self._clients.address, hello, self.token, Role.CLIENT, allocate=allocate)
         self._server = MapShadeServer(self.connection, self.token)
@@ -86,7 +88,7 @@ class Bench:
     def connects(self, number: int) -> None:
         """Have the server link to a splat server."""
         address = self.splat_servers[number].address
-        route = messages.Route(server=2 + number, host=address.host, port=address.port)
+        route = messages.Route(server=2 + number, host=address.host, port=address.port, key=KEY)
         self.control.send(messages.ConnectToSplatServers(routes=[route]))
         self.hears(messages.ConnectedToSplatServers)
 
@@ -360,7 +362,7 @@ def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench) -
     nobody = bench.splat_servers[0].address
     bench.splat_servers[0].close()
     before = bench.connection.counters.messages_in
-    bench.control.send(messages.ConnectToSplatServers([messages.Route(2, nobody.host, nobody.port)]))
+    bench.control.send(messages.ConnectToSplatServers([messages.Route(2, nobody.host, nobody.port, KEY)]))
     until(lambda: bench.connection.counters.messages_in > before)
     asked_at = time.monotonic()
     bench.control.send(messages.EndSession())

@@ -1,5 +1,6 @@
 """The splat server's loop over real sockets, with the test as its client and as its map/shade servers."""
 
+import secrets
 import sys
 import threading
 from collections.abc import Iterator
@@ -35,6 +36,7 @@ from volsplat.protocol.tokens import new_token
 from volsplat.protocol.volume import Box, Geometry
 from volsplat.splat_server import merge, server
 from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.server import PIXELS_AT_ONCE, SplatServer, packets_at_once
 
@@ -43,6 +45,7 @@ VALUES = shells(SIZE)
 GEOMETRY = Geometry(dims=(SIZE, SIZE, SIZE))
 SCENE = shaded_scene(View(rotation=(0.2, 0.5, 0.1, 0.8), zoom=3.0), (96, 80))
 WORKERS = (11, 12, 13)
+KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WORKERS}
 PATIENCE = 30.0  # seconds, after which what never comes fails its test
 
 
@@ -53,9 +56,11 @@ class Bench:
         self._threads_before = set(threading.enumerate())  # some may be ending still
         token = new_token()
         self._clients = Listener(Role.CLIENT, token)
-        self._data = Listener(Role.SPLAT_SERVER, token)
+        invitations = Invitations(token)
+        self._data = Listener(Role.SPLAT_SERVER, token, token_of=invitations.token_of)
         hello = new_hello(Role.SPLAT_SERVER, data_port=self._data.address.port)
-        self._server = SplatServer(connect(self._clients.address, hello, token, Role.CLIENT), self._data, threads=2)
+        client = connect(self._clients.address, hello, token, Role.CLIENT)
+        self._server = SplatServer(client, self._data, invitations, threads=2)
         self._token = token
         self.failure: VolsplatError | None = None  # of the server
         self._thread = threading.Thread(target=self._run, name="splat server under test", daemon=True)
@@ -63,7 +68,7 @@ class Bench:
         control = self._clients.accept(PATIENCE)
         assert control is not None
         self.control: Connection = control
-        control.send(messages.InviteWorkers(list(WORKERS)))
+        control.send(messages.InviteWorkers(KEYS))
         self.links = {worker: self.linked(worker) for worker in WORKERS}
         self.picture = memoryview(b"")  # of the frame that was drawn last
 
@@ -76,7 +81,7 @@ class Bench:
     def linked(self, worker: int) -> Connection:
         """A new data link of a worker."""
         hello = new_hello(Role.DATA_LINK, server=worker)
-        return connect(self._data.address, hello, self._token, Role.SPLAT_SERVER, server=1)
+        return connect(self._data.address, hello, self._token.bound_to(KEYS[worker]), Role.SPLAT_SERVER, server=1)
 
     def link_threads(self, worker: int) -> list[threading.Thread]:
         """The server's threads that receive from a worker."""

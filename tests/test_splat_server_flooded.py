@@ -1,9 +1,11 @@
-"""The splat server as a process of its own, with workers that hold the token and send what nobody asked for."""
+"""The splat server as a process of its own, with token holders that send what nobody asked for, or pose as others."""
 
 import os
+import secrets
 import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
 import psutil
@@ -14,20 +16,20 @@ from volsplat.protocol import messages
 from volsplat.protocol.addresses import Address
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
-from volsplat.protocol.errors import PeerLost
+from volsplat.protocol.errors import BadInput, PeerLost
 from volsplat.protocol.framing import encode
 from volsplat.protocol.handshake import new_hello
 from volsplat.protocol.levels import own_resolution
-from volsplat.protocol.listener import Listener
+from volsplat.protocol.listener import MOST_PENDING, Listener
 from volsplat.protocol.message_rules import Speech
 from volsplat.protocol.roles import DATA_LINK_TO_SPLAT, Role
 from volsplat.protocol.scene import Step, View
 from volsplat.protocol.tokens import Token, new_token
 from volsplat.protocol.volume import Geometry
-from volsplat.splat_server.data_links import MOST_UNINVITED
 
 PATIENCE = 60.0  # seconds, after which what never comes fails its test
-HONEST, LIAR = 1, 2
+HONEST, LIAR, LATE = 1, 2, 9
+KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in (HONEST, LIAR, LATE)}
 GEOMETRY = Geometry(dims=(8, 8, 8))
 SCENE = shaded_scene(View(zoom=3.0), (32, 32))
 BATCHES = 60_000  # weighing 1.2 kB each, if they are kept
@@ -38,17 +40,34 @@ MOST_GROWTH = 40 << 20  # bytes
 class Attacked:
     """The server and what it is told."""
 
+    program: "subprocess.Popen[str]"
     process: psutil.Process
     control: Connection
     token: Token
     links: list[Connection] = field(default_factory=list)
 
     def linked(self, worker: int) -> Connection:
+        """A data link of a worker that knows its key."""
+        return self.dials(worker, self.token.bound_to(KEYS[worker]))
+
+    def dials(
+        self, worker: int, token: Token, patience: float = PATIENCE, given_up: Callable[[], bool] = lambda: False
+    ) -> Connection:
+        """A data link of someone who says that he is this worker."""
         peer = self.control.peer
         address = Address(peer.data_host, peer.data_port)
         hello = new_hello(Role.DATA_LINK, server=worker)
-        self.links.append(connect(address, hello, self.token, Role.SPLAT_SERVER, server=1))
-        return self.links[-1]
+        link = connect(address, hello, token, Role.SPLAT_SERVER, server=1, patience=patience, given_up=given_up)
+        self.links.append(link)
+        return link
+
+    def invites(self, *workers: int) -> None:
+        self.control.send(messages.InviteWorkers({worker: KEYS[worker] for worker in workers}))
+
+    def says(self) -> str:
+        """The next line on the server's stderr."""
+        assert self.program.stderr is not None
+        return self.program.stderr.readline()
 
     def draws(self, frame: int, links: dict[int, Connection]) -> messages.FrameFinished:
         """A frame without a packet."""
@@ -81,8 +100,8 @@ def attacked() -> Iterator[Attacked]:
         with subprocess.Popen(command, env=environment, stderr=subprocess.PIPE, text=True) as process:
             control = clients.accept(PATIENCE)
             assert control is not None
-            control.send(messages.InviteWorkers([HONEST, LIAR]))
-            attacked = Attacked(psutil.Process(process.pid), control, token)
+            attacked = Attacked(process, psutil.Process(process.pid), control, token)
+            attacked.invites(HONEST, LIAR)
             yield attacked
             control.send(messages.EndSession())
             _, said = process.communicate(timeout=PATIENCE)
@@ -129,24 +148,49 @@ def test_links_that_are_made_again_and_again_leave_nothing_behind(attacked: Atta
     assert attacked.process.num_threads() < 20
 
 
-def test_links_of_workers_that_nobody_invited_are_not_read_and_few_wait(attacked: Attacked) -> None:
+@pytest.mark.parametrize("key", [None, LIAR], ids=["no key", "a key of another worker"])
+def test_who_holds_the_token_cannot_take_the_place_of_a_worker(attacked: Attacked, key: int | None) -> None:
+    honest = attacked.linked(HONEST)
+    known = attacked.token if key is None else attacked.token.bound_to(KEYS[key])
+    with pytest.raises(BadInput, match="does not know the key .* worker 1") as told:
+        attacked.dials(HONEST, known)
+    assert "\n" not in str(told.value)
+    assert "does not know the key" in attacked.says()
+    assert attacked.draws(2, {HONEST: honest}).complete
+
+
+def test_the_key_alone_does_not_let_in(attacked: Attacked) -> None:
+    """Whoever reads what goes over the wire learns it; the token stays unknown."""
+    with pytest.raises(BadInput, match="does not know the key"):
+        attacked.dials(HONEST, new_token().bound_to(KEYS[HONEST]))
+    assert attacked.draws(2, {HONEST: attacked.linked(HONEST)}).complete
+
+
+def test_links_of_workers_that_nobody_invited_take_no_room(attacked: Attacked) -> None:
     honest = attacked.linked(HONEST)
     before = attacked.process.num_threads()
-    guests = [attacked.linked(100 + n) for n in range(MOST_UNINVITED + 3)]
-    for guest in guests[:3]:
+    for n in range(MOST_PENDING + 3):
         with pytest.raises(PeerLost):
-            guest.receive()
+            attacked.dials(100 + n, attacked.token, patience=0)
     assert attacked.process.num_threads() <= before + 2
-    attacked.control.send(messages.InviteWorkers([HONEST, 200]))
-    attacked.control.send(messages.AbortFrame(1))
-    attacked.control.receive()
-    late = attacked.linked(200)
-    assert attacked.draws(2, {HONEST: honest, 200: late}).complete
+    attacked.invites(HONEST, LATE)
+    late = attacked.linked(LATE)
+    assert attacked.draws(2, {HONEST: honest, LATE: late}).complete
 
 
-def test_a_link_that_comes_before_its_invitation_is_taken_with_it(attacked: Attacked) -> None:
-    early = attacked.linked(9)
-    early.send(empty(1, 9, 0, last=True))
-    attacked.control.send(messages.InviteWorkers([9]))
-    attacked.begins(1, [9])
-    assert attacked.finishes().complete
+def test_a_worker_that_comes_before_its_invitation_dials_again_until_it_is_there(attacked: Attacked) -> None:
+    refused = threading.Event()
+
+    def again() -> bool:
+        refused.set()
+        return False
+
+    dialling = threading.Thread(
+        target=attacked.dials, args=(LATE, attacked.token.bound_to(KEYS[LATE])), kwargs={"given_up": again}
+    )
+    dialling.start()
+    assert refused.wait(PATIENCE)
+    attacked.invites(LATE)
+    dialling.join(PATIENCE)
+    (late,) = attacked.links
+    assert attacked.draws(2, {LATE: late}).complete
