@@ -36,7 +36,9 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.zarr_codecs import bounded_codecs
 from volsplat.mapshade_server.readers.arrays.zarr_files import files_of_arrays
+from volsplat.mapshade_server.readers.arrays.zarr_folder import folder_store
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.file_marks import check_is_file
 from volsplat.mapshade_server.readers.volume_files import VolumeFile
 from volsplat.protocol.block_extremes import BlockExtremes
 from volsplat.protocol.errors import BadInput
@@ -241,6 +243,7 @@ def attributes_of(folder: Path) -> StoreAttributes:
 
 def _group_attributes(folder: Path) -> dict[str, Any]:
     try:
+        check_is_file(folder / METADATA)
         attributes = json.loads((folder / METADATA).read_bytes())["attributes"]
     except (OSError, ValueError, KeyError, TypeError):
         return {}
@@ -251,7 +254,7 @@ def open_store(place: str) -> PacketStore:
     """The store at a path or, with fsspec, a URL. Raises BadInput for what is no finished store."""
     zarr = library("zarr", f"{place}: a packet store")
     try:
-        group = zarr.open_group(place, mode="r")
+        group = zarr.open_group(folder_store(place) if Path(place).is_dir() else place, mode="r")
     except (OSError, ValueError) as error:
         raise BadInput(f"{place}: no packet store can be opened here ({' '.join(str(error).split())})") from None
     attributes = stored_attributes(place, dict(group.attrs))

@@ -23,6 +23,7 @@ from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, 
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.bounded_unpacking import check_promise
+from volsplat.mapshade_server.readers.file_marks import check_is_file
 from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
 from volsplat.mapshade_server.readers.voxel_room import no_room
 from volsplat.protocol.errors import BadInput
@@ -208,8 +209,18 @@ def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
             )
     if dataset.chunks:
         check_promise(part.whole, math.prod(dataset.chunks) * dataset.dtype.itemsize, dataset.nbytes)
+    _check_files_beside(part, dataset)
     if not (dataset.is_virtual or dataset.external or dataset.id.get_storage_size()):
         raise BadInput(f"{part.whole}: no voxel of it was ever written; fetch or export it again")
+
+
+def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
+    """Raises BadInput where a file that holds its voxels is a FIFO, which HDF5 would wait for."""
+    virtual = [source.file_name for source in dataset.virtual_sources()] if dataset.is_virtual else []
+    for name in (*virtual, *(name for name, _, _ in dataset.external or ())):
+        beside = Path(part.place).parent / name
+        if beside.exists():
+            check_is_file(beside)
 
 
 def _one_chunk(dataset: Any, grid: ArrayGrid) -> bool:

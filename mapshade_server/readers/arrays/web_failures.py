@@ -77,7 +77,7 @@ def _here(error: BaseException) -> str:
 
 def end_requests() -> None:
     """End what Zarr still waits for, and have nothing written of it."""
-    _quiet()
+    drop_left_over()
     library("zarr.core.sync", "Zarr").sync(_cancel())
 
 
@@ -96,5 +96,6 @@ class _LeftOver(logging.Filter):
 
 
 @cache
-def _quiet() -> None:
+def drop_left_over() -> None:
+    """Have nothing written of tasks that nobody waits for any more."""
     logging.getLogger("asyncio").addFilter(_LeftOver())

@@ -15,6 +15,7 @@ from volsplat.mapshade_server.readers.arrays.web_failures import (
     reason_and_cure,
 )
 from volsplat.mapshade_server.readers.arrays.zarr_codecs import bounded_codecs
+from volsplat.mapshade_server.readers.arrays.zarr_folder import folder_store
 from volsplat.mapshade_server.readers.voxel_room import no_room
 from volsplat.protocol.errors import BadInput
 
@@ -45,8 +46,7 @@ class ZarrPlace(NamedTuple):
 
 
 def folder(name: str) -> ZarrPlace:
-    zarr = _zarr()
-    return ZarrPlace(name, zarr, zarr.storage.LocalStore(name, read_only=True), above=folder)
+    return ZarrPlace(name, _zarr(), folder_store(name), above=folder)
 
 
 def zip_file(name: str) -> ZarrPlace:

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.file_marks import check_is_file
 from volsplat.mapshade_server.readers.medicine.dicom_file import (
     PREAMBLE,
     DicomFile,
@@ -20,7 +21,10 @@ MOST_FILES = 50_000  # that are looked at
 
 
 def images_of(folder: Path) -> list[DicomFile]:
-    """All images that a folder is for. Raises BadInput where there are none or one is damaged."""
+    """All images that a folder is for. Raises BadInput where there are none, one is damaged, or a FIFO lies there."""
+    for path in folder.iterdir():
+        if path.name[0] != "." and path.exists():
+            check_is_file(path)
     files = list(_images(folder)) or _listed(folder) or list(_further_down(folder))
     if not files:
         raise BadInput(

@@ -5,6 +5,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
+from volsplat.mapshade_server.readers.file_marks import check_is_file
 from volsplat.protocol.errors import BadInput
 
 MOST_SHOWN = 6
@@ -19,14 +20,17 @@ def is_for(folder: Path, extensions: tuple[str, ...]) -> bool:
 def slices_in(folder: Path, begin: str, extensions: tuple[str, ...], what: str) -> list[Path]:
     """The files with these extensions whose names begin so, by their number; `what` is what they are called.
 
-    Raises BadInput where they are of several kinds and where one is missing.
+    Raises BadInput where they are of several kinds, where one is missing and where one is no file.
     """
-    return _in_order(folder, begin, [path for path in _visible(folder) if path.name.lower().endswith(extensions)], what)
+    paths = [path for path in _visible(folder) if path.name.lower().endswith(extensions)]
+    for path in paths:
+        check_is_file(path)
+    return _in_order(folder, begin, paths, what)
 
 
 def _visible(folder: Path) -> list[Path]:
     """The files but for hidden ones, as some systems leave them beside others."""
-    return [path for path in folder.iterdir() if path.name[0] != "." and path.is_file()]
+    return [path for path in folder.iterdir() if path.name[0] != "." and path.exists() and not path.is_dir()]
 
 
 def _in_order(folder: Path, part: str, paths: Sequence[Path], what: str) -> list[Path]:

@@ -10,6 +10,7 @@ from volsplat.mapshade_server.readers.medicine.tiff_stack import (
     Chosen,
     TiffStackReader,
     check_ends,
+    check_set,
     stack_of,
     stated_place,
 )
@@ -47,6 +48,7 @@ def open_tiff_folder(folder: Path, part: str) -> TiffStackReader:
 
 def _only_page(folder: Path, path: Path, file: Any) -> TiffPage:
     check_ends(path, file)
+    check_set(path, file)
     if file.is_ome and len(file.series[0].pages) > 1 and len(file.pages) == 1:
         raise BadInput(f"{folder}: its files are one OME-TIFF set; give one of them, as in {path}")
     if len(file.pages) > 1:

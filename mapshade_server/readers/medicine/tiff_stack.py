@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.file_marks import check_is_file
 from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, OmeMetadata, StatedSteps, ome_metadata
 from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, TiffPage, tifffile
@@ -105,6 +106,7 @@ def open_tiff_stack(path: Path, part: str) -> TiffStackReader:
 
 def _opened(path: Path, part: str, file: Any) -> TiffStackReader:
     check_ends(path, file)
+    check_set(path, file)
     ome = ome_metadata(file.ome_metadata) if file.is_ome else OmeMetadata((), "")
     every = file.series
     if every[0].kind in ("uniform", "generic") and len(every) > 1:
@@ -132,6 +134,15 @@ def check_ends(path: Path, file: Any) -> None:
         if not any(file.filehandle.read(file.tiff.offsetsize)):
             return
     raise BadInput(f"{path}: is truncated: its pages lie beyond its end; fetch or export it again")
+
+
+def check_set(path: Path, file: Any) -> None:
+    """Raises BadInput where a file that belongs to the same set is a FIFO, which tifffile would wait for."""
+    told = ome_metadata(file.ome_metadata) if file.is_ome else OmeMetadata((), "")
+    named = [path.parent / name for image in told.images for name in (*image.files, told.kept_in) if name]
+    for other in (*named, *path.parent.glob("*.tif*")) if file.is_micromanager else named:
+        if other.exists():
+            check_is_file(other)
 
 
 def _series_number(path: Path, said: PartOptions, every: Sequence[Any]) -> int:
