@@ -3,6 +3,8 @@
 Every mistake of the person at the keyboard is one line on stderr and exit status 2.
 """
 
+import errno
+import os
 import signal
 import sys
 import warnings
@@ -10,6 +12,8 @@ from contextlib import suppress
 from typing import NoReturn
 
 from volsplat.protocol.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # as for what is printed into a file
 
 
 def main() -> NoReturn:
@@ -54,6 +58,9 @@ def _status() -> int:
     except SystemExit as error:
         return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else 0
     except Exception as error:
+        if isinstance(error, OSError) and error.errno in NO_SPACE:
+            place, reason = error.filename or "the output", os.strerror(error.errno)
+            return _told(f"{place} cannot be written: {reason}; write it elsewhere", EXIT_FAILED)
         if (line := load_failure(error)) is None:
             raise
         return _told(line, EXIT_BAD_INPUT)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 from hand_started import free_port
-from programs import TIME_LIMIT, Person
+from programs import TIME_LIMIT, VOLSPLAT, Person
 
 from volsplat.client.image_file import read_image, read_scene
 from volsplat.client.phantoms import make_phantom
@@ -268,3 +268,19 @@ def test_a_client_that_is_killed_takes_its_servers_along(person: Person, head: P
     while person.servers() and time.monotonic() < deadline:
         time.sleep(0.05)
     assert person.servers() == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+@pytest.mark.parametrize("command", [["scene", "--preset", "ct-bone"], ["info", "head.nrrd"], ["--help"]])
+def test_a_full_disk_behind_the_output_is_told_in_one_line(person: Person, head: Path, command: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [VOLSPLAT, *command],
+            cwd=head.parent,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            timeout=TIME_LIMIT,
+        )
+    assert done.returncode == 1
+    assert done.stderr == "volsplat: the output cannot be written: No space left on device; write it elsewhere\n"
