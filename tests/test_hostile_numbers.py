@@ -22,7 +22,8 @@ from volsplat.mapshade_server.probe import front_most
 from volsplat.protocol import messages
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.frame_plan import plan_frame
-from volsplat.protocol.levels import Resolution
+from volsplat.protocol.index_rules import Quantisation, Survey, strength_scale
+from volsplat.protocol.levels import Resolution, factors_of
 from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.messages import Message
 from volsplat.protocol.refusals import OUT_OF_MEMORY, refusal
@@ -216,3 +217,71 @@ def test_boxes_beyond_the_volume_are_refused(path: Path) -> None:
     ):
         with pytest.raises(BadInput, match="beyond the volume"):
             held.answers(request)
+
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "cause"),
+    [
+        ({"window": (1.0, 1.0)}, "window must be finite and rise"),
+        ({"window": (NAN, 1.0)}, "window must be finite and rise"),
+        ({"window": (0.0, INF)}, "window must be finite and rise"),
+        ({"window": (0.0, 5e-324)}, "window must be finite and rise"),
+        ({"strength_scale": NAN}, "strength must have a finite scale"),
+        ({"strength_scale": -1.0}, "strength must have a finite scale"),
+        ({"strength_scale": INF}, "strength must have a finite scale"),
+        ({"strength_low": NAN}, "strength must have a finite scale"),
+    ],
+)
+def test_a_rule_of_bytes_that_cannot_be_computed_with_is_refused_by_name(numbers: dict[str, Any], cause: str) -> None:
+    good: dict[str, Any] = {"window": (0.0, 255.0), "strength_scale": 8.0}
+    with pytest.raises(ValueError, match=cause):
+        Quantisation(**(good | numbers))
+
+
+def test_gradients_too_weak_for_a_scale_are_none() -> None:
+    assert strength_scale(Survey(low=0.0, high=1.0, max_gradient=5e-324, voxels=8, no_data=0), [0, 8]) == 0.0
+
+
+def test_levels_that_a_volume_lacks_are_refused(path: Path) -> None:
+    held, _ = held_at(path)
+    other = Resolution(level=0, geometry=Geometry((6, 5, 3)), stride=1)
+    with pytest.raises(BadInput, match=r"has \(6, 5, 4\) voxels"):
+        held.sub_cubes_drawn(other)
+    thin, wide = (
+        ((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, c)) for a, b, c in ((1e-160, 1e100, 1e60), (1e153, 1.0, 1.0))
+    )
+    with pytest.raises(ValueError, match="that of no level"):
+        factors_of(Geometry((1, 1, 1), thin), Geometry((1, 1, 1), wide))
+    with pytest.raises(ValueError, match="are no level"):
+        factors_of(GEOMETRY, other.geometry)
+    for stride in (0, 5, 2**62):
+        with pytest.raises(ValueError, match="stride must be 1 to 4"):
+            Resolution(level=0, geometry=GEOMETRY, stride=stride)
+
+
+def test_a_centre_that_is_nowhere_on_the_screen_is_refused() -> None:
+    """Its place there is infinity less infinity, on both axes."""
+    nowhere = View(zoom=256.0, rotation=(0.4, 0.3, 0.2, 0.9), center=(1.7e308, 1.7e308, 1.7e308))
+    with pytest.raises(ValueError, match="pixels from the image"):
+        plan_frame(plain_scene(view=nowhere), GEOMETRY, Step.C)
+
+
+def test_boxes_that_lie_in_no_volume_or_are_none_are_refused_as_they_arrive(path: Path) -> None:
+    _, described = held_at(path)
+    read = messages.ReadSubCubes(2, str(path), HALVES, described.identity)
+    with pytest.raises(ValueError, match="lies in no volume"):
+        msgspec.structs.replace(read, boxes=[Box((0, 0, 0), (2**31, 1, 1))])
+    waits = messages.AwaitParts(2, described.description, HALVES)
+    for request in (read, waits):
+        with pytest.raises(msgspec.ValidationError, match="length >= 1"):
+            msgspec.convert(msgspec.to_builtins(request) | {"boxes": []}, type(request))
+
+
+def test_a_part_beyond_the_volume_is_not_lent(path: Path) -> None:
+    held, described = held_at(path)
+    held.answers(messages.LendVolume(1, str(path), described.identity))
+    with pytest.raises(BadInput, match="beyond the volume"):
+        held.answers(messages.ReadPart(1, messages.Part(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 5)))))

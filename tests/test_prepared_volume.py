@@ -23,7 +23,7 @@ from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
 from volsplat.mapshade_server.volume_identity import identified_store
 from volsplat.protocol.errors import BadInput
-from volsplat.protocol.messages import LevelBoxes, OpenPackets, VoxelsPacked
+from volsplat.protocol.messages import CountHistograms, LevelBoxes, OpenPackets, VoxelsPacked
 from volsplat.protocol.scene import Quantise, Refine, Scene, Step, View
 from volsplat.protocol.volume import Box
 
@@ -227,3 +227,22 @@ def test_a_newer_assignment_ends_an_older_one_and_keeps_what_was_read(store: Pat
     assert held.sub_cubes(2) == [before] and held.assignment == 3
     with pytest.raises(BadInput, match="level 1 is not held"):
         held.sub_cubes(1)
+
+
+def test_levels_and_boxes_that_a_store_lacks_are_refused(store: Path) -> None:
+    opened, identity = identified_store(str(store))
+    low, (i, j, k) = opened.levels[1].geometry.box
+    for lacking, cause in (
+        (LevelBoxes(len(opened.levels), [Box(low, (1, 1, 1))]), f"there is no level {len(opened.levels)}"),
+        (LevelBoxes(1, [Box(low, (i, j, k + 1))]), "beyond the volume"),
+    ):
+        with pytest.raises(BadInput, match=cause):
+            HeldVolume().answers(OpenPackets(1, str(store), [lacking], identity))
+
+
+def test_who_holds_nothing_of_a_level_refuses_to_count_it(store: Path) -> None:
+    _, identity = identified_store(str(store))
+    held = HeldVolume()
+    held.answers(OpenPackets(1, str(store), [LevelBoxes(0, [])], identity))
+    with pytest.raises(BadInput, match="nothing is held here"):
+        held.answers(CountHistograms(1, 0.0, 255.0, 1.0))
