@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
@@ -39,6 +40,16 @@ CHECK_SECONDS = 1.0  # between looks at whether a page is open
 
 class _Server(uvicorn.Server):
     """Leaves signals to whoever runs it: raised within its loop, they would come out as tracebacks."""
+
+    def __init__(self, config: uvicorn.Config, end_session: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._end_session = end_session
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """As it is; the session ends meanwhile, since either may have to wait for a peer that does not answer."""
+        ended = asyncio.create_task(asyncio.to_thread(self._end_session))
+        await super().shutdown(sockets)
+        await ended
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:
@@ -101,7 +112,8 @@ class Application:
                 ws_max_size=1 << 16,  # a page says little
                 ws_per_message_deflate=False,  # pictures are compressed already
                 h11_max_incomplete_event_size=LONGEST_ADDRESS,
-            )
+            ),
+            end_session=viewing.session.close,
         )
         self.ended_by_grace = False
 
