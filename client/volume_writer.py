@@ -30,6 +30,7 @@ COMPRESSED = {
     ".tiff": True,
 }
 NRRD = ".nrrd"
+NIFTI_GZ, NIFTI_HEADER = ".nii.gz", 352  # bytes; SimpleITK says nothing where the disk is full
 NRRD_TYPES = {
     torch.uint8: "uchar",
     torch.int8: "signed char",
@@ -94,7 +95,8 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
             reason = str(error).strip().splitlines()[-1].strip()
             raise BadInput(f"{path}: cannot be written: {reason}; choose another place or format") from None
         written_bytes = sum(file.stat().st_size for file in folder.iterdir())
-        if not COMPRESSED[extension] and written_bytes < values.nbytes:
+        missing = not COMPRESSED[extension] and written_bytes < values.nbytes
+        if missing or extension == NIFTI_GZ and not _ends_as_gzip_of(folder / path.name, NIFTI_HEADER + values.nbytes):
             raise BadInput(f"{path}: could not be written whole; the disk may be full")
 
 
@@ -134,6 +136,13 @@ def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry, pairs: Mapp
         *(f"{key}:={value}" for key, value in pairs.items()),
     )
     return "\n".join((*lines, "", "")).encode()
+
+
+def _ends_as_gzip_of(path: Path, size: int) -> bool:
+    """Whether a gzip is whole: it ends with how many bytes it unpacks to, modulo 2^32."""
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - 4, 0))
+        return int.from_bytes(file.read(), "little") == size % (1 << 32)
 
 
 def _nrrd_vector(vector: Vector) -> str:

@@ -1,6 +1,7 @@
 """The volume writer: refuses early, leaves no half-written file. What it writes is read in test_readers."""
 
 import os
+import resource
 from pathlib import Path
 
 import pytest
@@ -70,3 +71,16 @@ def test_only_the_volume_s_own_files_remain(name: str, files: set[str], tmp_path
     write_volume(tmp_path / name, VALUES, GEOMETRY)
     write_volume(tmp_path / name, VALUES, GEOMETRY)
     assert {path.name for path in tmp_path.iterdir()} == files
+
+
+@pytest.mark.parametrize("name", ["v.nrrd", "v.nhdr", "v.mha", "v.nii", "v.nii.gz", "v.tif"])
+def test_a_full_disk_is_told_and_leaves_nothing(name: str, tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    values, geometry = torch.randint(0, 255, (40, 40, 40), dtype=torch.uint8), Geometry(dims=(40, 40, 40))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(BadInput, match=f"{name}: "):
+            write_volume(tmp_path / name, values, geometry)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []
