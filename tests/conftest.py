@@ -1,6 +1,7 @@
 """What all tests share: where the real volumes are, and how patiently Hypothesis searches."""
 
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,9 @@ from hypothesis import HealthCheck, settings
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 torch.set_num_threads(1)
+
+# Whoever runs the tests may have SIGHUP ignored (nohup, some services); programs under test would inherit that.
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 settings.register_profile(
     "volsplat",

@@ -152,7 +152,8 @@ finite = st.floats(allow_nan=False)
 lines = st.text(max_size=20)
 paths = st.text(min_size=1, max_size=20)
 blobs = st.binary(min_size=32, max_size=32)
-quantisations = st.builds(Quantisation, window=st.tuples(finite, finite), strength_scale=finite, strength_low=finite)
+_windows = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6)).map(lambda pair: (pair[0], pair[0] + pair[1]))
+quantisations = st.builds(Quantisation, window=_windows, strength_scale=st.floats(0, 1e6), strength_low=finite)
 digests = st.text("0123456789abcdef", min_size=32, max_size=32)
 identities = st.builds(VolumeIdentity, size=counts, header=digests, contents=digests, times=digests, place=digests)
 surveys = st.builds(Survey, low=finite, high=finite, max_gradient=finite, voxels=counts, no_data=counts)
@@ -224,7 +225,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.VolumeDescribed: st.builds(
         messages.VolumeDescribed, descriptions, st.lists(_prepared, max_size=1), identities
     ),
-    messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, max_size=3), identities),
+    messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities),
     messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
     messages.LendVolume: st.builds(messages.LendVolume, ids, paths, identities),
     messages.VolumeLent: st.builds(
@@ -232,7 +233,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     ),
     messages.ReadPart: st.builds(messages.ReadPart, ids, _parts),
     messages.PartRead: st.builds(messages.PartRead, ids, _parts),
-    messages.AwaitParts: st.builds(messages.AwaitParts, ids, descriptions, st.lists(boxes, max_size=3)),
+    messages.AwaitParts: st.builds(messages.AwaitParts, ids, descriptions, st.lists(boxes, min_size=1, max_size=3)),
     messages.HoldPart: st.builds(messages.HoldPart, ids, _parts),
     messages.PartHeld: st.builds(messages.PartHeld, ids),
     messages.CountHistograms: st.builds(messages.CountHistograms, ids, finite, finite, finite),
@@ -245,7 +246,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.OpenPackets,
         ids,
         paths,
-        st.lists(st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, max_size=2)), max_size=3),
+        st.lists(st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, min_size=1, max_size=2)), max_size=3),
         identities,
     ),
     messages.InviteWorkers: st.builds(messages.InviteWorkers, st.dictionaries(ids, blobs, max_size=3)),

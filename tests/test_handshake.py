@@ -167,10 +167,10 @@ def test_a_nonce_sent_back_is_refused() -> None:
 def test_a_proof_is_of_no_use_in_another_handshake() -> None:
     dialler, accepter = pair()
     said = run(dialler, accepter)
-    replayed = AccepterHandshake(TOKEN, Role.CLIENT)
+    replayed = AccepterHandshake(TOKEN, Role.CLIENT, FIRST)
     replayed.receive(said[0])
     assert isinstance(replayed.receive(said[2]), Rejected)
-    again = DiallerHandshake(TOKEN, new_hello(Role.MAPSHADE_SERVER), Role.CLIENT)
+    again = DiallerHandshake(TOKEN, new_hello(Role.MAPSHADE_SERVER, versions=FIRST), Role.CLIENT)
     again.start()
     again.receive(said[1])
     with pytest.raises(BadInput):

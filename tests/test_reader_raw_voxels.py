@@ -128,7 +128,7 @@ def test_a_header_beside_is_pointed_at(tmp_path: Path) -> None:
 
 
 def test_a_file_of_unknown_format_is_told_of_descriptions(tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="raw voxels in a file of any name are described as in .*#dims="):
+    with pytest.raises(BadInput, match="raw voxels are described as in .*#dims="):
         open_volume(str(raw(tmp_path, values_of("int16"), "head.binary")))
 
 
