@@ -225,7 +225,9 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.VolumeDescribed: st.builds(
         messages.VolumeDescribed, descriptions, st.lists(_prepared, max_size=1), identities
     ),
-    messages.ReadSubCubes: st.builds(messages.ReadSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities),
+    messages.ReadSubCubes: st.builds(
+        messages.ReadSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities
+    ),
     messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
     messages.LendVolume: st.builds(messages.LendVolume, ids, paths, identities),
     messages.VolumeLent: st.builds(
@@ -246,7 +248,9 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.OpenPackets,
         ids,
         paths,
-        st.lists(st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, min_size=1, max_size=2)), max_size=3),
+        st.lists(
+            st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, min_size=1, max_size=2)), max_size=3
+        ),
         identities,
     ),
     messages.InviteWorkers: st.builds(messages.InviteWorkers, st.dictionaries(ids, blobs, max_size=3)),

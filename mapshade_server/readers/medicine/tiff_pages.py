@@ -17,12 +17,13 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from volsplat.mapshade_server.readers.bounded_unpacking import (
+    Damaged,
     check_promise,
     inflated,
     unpacked_by_imagecodecs,
     unpacked_lzma,
 )
-from volsplat.mapshade_server.readers.codestream_size import check_codestream
+from volsplat.mapshade_server.readers.codestream_size import check_codestream, codestream_size
 from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.volume_reader import Voxels
 from volsplat.protocol.errors import BadInput
@@ -122,12 +123,20 @@ class TiffPage:
         if packed is None:
             return self.packing.decode, None
         if unpack is None:
-            check_codestream(packed, width, length)
+            if self.packing.compression != UNCOMPRESSED:
+                self._check_codestream(packed)
             return self.packing.decode, packed
         if self.packing.fillorder != 1:
             packed = packed.translate(TURNED)
         most = -(-width * self.packing.bitspersample // 8) * length * self.packing.samplesperpixel
         return self._without_packing.decode, unpack(packed, most + SLACK)
+
+    def _check_codestream(self, packed: bytes) -> None:
+        """Raises ValueError if a codec could make more of it than the page promises, or nobody can tell."""
+        if codestream_size(packed) is None:
+            name = getattr(self.packing.compression, "name", self.packing.compression)
+            raise Damaged(f"packed by {name}, which states no size that could be checked; zstd or deflate would do")
+        check_codestream(packed, *self.segment)
 
     @cached_property
     def _without_packing(self) -> Any:
