@@ -115,6 +115,7 @@ class Exchanges:
         self._kinds = EXCHANGES[asking]
         self._lock = threading.Lock()  # guards what follows
         self._open: dict[type[Message], deque[_Open]] = {kind: deque() for kind in self._kinds}  # oldest first
+        self._sizes: dict[int, tuple[int, int]] = {}  # of the images that were asked for, by frame; oldest first
 
     def check(self, message: Message) -> None:
         """Raises ValueError for a message that is out of turn."""
@@ -123,6 +124,8 @@ class Exchanges:
                 self._check_request(message)
             elif not isinstance(message, UNANSWERED):
                 self._find(message)
+                if isinstance(message, messages.ImageRead):
+                    self._check_size(message)
 
     def said(self, message: Message) -> None:
         """A message that has passed the check: move on."""
@@ -133,6 +136,8 @@ class Exchanges:
                 waiting.append(_Open(_name(message, kind.named_by)))
                 if len(waiting) > kind.at_once:
                     waiting.popleft()
+                if isinstance(message, messages.RenderFrame):
+                    self._note_size(message)
             elif not isinstance(message, UNANSWERED):
                 self._answered(message)
 
@@ -145,6 +150,19 @@ class Exchanges:
             too_many = len(waiting) >= kind.at_once
         if too_many:
             raise ValueError(f"{_told(request)} came while too many before it wait for an answer ({len(waiting)})")
+
+    def _check_size(self, image: messages.ImageRead) -> None:
+        """Before there is memory for it: what was not asked for may be larger than any memory."""
+        width, height = self._sizes.get(image.frame, (image.width, image.height))
+        if (image.width, image.height) != (width, height):
+            raise ValueError(
+                f"{_told(image)} has {image.width} x {image.height} pixels, but {width} x {height} were asked for"
+            )
+
+    def _note_size(self, request: messages.RenderFrame) -> None:
+        self._sizes[request.frame] = (request.scene.image.width, request.scene.image.height)
+        if len(self._sizes) > MAX_SERVERS:
+            del self._sizes[next(iter(self._sizes))]
 
     def _answered(self, answer: Message) -> None:
         request, exchange, state = self._find(answer)
@@ -161,6 +179,8 @@ class Exchanges:
                 waiting = self._open[request]
                 while waiting and waiting[0].name[0] < newest:  # type: ignore[operator]  # it is an id
                     waiting.popleft()
+        if key == "frame":
+            self._sizes = {frame: size for frame, size in self._sizes.items() if frame >= newest}
 
     def _find(self, answer: Message) -> tuple[type[Message], _Open, State]:
         """The exchange in which this is an answer, and the state that it leads to. Raises ValueError for none."""

@@ -25,13 +25,14 @@ from volsplat.client.volume_writer import write_volume
 from volsplat.protocol import messages
 from volsplat.protocol.connection import Connection
 from volsplat.protocol.dialling import connect
-from volsplat.protocol.errors import BadInput, VolsplatError
+from volsplat.protocol.errors import BadInput, RemoteProtocolError, VolsplatError
 from volsplat.protocol.exchanges import EXCHANGES, OTHERS_AT_ONCE, UNANSWERED, Exchanges, State
-from volsplat.protocol.framing import encode
+from volsplat.protocol.framing import HEADER, MAGIC, Decoder, encode
 from volsplat.protocol.handshake import new_hello
-from volsplat.protocol.message_rules import RULES, Phase, Speech
+from volsplat.protocol.message_rules import RULES, Phase, Speech, encode_control
 from volsplat.protocol.messages import Message
-from volsplat.protocol.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, Role, Way
+from volsplat.protocol.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, SPLAT_TO_CLIENT, Role, Way
+from volsplat.protocol.scene import Image, Step
 from volsplat.protocol.tokens import Token, new_token
 
 WAYS = pytest.mark.parametrize("way", EXCHANGES, ids=str)
@@ -75,6 +76,9 @@ def test_nothing_is_answered_unasked_and_nothing_twice(way: Way) -> None:
         for state, leads in kind.answers.items():
             (answer_kind,) = leads
             answer = msgspec.structs.replace(SAMPLES[answer_kind][0], **ids)
+            if isinstance(answer, messages.ImageRead) and isinstance(asked, messages.RenderFrame):
+                size = asked.scene.image
+                answer = msgspec.structs.replace(answer, width=size.width, height=size.height)
             exchanges = Exchanges(way)
             with pytest.raises(ValueError, match=rf"^{answer_kind.__name__}.* came unasked$"):
                 exchanges.check(answer)
@@ -122,6 +126,42 @@ def test_what_is_answered_of_a_frame_ends_what_was_owed_of_older_ones() -> None:
         with pytest.raises(ValueError, match="unasked"):
             exchanges.check(late)
     exchanges.check(msgspec.structs.replace(finished, frame=3))
+
+
+def test_an_image_of_another_size_than_was_asked_for_is_given_no_memory() -> None:
+    exchanges = Exchanges(CLIENT_TO_SPLAT)
+    render = SAMPLES[messages.RenderFrame][0]
+    assert isinstance(render, messages.RenderFrame)
+    for frame, side in ((1, 32), (2, 64)):
+        scene = msgspec.structs.replace(render.scene, image=Image(width=side, height=side))
+        exchanges.said(msgspec.structs.replace(render, frame=frame, scene=scene))
+    exchanges.said(messages.ReadImage(2))
+    allocated: list[int] = []
+
+    def allocate(message: Message, nbytes: int) -> bytearray:
+        allocated.append(nbytes)
+        return bytearray(nbytes)
+
+    for side in (32, 64, 16384):
+        control = encode_control(messages.ImageRead(2, Step.F, False, side, side))
+        head = HEADER.pack(MAGIC, len(control), side * side * 16) + control
+        decoder = Decoder(Speech(SPLAT_TO_CLIENT, exchanges=exchanges), allocate)
+        if side == 64:
+            assert list(decoder.feed(head)) == []
+        else:
+            told = rf"^ImageRead \(frame=2\) has {side} x {side} pixels, but 64 x 64 were asked for$"
+            with pytest.raises(RemoteProtocolError, match=told):
+                list(decoder.feed(head))
+    assert allocated == [64 * 64 * 16]
+
+
+def test_of_frames_that_are_over_no_sizes_are_kept() -> None:
+    exchanges = Exchanges(CLIENT_TO_SPLAT)
+    for frame in range(1, messages.MAX_SERVERS + 3):
+        exchanges.said(msgspec.structs.replace(SAMPLES[messages.RenderFrame][0], frame=frame))
+    assert len(exchanges._sizes) == messages.MAX_SERVERS
+    exchanges.said(msgspec.structs.replace(SAMPLES[messages.FrameFinished][0], frame=frame))
+    assert list(exchanges._sizes) == [frame]
 
 
 @WAYS
