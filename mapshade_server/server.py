@@ -5,6 +5,7 @@ requests in order. A frame stops between two batches, so an abort takes no longe
 answered there as well.
 """
 
+import logging
 import sys
 import threading
 import time
@@ -29,6 +30,8 @@ from volsplat.protocol.line_of_sight import LineOfSight
 from volsplat.protocol.refusals import refusal
 from volsplat.protocol.roles import Role
 from volsplat.protocol.tokens import Token
+
+log = logging.getLogger(__name__)
 
 
 class MapShadeServer:
@@ -75,6 +78,9 @@ class MapShadeServer:
             self._failure = error
         except MemoryError:
             self._failure = VolsplatError(f"the memory does not suffice for what {self._client} sends")
+        except Exception as error:  # whatever it is: nobody else hears the client
+            log.exception("the client is not heard any more")
+            self._failure = VolsplatError(f"the client is not heard any more: {type(error).__name__}: {error}")
         self._newest_frame = self._newest_assignment = sys.maxsize
         self._requests.end()
         # What is being sent is of no use any more, and a peer that does not read would hold it up for ever.

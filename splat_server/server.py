@@ -6,6 +6,7 @@ and requests for the image never wait long. Others receive from the client, send
 the map/shade servers (see data_links).
 """
 
+import logging
 import threading
 import time
 from collections import deque
@@ -25,6 +26,8 @@ from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import FrameAborted
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.tile_news import TileNews
+
+log = logging.getLogger(__name__)
 
 # What is merged between two looks at the client's requests, by whichever is reached first: some milliseconds.
 PACKETS_AT_ONCE = 1 << 17
@@ -269,6 +272,11 @@ class SplatServer:
             self._end()
         except VolsplatError as error:
             self._end(error)
+        except MemoryError:
+            self._end(VolsplatError(f"the memory does not suffice for what {self._client} sends"))
+        except Exception as error:  # whatever it is: nobody else hears the client
+            log.exception("the client is not heard any more")
+            self._end(VolsplatError(f"the client is not heard any more: {type(error).__name__}: {error}"))
 
     def _end(self, failure: VolsplatError | None = None) -> None:
         """The session is over; only the first cause counts."""

@@ -485,3 +485,16 @@ def test_unfinished_workers_hear_which_tiles_are_closed_and_these_are_frozen(ben
         [[tiles[r, 0] >> c & 1 for c in range(width // TILE_SIDE)] for r in range(height // TILE_SIDE)]
     )
     assert closed.any() and float(in_tiles[closed.bool()].min()) >= FROZEN_ALPHA
+
+
+def test_a_server_that_cannot_hear_the_client_any_more_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_thread(_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    bench = Bench()
+    monkeypatch.setattr(bench._server._invitations, "replace", no_thread)
+    bench.control.send(messages.InviteWorkers(KEYS))
+    bench.ends()
+    assert str(bench.failure) == "the client is not heard any more: RuntimeError: can't start new thread"
+    bench.control.close()
+    bench.close()
