@@ -361,13 +361,25 @@ class Session:
 
     def _accept(self) -> None:
         while (connection := self._listener.accept()) is not None:
-            threading.Thread(
+            receiver = threading.Thread(
                 target=self._receive, args=(connection,), name=f"receive from {connection.peer}", daemon=True
-            ).start()
+            )
+            try:
+                receiver.start()
+            except RuntimeError as error:  # the system has no thread left to give
+                self._drop(connection, error)
+
+    def _drop(self, connection: Connection, cause: Exception) -> None:
+        self._listener.lines.warn(f"{connection} is dropped: {cause}")
+        connection.close()
 
     def _receive(self, connection: Connection) -> None:
         peer = self._peers[connection.peer.id] = connection.peer
-        outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
+        try:
+            outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
+        except RuntimeError as error:  # likewise
+            self._drop(connection, error)
+            return
         with self._connections_lock:
             self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
         data = Address(peer.data_host, peer.data_port)

@@ -2,6 +2,7 @@
 
 import gc
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -236,6 +237,23 @@ def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Ses
     gc.collect()
     assert session.render(skin(session)).shape == (80, 96, 4)
     assert session._frames == {}
+
+
+@pytest.mark.parametrize("thread", ["receive from map/shade", "send to map/shade"])
+def test_a_server_for_which_there_is_no_thread_is_waited_for_by_nobody(
+    head: Path, monkeypatch: pytest.MonkeyPatch, thread: str
+) -> None:
+    start = threading.Thread.start
+
+    def starts(self: threading.Thread) -> None:
+        if self.name.startswith(thread):
+            raise RuntimeError("can't start new thread")
+        start(self)
+
+    monkeypatch.setattr(threading.Thread, "start", starts)
+    with Session(head, workers=1) as session:
+        with pytest.raises(PeerLost, match="the map/shade server .* ended"):
+            session.volume  # noqa: B018
 
 
 def test_no_workers_are_bad_input(head: Path) -> None:
