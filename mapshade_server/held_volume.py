@@ -101,9 +101,9 @@ class HeldVolume:
         started = time.perf_counter()
         loan = self._lent if self._lent_for == request.assignment else None
         reader: VolumeReader = loan or _reader_of(request)
-        self._drop()  # nothing is held, should the reading fail
         description = reader.describe()
         _check_within(request.boxes, description.geometry)
+        self._drop()  # nothing is held, should the reading fail
         if not request.held:
             slabs = slab_reader(reader)
             self._passed = [PassedBox(slabs, box) for box in request.boxes]
@@ -139,8 +139,8 @@ class HeldVolume:
         return [Answer(read, (self._lent.part(request.part),))]
 
     def _on_AwaitParts(self, request: messages.AwaitParts) -> list[Answer]:
-        self._drop()
         _check_within(request.boxes, request.description.geometry)
+        self._drop()
         self._awaited = AwaitedParts(request)
         return []
 
@@ -158,6 +158,7 @@ class HeldVolume:
         return [held, self._read(self._levels[0], awaited.assignment, awaited.began)]
 
     def _on_CountHistograms(self, request: messages.CountHistograms) -> list[Answer]:
+        self.check(request.assignment, "the count of histograms")
         density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
         sub_cubes: Sequence[SubCube | PassedBox] = self._passed or self.sub_cubes(0)
         if not sub_cubes:
@@ -178,6 +179,7 @@ class HeldVolume:
 
     def _on_PackVoxels(self, request: messages.PackVoxels) -> list[Answer]:
         started = time.perf_counter()
+        self.check(request.assignment, "the packing")
         for sub_cube in self.sub_cubes(0):
             sub_cube.pack(request.quantisation)
         return [self._packed(request.assignment, started)]
