@@ -13,7 +13,9 @@ HINTS = {
 
 def told_end(status: int) -> str:
     """What `subprocess` tells as return code, in words that follow the program's name."""
-    if status >= 0:
+    if status == 0:
+        return "ended by itself"
+    if status > 0:
         return f"ended with status {status}; its own output tells why"
     try:
         number = signal.Signals(-status)

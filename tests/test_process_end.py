@@ -11,6 +11,7 @@ from volsplat.deploy.process_end import told_end
 @pytest.mark.parametrize(
     ("ends", "told"),
     [
+        ("sys.exit(0)", "ended by itself"),
         ("sys.exit(3)", "ended with status 3; its own output tells why"),
         ("os.kill(os.getpid(), 9)", "was killed by SIGKILL (by hand, or by the system for want of memory)"),
         ("os.kill(os.getpid(), signal.SIGBUS)", "was killed by SIGBUS (a file was cut short or a disk failed"),
