@@ -22,6 +22,7 @@ class RareLines:
         self._counted_at = time.monotonic()
         self._left_out = 0
         self._timer: threading.Timer | None = None  # says what was left out, when a line may be said again
+        self._closed = False
 
     def warn(self, line: str) -> None:
         with self._lock:
@@ -35,6 +36,7 @@ class RareLines:
     def close(self) -> None:
         """Say what was left out; nothing more is said by itself. May be called again."""
         with self._lock:
+            self._closed = True
             timer, self._timer = self._timer, None
         if timer is not None:
             timer.cancel()
@@ -50,7 +52,7 @@ class RareLines:
         return True
 
     def _say_later(self) -> None:
-        if self._timer is None:
+        if self._timer is None and not self._closed:
             timer = threading.Timer(SECONDS_A_LINE, self._its_time)
             timer.daemon = True
             with suppress(RuntimeError):  # the system has no thread left to give; the next line says it

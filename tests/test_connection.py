@@ -590,6 +590,14 @@ def test_what_was_left_out_is_counted_though_nobody_calls_any_more(
         lines.next()
 
 
+def test_after_the_end_nothing_is_said_by_itself() -> None:
+    rare = RareLines(logging.getLogger("volsplat.protocol.listener"))
+    rare.close()
+    for _ in range(2 * MOST_AT_ONCE):
+        rare.warn("nonsense")
+    assert rare._timer is None and rare._left_out > 0
+
+
 @pytest.mark.skipif(not Path("/proc/self/fd").exists(), reason="counts open files by /proc/self/fd, which is Linux")
 def test_no_socket_is_left_open(host: str) -> None:
     def open_files() -> int:
