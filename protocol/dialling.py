@@ -56,7 +56,9 @@ def connect(
             handshake = DiallerHandshake(token, fresh, expected)
             return _try_once(address, place, handshake, server, handshake_seconds, allocate)
         except PeerLost as error:
-            if given_up() or time.monotonic() + pause > give_up_at:
+            if given_up():
+                raise PeerLost(f"{error} (given up)") from error
+            if time.monotonic() + pause > give_up_at:
                 raise PeerLost(f"{error} (tried for {patience:g} s)") from error
         time.sleep(pause)
         pause = min(2 * pause, LONGEST_PAUSE_SECONDS)
