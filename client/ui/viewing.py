@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -36,8 +37,9 @@ class Feed(Generic[News]):
 
     def tell(self, news: News) -> None:
         """From any thread."""
-        if self._loop is not None and not self._loop.is_closed():
-            self._loop.call_soon_threadsafe(self._pass_on, news)
+        if self._loop is not None:
+            with suppress(RuntimeError):  # the loop is closed, at any moment: nobody looks any more
+                self._loop.call_soon_threadsafe(self._pass_on, news)
 
     def subscribe(self, subscriber: Callable[[News], None]) -> Unsubscribe:
         self._subscribers.append(subscriber)
