@@ -388,6 +388,9 @@ class Coordinator:
             except BadInput as error:
                 sent += self._probes.refused(probe.probe, error)
                 continue
+            except ValueError as error:
+                sent += self._probes.refused(probe.probe, BadInput(str(error)))
+                continue
             if self.holding.packing is None or packing.quantisation != self.holding.packing.quantisation:
                 return sent + self.holding.prepare(packing)  # any level will do
             geometry = volume.description.geometry

@@ -451,6 +451,18 @@ def test_probes_may_overtake_each_other() -> None:
     assert coordinator.handle(seen(FIRST)) == [AnswerProbe(5, FAR)]
 
 
+def test_a_probe_by_numbers_that_nothing_can_be_computed_with_is_refused_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wanted(*_: object, **__: object) -> None:
+        raise ValueError("strength must have a finite scale")
+
+    coordinator = drawing()
+    with monkeypatch.context() as patch:
+        patch.setattr(coordinator.holding, "wanted", wanted)
+        (refused,) = coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
+    assert isinstance(refused, AnswerProbe) and refused.probe == 6 and isinstance(refused.error, BadInput)
+    assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+
+
 def test_a_probe_waits_until_the_voxels_are_packed() -> None:
     coordinator = surveyed()
     assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
