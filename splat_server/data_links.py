@@ -127,10 +127,14 @@ class DataLinks:
             self._changed.notify_all()  # the thread of the one that it replaces may hold back
         if replaced is not None:
             replaced.close()
-        threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True).start()
+        receiver = threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True)
+        try:
+            receiver.start()
+        except RuntimeError as error:  # the system has no thread left to give
+            self._listener.lines.warn(f"{link} is dropped: {error}")
+            self._lose(link)
 
     def _serve(self, link: Connection) -> None:
-        worker = link.peer.id
         try:
             self._receive(link)
         except RemoteProtocolError as error:
@@ -139,11 +143,14 @@ class DataLinks:
             self._listener.lines.warn(f"the memory does not suffice for a batch from {link}; the connection is closed")
         except VolsplatError as error:
             log.info("%s", error)  # the client is told with the frame
+        self._lose(link)
+
+    def _lose(self, link: Connection) -> None:
         link.close()
         with self._changed:
-            if self._links.get(worker) is link:  # a worker that has linked anew is not lost
-                del self._links[worker]
-                self._merge.handle(WorkerLost(worker))
+            if self._links.get(link.peer.id) is link:  # a worker that has linked anew is not lost
+                del self._links[link.peer.id]
+                self._merge.handle(WorkerLost(link.peer.id))
                 self._on_news()
 
     def _receive(self, link: Connection) -> None:

@@ -498,3 +498,22 @@ def test_a_server_that_cannot_hear_the_client_any_more_ends(monkeypatch: pytest.
     assert str(bench.failure) == "the client is not heard any more: RuntimeError: can't start new thread"
     bench.control.close()
     bench.close()
+
+
+def test_a_link_for_which_there_is_no_thread_is_dropped_and_the_next_one_taken(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = threading.Thread.start
+
+    def starts(self: threading.Thread) -> None:
+        if self.name.startswith(f"receive from {Role.DATA_LINK} {WORKERS[0]} "):
+            raise RuntimeError("can't start new thread")
+        start(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", starts)
+        with bench.linked(WORKERS[0]) as link, pytest.raises(PeerLost):
+            link.receive()
+    bench.links[WORKERS[0]].close()  # it was replaced
+    bench.links[WORKERS[0]] = bench.linked(WORKERS[0])
+    assert bench.draws(1, batches(slabs(0, 8, 16))).complete
