@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -28,6 +29,23 @@ def test_want_of_memory_is_told_whatever_it_is_wrapped_into() -> None:
     ):
         line = load_failure(error)
         assert line is not None and "not enough memory" in line and "\n" not in line
+
+
+def test_a_library_is_named_only_while_one_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "large_library.py").write_text("raise MemoryError\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def large_image() -> None:
+        raise MemoryError
+
+    def large_library() -> None:
+        importlib.import_module("large_library")
+
+    for work, told in ((large_library, "not enough memory to load a library;"), (large_image, "not enough memory;")):
+        with pytest.raises(MemoryError) as failed:
+            work()
+        line = load_failure(failed.value)
+        assert line is not None and line.startswith(told)
 
 
 def test_a_broken_library_is_told_and_anything_else_is_not() -> None:
