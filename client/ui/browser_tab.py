@@ -6,6 +6,8 @@ import threading
 import webbrowser
 from types import TracebackType
 
+import click
+
 from volsplat.client.ui.page_address import PageAddress
 from volsplat.client.ui.redirect_file import RedirectFile
 from volsplat.client.ui.waiting_page import WaitingPage
@@ -39,7 +41,11 @@ class BrowserTab:
             if self._opened:
                 return
             self._opened = True
-            redirect = self._redirect = RedirectFile(self._address.url_for_once(self._remove_redirect))
+            try:
+                redirect = self._redirect = RedirectFile(self._address.url_for_once(self._remove_redirect))
+            except OSError as error:  # the disk is full, say
+                click.echo(f"no browser is opened ({error.strerror or error}); open {self._address.url}", err=True)
+                return
         webbrowser.open(redirect.address)
 
     def _remove_redirect(self) -> None:
