@@ -60,6 +60,7 @@ def identity_of(volume: str, opened: object, description: VolumeDescription) -> 
         states = [file.state() for file in files]
         blocks = list(_blocks(files, [state.size for state in states]))
         first = files[0].read([Span(0, HEADER_BYTES)]) if files else []
+        lies_at = _place(place)
     except OSError as error:
         raise BadInput(f"{volume}: cannot be read any more ({error.strerror or error}); put it back") from None
     dims = ",".join(map(str, description.geometry.dims))
@@ -68,7 +69,7 @@ def identity_of(volume: str, opened: object, description: VolumeDescription) -> 
         header=_digest([f"{dims} {description.scalar_type}".encode(), *first]),
         contents=_digest(blocks),
         times=_digest([f"{state.size} {state.changed}".encode() for state in states]),
-        place=_digest([part.encode() for part in _place(place)]),
+        place=_digest([part.encode() for part in lies_at]),
     )
 
 
