@@ -26,7 +26,10 @@ class PeerOwner:
 
         Root is no stranger: it may do everything anyway, and forwards ports into containers.
         """
-        return self._own is not None and _owner(peer, here) not in (self._own, ROOT)
+        if self._own is None:
+            return False
+        # Twice: the system's table is read piece by piece, and sockets that come and go meanwhile move others past.
+        return all(_owner(peer, here) not in (self._own, ROOT) for _ in range(2))
 
 
 def own_peers() -> PeerOwner:
