@@ -185,6 +185,9 @@ class Coordinator:
 
     def _assignment_refused(self, server: int, message: messages.Refused, error: VolsplatError) -> list[Instruction]:
         """Whoever waits for what is refused is told; the session goes on once the volume is surveyed."""
+        if message.request == messages.ConnectToSplatServers.__name__ and len(self.holding.boxes) > 1:
+            if self.holding.volume is not None and server in self.holding.boxes:  # the others can draw
+                return [Send(server, messages.EndSession()), *self._lose(server, str(error))]
         if self.holding.volume is None or not message.assignment:
             return self._fail(error)
         if message.assignment != self.holding.newest_assignment:

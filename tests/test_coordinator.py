@@ -248,6 +248,13 @@ def test_what_a_server_of_another_machine_refuses_names_it() -> None:
     assert isinstance(failed, FailSession) and str(failed.error) == f"{name}: head.nrrd: truncated"
 
 
+def test_a_worker_that_cannot_reach_the_splat_server_is_lost_and_the_others_draw() -> None:
+    coordinator = drawing()
+    told = coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "cannot reach the splat server")))
+    assert (FIRST, messages.EndSession) in sent(told) and not any(isinstance(one, FailSession) for one in told)
+    assert list(coordinator.holding.boxes) == [SECOND] and coordinator.server_states[FIRST].lost
+
+
 def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
     coordinator = drawing()
     outside = Scene(tables=SCENE.tables, bounds=Bounds(low=(0, 0, 0), high=(9, 9, 9)))
