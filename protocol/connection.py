@@ -89,6 +89,7 @@ class Connection:
         self._sending = threading.Lock()  # guards the outgoing stream: one message at a time
         self._gate = threading.Lock()  # guards _closed and _users
         self._closed = False
+        self._loss = ""  # why, where it was not this side that wished it
         self._users = 0  # calls that are inside the socket; the last one out of a closed connection frees it
         with suppress(OSError):  # macOS sets none where the peer has gone already; receive() will tell
             _set_options(connected)
@@ -210,7 +211,7 @@ class Connection:
         # A socket must not be freed under a blocked call: its number could be another connection's by then.
         with self._gate:
             if self._closed:
-                raise ConnectionClosed(f"the connection to {self} is closed")
+                raise self._why_closed()
             self._users += 1
         try:
             yield
@@ -246,19 +247,24 @@ class Connection:
             self._socket.settimeout(left)
 
     def _ended(self) -> VolsplatError:
-        if self._closed:
-            return ConnectionClosed(f"the connection to {self} is closed")
         place = "" if self._decoder.between_messages else " in the middle of a message"
-        self.close()
-        return PeerLost(f"{self} is gone: it closed the connection{place}; {OWN_OUTPUT}")
+        return self._closed_for(f"{self} is gone: it closed the connection{place}; {OWN_OUTPUT}")
 
     def _lost(self, error: OSError) -> VolsplatError:
-        if self._closed:
-            return ConnectionClosed(f"the connection to {self} is closed")
-        self.close()
         if isinstance(error, TimeoutError) and self._deadline is not None:
-            return PeerLost(f"{self} did not finish the handshake in time")
-        return PeerLost(f"{self} is gone: {error.strerror or error}; {OWN_OUTPUT}")
+            return self._closed_for(f"{self} did not finish the handshake in time")
+        return self._closed_for(f"{self} is gone: {error.strerror or error}; {OWN_OUTPUT}")
+
+    def _closed_for(self, loss: str) -> VolsplatError:
+        """Close it for this loss, and say why it is closed: whichever thread finds a loss first, both tell that one."""
+        with self._gate:
+            if not self._closed:
+                self._loss = loss
+        self.close()
+        return self._why_closed()
+
+    def _why_closed(self) -> VolsplatError:
+        return PeerLost(self._loss) if self._loss else ConnectionClosed(f"the connection to {self} is closed")
 
 
 def _after(buffers: list[memoryview], count: int) -> list[memoryview]:

@@ -632,3 +632,29 @@ def test_an_address_is_read_as_written(text: str, address: tuple[str, int]) -> N
 def test_what_is_no_address_is_one_clear_line(text: str) -> None:
     with pytest.raises(BadInput, match="HOST:PORT"):
         parse_address(text)
+
+
+def test_a_loss_that_a_send_finds_first_is_told_by_receiving_too(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
+        near = connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
+        far = listener.accept(PATIENT)
+        assert far is not None
+        with near, far:
+            near.close()
+            with pytest.raises(PeerLost) as found:
+                while True:
+                    far.send(messages.DescribeMachine())
+            with pytest.raises(PeerLost) as told:
+                far.receive()
+            assert str(told.value) == str(found.value)
+            far.close()
+            with pytest.raises(PeerLost):
+                far.receive()
+
+
+def test_a_connection_that_this_side_closes_ends_quietly(host: str) -> None:
+    with Listener(Role.CLIENT, TOKEN, host=host) as listener:
+        near = connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
+        with near:
+            near.close()
+            assert near.receive() is None
