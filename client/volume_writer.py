@@ -30,6 +30,7 @@ COMPRESSED = {
     ".tiff": True,
 }
 NRRD = ".nrrd"
+TRIED_BYTES = 1 << 16  # more than a disk has left that has just filled up, but for what compression holds back
 NIFTI_GZ, NIFTI_HEADER = ".nii.gz", 352  # bytes; SimpleITK says nothing where the disk is full
 NRRD_TYPES = {
     torch.uint8: "uchar",
@@ -92,12 +93,12 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
         try:
             simple_itk.WriteImage(image, str(folder / path.name), COMPRESSED[extension])
         except RuntimeError as error:
-            reason = str(error).strip().splitlines()[-1].strip()
+            reason = _system_reason(folder) or str(error).strip().splitlines()[-1].strip()
             raise BadInput(f"{path}: cannot be written: {reason}; choose another place or format") from None
         written_bytes = sum(file.stat().st_size for file in folder.iterdir())
         missing = not COMPRESSED[extension] and written_bytes < values.nbytes
         if missing or extension == NIFTI_GZ and not _ends_as_gzip_of(folder / path.name, NIFTI_HEADER + values.nbytes):
-            raise BadInput(f"{path}: could not be written whole; the disk may be full")
+            raise BadInput(f"{path}: could not be written whole: {_system_reason(folder) or 'the disk may be full'}")
 
 
 def write_nrrd(
@@ -147,6 +148,17 @@ def _ends_as_gzip_of(path: Path, size: int) -> bool:
 
 def _nrrd_vector(vector: Vector) -> str:
     return "(" + ",".join(repr(float(component)).removesuffix(".0") for component in vector) + ")"
+
+
+def _system_reason(folder: Path) -> str:
+    """Why nothing more can be written into the folder, in the system's words; "" if it can. SimpleITK does not say."""
+    try:
+        with (folder / "more").open("wb", buffering=0) as file:
+            file.write(bytes(TRIED_BYTES))
+            os.fsync(file.fileno())
+    except OSError as error:
+        return os.strerror(error.errno or 0)
+    return ""
 
 
 @contextmanager

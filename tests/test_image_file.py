@@ -2,8 +2,6 @@
 
 import os
 import resource
-import shutil
-import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -14,6 +12,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import scenes
+from small_disks import small_disk
 
 from tolerances import HALF_A_LEVEL, JPEG_LEVELS
 from volsplat.client import image_file
@@ -22,6 +21,8 @@ from volsplat.client.image_file import write_image as write
 from volsplat.client.image_formats import DEPTHS, check_writable
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.scene import ColourTable, Image, ScalarTable, Scene, Tables
+
+__all__ = ["small_disk"]
 
 SCENE = Scene(
     tables=Tables(
@@ -178,18 +179,6 @@ def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, kind: str, size:
     with little_space(size), pytest.raises(BadInput, match=f"image{kind}: cannot write the image: File too large"):
         write(path, picture(256, 256), SCENE)
     assert os.listdir(tmp_path) == []
-
-
-@pytest.fixture
-def small_disk(tmp_path: Path) -> Iterator[Path]:
-    """A disk of its own, of 40 KiB."""
-    disk = tmp_path / "disk"
-    disk.mkdir()
-    mount = ["mount", "-t", "tmpfs", "-o", "size=40k", "tmpfs", str(disk)]
-    if shutil.which("mount") is None or subprocess.run(mount, capture_output=True).returncode:
-        pytest.skip("no disk can be mounted here: this needs Linux and root")
-    yield disk
-    subprocess.run(["umount", str(disk)], check=True)
 
 
 @pytest.mark.parametrize("kind", [".png", ".jpg", ".tif", ".exr"])

@@ -6,10 +6,13 @@ from pathlib import Path
 
 import pytest
 import torch
+from small_disks import small_disk
 
 from volsplat.client.volume_writer import check_volume_writable, write_volume
 from volsplat.protocol.errors import BadInput
 from volsplat.protocol.volume import Geometry
+
+__all__ = ["small_disk"]
 
 VALUES = torch.arange(120, dtype=torch.int16).reshape(4, 5, 6)
 GEOMETRY = Geometry(dims=(6, 5, 4))
@@ -84,3 +87,11 @@ def test_a_full_disk_is_told_and_leaves_nothing(name: str, tmp_path: Path) -> No
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["head.nii", "head.nhdr", "head.nii.gz", "head.mha", "head.tif", "head.nrrd"])
+def test_no_space_left_is_said_in_the_system_s_words(small_disk: Path, name: str) -> None:
+    values = torch.randint(0, 255, (40, 50, 60), dtype=torch.uint8)
+    with pytest.raises(BadInput, match=f"{name}: .*No space left on device"):
+        write_volume(small_disk / name, values, Geometry(dims=(60, 50, 40)))
+    assert list(small_disk.iterdir()) == []
