@@ -391,6 +391,8 @@ class Session:
                 at = time.perf_counter()
                 if isinstance(received.message, messages.FrameFinished):
                     self._tell_ends(received.message)
+                elif isinstance(received.message, messages.Refused) and received.message.peer_lost:
+                    self._tell_end_of_splat_server()
                 self._events.put(MessageReceived(peer.id, received.message, received.payload, at))
         except VolsplatError as error:
             cause = self._told_loss(peer, error)
@@ -453,9 +455,18 @@ class Session:
         with self._frames_lock:
             lost = finished.lost if finished.frame == self._newest_frame else []
         for worker in lost:
-            peer = self._peers.get(worker)
-            if peer is not None and (ended := self._servers.told_end(peer.name)):
-                self._events.put(ServerLost(worker, f"{peer} is gone: it {ended}"))
+            if (peer := self._peers.get(worker)) is not None:
+                self._tell_end(peer)
+
+    def _tell_end_of_splat_server(self) -> None:
+        """A map/shade server may miss the splat server before this process does; how that ended is known here alone."""
+        for peer in list(self._peers.values()):
+            if peer.role == Role.SPLAT_SERVER:
+                self._tell_end(peer)
+
+    def _tell_end(self, peer: Peer) -> None:
+        if ended := self._servers.told_end(peer.name):
+            self._events.put(ServerLost(peer.id, f"{peer} is gone: it {ended}"))
 
     def _told_loss(self, peer: Peer, error: VolsplatError) -> str:
         """Why a server is lost, with how its process ended where that is known."""

@@ -12,6 +12,7 @@ from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.tokens import Token
 
 PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
+REAPED_SECONDS = 1.0  # until it is known how a process ended whose connections are gone, on a busy machine
 GRACE_SECONDS = 0.5  # that servers have to end by themselves before they are terminated, and again before a kill
 
 
@@ -61,7 +62,7 @@ class LocalServers:
         if process is None:
             return ""
         try:
-            return told_end(process.wait(GRACE_SECONDS))
+            return told_end(process.wait(REAPED_SECONDS))
         except subprocess.TimeoutExpired:
             return ""
 
