@@ -47,8 +47,9 @@ demo: $(USABLE) ## render the head phantom with two map/shade servers and a spla
 	$(BIN)/volsplat demo --output demo
 
 # What holds of every image; any machine of a lab may be without AVX, so all of it must hold on the baseline path.
-PROPERTIES := $(addprefix tests/test_,order_independence.py reference.py closed_forms.py visibility.py handedness.py \
-	known_light.py volume_edges.py classified_rows.py closed_tiles.py splat_server.py session.py)
+PROPERTIES := $(addprefix tests/,$(addprefix exactness/test_,order_independence.py reference.py closed_forms.py \
+	visibility.py handedness.py known_light.py) mapshade_server/test_classified_rows.py \
+	$(addprefix splat_server/test_,volume_edges.py closed_tiles.py splat_server.py) session/test_session.py)
 
 # The page is tested in a real browser, and movies with ffmpeg; where they cannot be installed, those tests say so.
 TOOLS := chromium ffmpeg

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 
-from volsplat.client.renderer import Renderer
-from volsplat.client.session import Session
-from volsplat.client.single import SingleProcess
-from volsplat.protocol.tokens import find_token
+from volsplat.client.session.renderer import Renderer
+from volsplat.client.session.session import Session
+from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.wire.tokens import find_token
 
 SINGLE = "1 thread"  # of a single process
 

@@ -10,16 +10,16 @@ from typing import Any, TypeVar
 import click
 import msgspec
 
-from volsplat.bench.scene_tables import TableName, benchmark_scene
+from volsplat.bench.tables.scene_tables import TableName, benchmark_scene
+from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.phantoms import PHANTOMS
-from volsplat.client.presets import PRESETS
-from volsplat.client.render_options import SceneOptions
-from volsplat.client.renderer import Renderer
-from volsplat.client.surveyed_volume import SurveyedVolume
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.scene import Order, Scene
-from volsplat.protocol.volume import Index
-from volsplat.protocol.volume_name import check_is_there
+from volsplat.client.scene.presets import PRESETS
+from volsplat.client.session.renderer import Renderer
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import Order, Scene
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.description.volume_name import check_is_there
+from volsplat.protocol.text.errors import BadInput
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -106,7 +106,7 @@ def volume_file(subject: Subject, say: Callable[[str], None]) -> Iterator[str]:
         yield subject.volume
         return
     from volsplat.client.phantoms import make_phantom
-    from volsplat.client.volume_writer import write_volume
+    from volsplat.client.phantoms.volume_writer import write_volume
 
     with tempfile.TemporaryDirectory(prefix="volsplat-bench-") as folder:
         say(f"making the phantom {subject.phantom.name}")

@@ -2,9 +2,9 @@
 
 import msgspec
 
-from volsplat.client.view_rotation import Quaternion, rotation_from_angles
-from volsplat.protocol.scene import Image, Scene, View
-from volsplat.protocol.volume import Geometry
+from volsplat.client.scene.view_rotation import Quaternion, rotation_from_angles
+from volsplat.protocol.description.scene import Image, Scene, View
+from volsplat.protocol.description.volume import Geometry
 
 ELEVATION = 12.0  # degrees, so that no view lies along an axis
 FIRST_AZIMUTH = 5.0

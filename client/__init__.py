@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from volsplat.client.session import Session as Session
+    from volsplat.client.session.session import Session as Session
 
 __all__ = ["Session"]
 
@@ -11,7 +11,7 @@ __all__ = ["Session"]
 def __getattr__(name: str) -> Any:
     # Only who asks for Session pays for its import; the command has not got that time.
     if name == "Session":
-        from volsplat.client.session import Session
+        from volsplat.client.session.session import Session
 
         return Session
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -9,7 +9,7 @@ from collections.abc import Callable
 
 from volsplat.deploy.process_end import told_end
 from volsplat.deploy.server_command import Program, server_command
-from volsplat.protocol.tokens import Token
+from volsplat.protocol.wire.tokens import Token
 
 PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
 REAPED_SECONDS = 1.0  # until it is known how a process ended whose connections are gone, on a busy machine

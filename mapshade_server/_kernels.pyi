@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Protocol, SupportsInt, type_check_only
 
-from volsplat.protocol.volume import Index
+from volsplat.protocol.description.volume import Index
 
 @type_check_only
 class Array(Protocol):

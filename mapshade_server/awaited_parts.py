@@ -4,11 +4,11 @@ import time
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.messages import AwaitParts, Part
-from volsplat.protocol.volume import HALO, Box
+from volsplat.protocol.description.volume import HALO, Box
+from volsplat.protocol.messages.messages import AwaitParts, Part
+from volsplat.protocol.text.errors import BadInput
 
 
 class AwaitedParts:

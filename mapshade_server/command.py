@@ -7,14 +7,14 @@ from pathlib import Path
 import click
 
 from volsplat.mapshade_server.server import MapShadeServer
-from volsplat.protocol.addresses import Address
-from volsplat.protocol.buffer_pool import BufferPool
-from volsplat.protocol.dialling import connect
-from volsplat.protocol.handshake import new_hello
-from volsplat.protocol.log_lines import log_to_stderr
-from volsplat.protocol.roles import Role
-from volsplat.protocol.server_process import address_option, process_name
-from volsplat.protocol.tokens import need_token
+from volsplat.program.log_lines import log_to_stderr
+from volsplat.program.server_process import address_option, process_name
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.buffer_pool import BufferPool
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.tokens import need_token
 
 
 @click.command("volsplat mapshade-server")

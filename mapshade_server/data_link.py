@@ -6,10 +6,10 @@ One thread sends; one of the link's own hears which tiles of the image are close
 import threading
 from typing import TYPE_CHECKING, NamedTuple
 
-from volsplat.protocol import messages
-from volsplat.protocol.closed_tiles import new_tile_map
-from volsplat.protocol.connection import Connection, ConnectionClosed, Counters
-from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.closed_tiles import new_tile_map
+from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed, Counters
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer

@@ -3,9 +3,9 @@
 from dataclasses import asdict, dataclass
 
 from volsplat.mapshade_server.frame_walk import ShadedBatch
-from volsplat.protocol import messages
-from volsplat.protocol.machine import this_machine
-from volsplat.protocol.peak_memory import peak_memory
+from volsplat.program.peak_memory import peak_memory
+from volsplat.program.this_machine import this_machine
+from volsplat.protocol.messages import messages
 
 
 @dataclass

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 from volsplat.mapshade_server import _kernels, shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.footprint_shape import footprint_shape
-from volsplat.protocol.frame_plan import Dda, FramePlan, Reach
-from volsplat.protocol.index_rules import Quantisation
-from volsplat.protocol.refinement import active_shading
-from volsplat.protocol.scene import Field, Order, Scene
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.scene import Field, Order, Scene
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.rules.footprint_shape import footprint_shape
+from volsplat.protocol.rules.frame_plan import Dda, FramePlan, Reach
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.refinement import active_shading
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB: few hand-overs, and the next stage still finds it in the cache
 FIRST_PACKETS = 4096  # a frame's batches start small and double, so that the splatter soon has something to do

@@ -24,13 +24,13 @@ from volsplat.mapshade_server.volume_identity import (
     identified_volume,
     identity_of,
 )
-from volsplat.protocol import messages
-from volsplat.protocol.block_extremes import BlockExtremes
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.index_rules import HISTOGRAM_BINS
-from volsplat.protocol.levels import Prepared, Resolution
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
-from volsplat.protocol.volume_identity import VolumeIdentity
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS
+from volsplat.protocol.rules.levels import Prepared, Resolution
+from volsplat.protocol.text.errors import BadInput
 
 PACKET_BYTES = 4
 NO_PAYLOAD = memoryview(b"")

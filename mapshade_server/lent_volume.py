@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers import VolumeReader
-from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.messages import Part, ScalarType
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, Voxels
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.messages.messages import Part, ScalarType
+from volsplat.protocol.text.errors import BadInput
 
 
 class LentVolume:

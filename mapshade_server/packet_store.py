@@ -34,17 +34,17 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.arrays.zarr_codecs import bounded_codecs
-from volsplat.mapshade_server.readers.arrays.zarr_files import files_of_arrays
-from volsplat.mapshade_server.readers.arrays.zarr_folder import folder_store
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.file_marks import check_is_file
-from volsplat.mapshade_server.readers.volume_files import VolumeFile
-from volsplat.protocol.block_extremes import BlockExtremes
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.index_rules import Quantisation, Survey
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
-from volsplat.protocol.volume_identity import VolumeIdentity
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import bounded_codecs
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_files import files_of_arrays
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import folder_store
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.rules.index_rules import Quantisation, Survey
+from volsplat.protocol.text.errors import BadInput
 
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 

@@ -4,14 +4,14 @@ from collections.abc import Callable, Sequence
 
 from volsplat.mapshade_server import shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.frame_plan import FRACTION_BITS
-from volsplat.protocol.index_rules import Quantisation
-from volsplat.protocol.levels import index_in_volume
-from volsplat.protocol.line_of_sight import LineOfSight
-from volsplat.protocol.messages import ProbedVoxel
-from volsplat.protocol.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
-from volsplat.protocol.scene import Field, Scene
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.scene import Field, Scene
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.messages.messages import ProbedVoxel
+from volsplat.protocol.rules.frame_plan import FRACTION_BITS
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import index_in_volume
+from volsplat.protocol.rules.line_of_sight import LineOfSight
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 
 FieldByte = Callable[[Index, int], int]  # of the voxel at this index with this packet
 

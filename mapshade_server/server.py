@@ -19,17 +19,17 @@ from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
-from volsplat.protocol import messages
-from volsplat.protocol.addresses import Address
-from volsplat.protocol.connection import Connection
-from volsplat.protocol.dialling import connect
-from volsplat.protocol.errors import BadInput, VolsplatError
-from volsplat.protocol.frame_plan import plan_frame
-from volsplat.protocol.handshake import new_hello
-from volsplat.protocol.line_of_sight import LineOfSight
-from volsplat.protocol.refusals import refusal
-from volsplat.protocol.roles import Role
-from volsplat.protocol.tokens import Token
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.line_of_sight import LineOfSight
+from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.tokens import Token
 
 log = logging.getLogger(__name__)
 

@@ -5,12 +5,12 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from volsplat.mapshade_server import _kernels
-from volsplat.protocol import matrices
-from volsplat.protocol.frame_plan import FramePlan
-from volsplat.protocol.index_rules import grid_index_bytes
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.refinement import active_shading
-from volsplat.protocol.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable, Scene, Step
+from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable, Scene, Step
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.index_rules import grid_index_bytes
+from volsplat.protocol.rules.refinement import active_shading
 
 # The blocks of A and B come in up to 27 sizes, and a scene is turned through A to F again and again.
 KEPT_OPACITY_TABLES = 96  # of 128 KiB

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader, Voxels
 from volsplat.mapshade_server.sub_cube import Histograms, SubCube
-from volsplat.protocol.block_extremes import BlockExtremes
-from volsplat.protocol.index_rules import HISTOGRAM_BINS, Survey
-from volsplat.protocol.volume import HALO, SCALAR_BYTES, Box, Geometry, Index
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, Geometry, Index
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
 
 SLAB_BYTES = 32 << 20
 

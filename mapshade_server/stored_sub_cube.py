@@ -7,7 +7,7 @@ import numpy as np
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.packet_store import PacketStore
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.volume import Box
+from volsplat.protocol.description.volume import Box
 
 SPARE_PACKETS = 64  # after the last one: the walk looks at so many at once (kSpare in path_kernels.h)
 

@@ -16,11 +16,11 @@ from urllib.parse import unquote
 
 from volsplat.mapshade_server.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.readers import VolumeReader, open_volume
-from volsplat.mapshade_server.readers.volume_files import Span, VolumeFile, files_of
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import VolumeDescription
-from volsplat.protocol.volume_identity import VolumeIdentity
-from volsplat.protocol.volume_name import volume_name
+from volsplat.mapshade_server.readers.reading.volume_files import Span, VolumeFile, files_of
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.text.errors import BadInput
 
 LOCAL_URL = "file://"
 HEADER_BYTES = 1024

@@ -3,8 +3,8 @@
 import threading
 from collections import deque
 
-from volsplat.protocol.exchanges import superseded
-from volsplat.protocol.framing import Received
+from volsplat.protocol.messages.exchanges import superseded
+from volsplat.protocol.wire.framing import Received
 
 
 class WaitingRequests:

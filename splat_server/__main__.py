@@ -1,5 +1,5 @@
 """`volsplat splat-server` as a program of its own."""
 
-from volsplat.protocol.server_process import run_server
+from volsplat.program.server_process import run_server
 
 run_server("volsplat.splat_server.command", "splat_server", "splat-server")

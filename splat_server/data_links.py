@@ -11,11 +11,11 @@ from collections import defaultdict
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from volsplat.protocol import messages
-from volsplat.protocol.connection import Connection
-from volsplat.protocol.errors import RemoteProtocolError, VolsplatError
-from volsplat.protocol.listener import Listener
-from volsplat.protocol.packet_layout import ROW_RUN_BYTES
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES
+from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import BatchMemory
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge

@@ -3,10 +3,10 @@
 import math
 from functools import lru_cache
 
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.footprint_shape import GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA, FootprintShape
-from volsplat.protocol.packet_layout import SUBPIXEL_BITS
-from volsplat.protocol.scene import Kernel
+from volsplat.protocol.description.scene import Kernel
+from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA, FootprintShape
+from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
+from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Ellipse, FootprintTable, KernelProjection
 
 CACHE_BUDGET = 3 << 19  # bytes: what is left of a 2 MiB second-level cache beside some rows of the image

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from threading import Lock
 from time import perf_counter
 
-from volsplat.protocol.errors import RemoteProtocolError
-from volsplat.protocol.frame_plan import plan_frame
-from volsplat.protocol.levels import Resolution
-from volsplat.protocol.scene import Scene, Step
-from volsplat.protocol.volume import Geometry
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.text.errors import RemoteProtocolError
 from volsplat.splat_server._kernels import BatchMemory
 from volsplat.splat_server.image_buffer import ImageBuffer
 from volsplat.splat_server.merge import Merge

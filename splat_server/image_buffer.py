@@ -1,7 +1,7 @@
 """The image buffer: float32 RGBA with associated alpha, splatted into by stripes, readable at any time."""
 
-from volsplat.protocol.closed_tiles import tile_map_shape
-from volsplat.protocol.scene import Order
+from volsplat.protocol.description.scene import Order
+from volsplat.protocol.rules.closed_tiles import tile_map_shape
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import EdgeLayer, ImageMemory, SpanList, SplatQueue
 from volsplat.splat_server.pixel_reach import PixelReach

@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping
 
-from volsplat.protocol.errors import TooEarly
-from volsplat.protocol.greetings import Hello
-from volsplat.protocol.tokens import Token
+from volsplat.protocol.messages.greetings import Hello
+from volsplat.protocol.text.errors import TooEarly
+from volsplat.protocol.wire.tokens import Token
 
 
 class Invitations:

@@ -4,9 +4,9 @@ import queue
 import threading
 from collections.abc import Callable
 
-from volsplat.protocol import messages
-from volsplat.protocol.connection import Connection, ConnectionClosed
-from volsplat.protocol.errors import VolsplatError
+from volsplat.protocol.messages import messages
+from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 
 
 class Outbox:

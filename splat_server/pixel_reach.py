@@ -2,9 +2,9 @@
 
 import math
 
-from volsplat.protocol.footprint_shape import footprint_shape
-from volsplat.protocol.frame_plan import Dda, FramePlan, Reach
-from volsplat.protocol.scene import Reconstruction
+from volsplat.protocol.description.scene import Reconstruction
+from volsplat.protocol.rules.footprint_shape import footprint_shape
+from volsplat.protocol.rules.frame_plan import Dda, FramePlan, Reach
 from volsplat.splat_server._kernels import CellMap, FootprintTable
 from volsplat.splat_server.footprint_table import footprint_table
 

@@ -11,14 +11,14 @@ import threading
 import time
 from collections import deque
 
-from volsplat.protocol import messages
-from volsplat.protocol.connection import Connection
-from volsplat.protocol.errors import VolsplatError
-from volsplat.protocol.exchanges import superseded
-from volsplat.protocol.listener import Listener
-from volsplat.protocol.machine import this_machine
-from volsplat.protocol.peak_memory import peak_memory
-from volsplat.protocol.refusals import refusal
+from volsplat.program.peak_memory import peak_memory
+from volsplat.program.this_machine import this_machine
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.exchanges import superseded
+from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server.data_links import DataLinks
 from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
 from volsplat.splat_server.invitations import Invitations

@@ -6,9 +6,9 @@ It sends from a thread of its own: a worker that is slow to read must not hold u
 import threading
 from collections.abc import Sequence
 
-from volsplat.protocol.connection import Connection
-from volsplat.protocol.errors import VolsplatError
-from volsplat.protocol.messages import TilesClosed
+from volsplat.protocol.messages.messages import TilesClosed
+from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.wire.connection import Connection
 
 
 class TileNews:

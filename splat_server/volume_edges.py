@@ -5,10 +5,10 @@ They depend on scene and geometry only, never on samples or their partition.
 
 from dataclasses import dataclass
 
-from volsplat.protocol import matrices
-from volsplat.protocol.frame_plan import FIXED_ONE, FramePlan, plan_frame
-from volsplat.protocol.scene import Scene, Step
-from volsplat.protocol.volume import Box, Geometry, Index
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.rules.frame_plan import FIXED_ONE, FramePlan, plan_frame
 from volsplat.splat_server._kernels import EdgeLayer
 
 VOLUME_LINE_WIDTH = 1.5  # pixels

@@ -99,7 +99,7 @@ CONE_TIP = 5e-4
 
 UNITY_ROUNDED_POSITIONS = 0.02
 """Relative: positions are rounded to 1/64 pixel, and in axis-aligned views all rows round alike; see
-protocol/footprint_shape.py. It holds 1e-4 of float32 sums and of thin opacities that weaken each other, too."""
+protocol/rules/footprint_shape.py. It holds 1e-4 of float32 sums and of thin opacities that weaken each other, too."""
 
 HANDEDNESS = 1 / 255
 """The same samples at the same places, up to a step of the position lattice and the rounding of directions."""

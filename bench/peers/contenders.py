@@ -11,10 +11,10 @@ from torch import Tensor
 
 from volsplat.bench.peers.vtk_scene import VtkScene, placed
 from volsplat.bench.renderers import local_session
-from volsplat.client.renderer import Renderer
-from volsplat.client.single import SingleProcess
+from volsplat.client.session.renderer import Renderer
+from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.protocol.scene import Scene
+from volsplat.protocol.description.scene import Scene
 
 SINGLE, SERVERS, VTK = "volsplat, 1 process", "volsplat, servers", "VTK"
 

@@ -11,7 +11,7 @@ from vtkmodules.vtkRenderingCore import vtkCamera, vtkLight, vtkRenderer, vtkVol
 from vtkmodules.vtkRenderingOpenGL2 import vtkGenericOpenGLRenderWindow
 from vtkmodules.vtkRenderingVolume import vtkFixedPointVolumeRayCastMapper
 
-from volsplat.protocol.matrices import Vector
+from volsplat.protocol.geometry.matrices import Vector
 
 FIXED_POINT_ONE = 32767  # of the mapper's pixels
 

@@ -10,13 +10,13 @@ from vtkmodules.vtkRenderingCore import vtkCamera, vtkColorTransferFunction, vtk
 
 from volsplat.bench.peers.vtk_ray_caster import PlacesCamera, RayCaster, image_data
 from volsplat.bench.ssim import LUMINANCE
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.frame_plan import resolved_center, resolved_zoom, screen_rotation
-from volsplat.protocol.index_rules import Quantisation
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.scene import Bounds, Colour, CrossBar, Scene, Tables
-from volsplat.protocol.volume import Geometry
+from volsplat.protocol.description.scene import Bounds, Colour, CrossBar, Scene, Tables
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.rules.frame_plan import resolved_center, resolved_zoom, screen_rotation
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.text.errors import BadInput
 
 LAST = 255
 ORTHOGONAL = 1e-4  # how far a grid's axes may be from right angles

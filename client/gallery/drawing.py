@@ -10,18 +10,18 @@ import msgspec
 from torch import Tensor
 
 from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path
-from volsplat.client.image_file import over_background, write_image, write_pixels
-from volsplat.client.image_formats import check_writable
-from volsplat.client.image_properties import image_properties
+from volsplat.client.image.image_file import over_background, write_image, write_pixels
+from volsplat.client.image.image_formats import check_writable
+from volsplat.client.image.image_properties import image_properties
+from volsplat.client.image.phase_wheel import phase_legend, wheel_colours
+from volsplat.client.image.picture_sheet import SheetPicture, picture_sheet
 from volsplat.client.phantoms import make_phantom
-from volsplat.client.phase_wheel import phase_legend, wheel_colours
-from volsplat.client.picture_sheet import SheetPicture, picture_sheet
-from volsplat.client.renderer import Renderer
-from volsplat.client.scene_file import read_scene_file
-from volsplat.client.volume_writer import write_volume
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.scene import Colour, Scene
-from volsplat.protocol.volume import Index
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.scene.scene_file import read_scene_file
+from volsplat.client.session.renderer import Renderer
+from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.text.errors import BadInput
 
 COLUMNS = 2
 

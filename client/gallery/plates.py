@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from volsplat.client.contact_sheet import CAPTIONS
-from volsplat.protocol.scene import Step
+from volsplat.client.image.contact_sheet import CAPTIONS
+from volsplat.protocol.description.scene import Step
 
 SCENES = Path(__file__).parent / "scenes"
 

@@ -8,7 +8,7 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from volsplat.protocol.matrices import Vector, cross, minus, normalised
+from volsplat.protocol.geometry.matrices import Vector, cross, minus, normalised
 
 # The ideal right-handed alpha helix: IUPAC-IUB, Biochemistry 9 (1970) 3471.
 PHI, PSI, OMEGA = -57.0, -47.0, 180.0

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import torch
 
-from volsplat.protocol.kind import Band, Kind
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.kind import Band, Kind
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
 
 SLAB_VOXELS = 1 << 17  # worked on at a time, so that a phantom's making takes little more memory than itself
 

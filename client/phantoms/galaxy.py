@@ -12,8 +12,8 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
 
 GALAXY_SIZE: Index = (100, 100, 80)
 FIELD_OF_VIEW: Vector = (100.0, 100.0, 80.0)  # lengths are pixels and channels of the default size

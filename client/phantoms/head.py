@@ -8,9 +8,9 @@ from torch import Tensor
 from volsplat.client.phantoms import head_anatomy as anatomy
 from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
 from volsplat.client.phantoms.solids import blended_minimum, coverage, union, without
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
 
 HEAD_SIZE: Index = (96, 128, 113)
 

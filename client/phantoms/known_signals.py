@@ -6,8 +6,8 @@ from collections.abc import Iterator
 import torch
 
 from volsplat.client.phantoms.centred_grid import Phantom, centred_geometry, slabs
-from volsplat.protocol.matrices import Vector, normalised
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector, normalised
 
 UNIT_SPACING: Vector = (1.0, 1.0, 1.0)
 

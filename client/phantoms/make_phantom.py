@@ -15,9 +15,9 @@ from volsplat.client.phantoms.rna import rna
 from volsplat.client.phantoms.seismic import seismic
 from volsplat.client.phantoms.shells import shells
 from volsplat.client.phantoms.structure_factors import reflections
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.text.errors import BadInput
 
 MOST_VOXELS = 1 << 33
 

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms.centred_grid import axis_positions
-from volsplat.protocol.kind import Band
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry
+from volsplat.protocol.description.kind import Band
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry.matrices import Vector
 
 # Covalent radii in Å: Cordero et al., Dalton Trans. (2008) 2832, carbon's as in its double bonds. Atomic numbers are
 # the heights of the Gaussians.

@@ -17,9 +17,9 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms.centred_grid import Phantom, placed_grid, slabs
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
 
 P_ORBITAL_SIZE: Index = (64, 64, 64)
 FIELD_OF_VIEW: Vector = (4.2, 4.2, 6.0)  # Å; holds all but a few thousandths of the electron

@@ -15,9 +15,9 @@ import torch
 from volsplat.client.phantoms.amino_acids import BACKBONE, OXYGEN, SIDE_CHAINS, AtomRule, atom_place
 from volsplat.client.phantoms.centred_grid import Phantom, at_once, placed_grid
 from volsplat.client.phantoms.molecule import BANDS, Molecule, elements, molecule
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Vector, cross, dot, minus, normalised, plus, scaled
-from volsplat.protocol.volume import Index
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.geometry.matrices import Vector, cross, dot, minus, normalised, plus, scaled
 
 PROTEIN_SIZE: Index = (64, 64, 64)
 FIELD_OF_VIEW: Vector = (43.0, 43.0, 43.0)  # Å

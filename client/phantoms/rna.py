@@ -20,9 +20,9 @@ from volsplat.client.phantoms.rna_geometry import (
     place_in_first_strand,
     place_in_second_strand,
 )
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Index
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.geometry.matrices import Vector
 
 RNA_SIZE: Index = (64, 64, 64)
 FIELD_OF_VIEW: Vector = (44.0, 44.0, 44.0)  # Å

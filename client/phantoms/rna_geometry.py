@@ -6,7 +6,7 @@ Arnott, Hukins, Dover, Fuller and Hodgson, J. Mol. Biol. 81 (1973) 107: a helix 
 
 import math
 
-from volsplat.protocol.matrices import Vector
+from volsplat.protocol.geometry.matrices import Vector
 
 RISE = 2.81  # Å for each nucleotide
 TWIST = 360 / 11  # degrees

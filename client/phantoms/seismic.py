@@ -14,9 +14,9 @@ import torch
 from torch import Tensor
 
 from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, placed_grid, slabs
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
 
 SEISMIC_SIZE: Index = (64, 64, 64)
 FIELD_OF_VIEW: Vector = (64.0, 64.0, 64.0)  # traces, traces and samples of the default size

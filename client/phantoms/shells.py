@@ -5,9 +5,9 @@ from collections.abc import Iterator
 import torch
 
 from volsplat.client.phantoms.centred_grid import Phantom, SheetNoise, centred_geometry, slabs
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.scene import TABLE_ENTRIES, ColourTable, ScalarTable, Tables
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, ScalarTable, Tables
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
 
 SHELLS_SIZE: Index = (128, 128, 128)
 AIR = 40.0

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import torch
 from torch import Tensor
 
-from volsplat.protocol.matrices import Vector, dot, minus
+from volsplat.protocol.geometry.matrices import Vector, dot, minus
 
 FAR = 1e3  # the distance given for a solid that does not reach into a slab
 

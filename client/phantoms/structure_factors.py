@@ -17,9 +17,9 @@ from torch import Tensor
 from volsplat.client.phantoms.centred_grid import Phantom, at_once, centred_geometry
 from volsplat.client.phantoms.molecule import Molecule
 from volsplat.client.phantoms.protein import protein_atoms
-from volsplat.protocol.kind import Band, Kind
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.volume import Index
+from volsplat.protocol.description.kind import Band, Kind
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.geometry.matrices import Vector
 
 STRUCTURE_FACTORS_SIZE: Index = (64, 64, 64)
 CELL: Vector = (52.0, 56.0, 60.0)  # Å; about half of it is solvent, as in most crystals of proteins (Matthews 1968)

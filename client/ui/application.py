@@ -7,7 +7,6 @@ import socket
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
-from pathlib import Path
 
 import uvicorn
 from fastapi import FastAPI
@@ -18,18 +17,18 @@ from starlette.responses import Response
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
-from volsplat.client.interrupts import interrupts_held
-from volsplat.client.ui.gate import Gate
-from volsplat.client.ui.loss_watch import watch_for_losses
-from volsplat.client.ui.page_address import PageAddress
-from volsplat.client.ui.page_policy import ScriptNonces, StrictHeaders
-from volsplat.client.ui.saving import LARGEST_SCENE_FILE, SCENE_PARAMETER, scene_from_link
-from volsplat.client.ui.viewing import Viewing
-from volsplat.client.ui.viewport_link import serve_viewport
-from volsplat.client.ui.waiting_page import WAITING_PATH
-from volsplat.protocol.errors import BadInput
+from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.ui.doors.gate import Gate
+from volsplat.client.ui.doors.page_address import PageAddress
+from volsplat.client.ui.doors.page_policy import ScriptNonces, StrictHeaders
+from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.doors.waiting_page import WAITING_PATH
+from volsplat.client.ui.viewing.loss_watch import watch_for_losses
+from volsplat.client.ui.viewing.saving import LARGEST_SCENE_FILE, SCENE_PARAMETER, scene_from_link
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.ui.viewport.viewport_link import serve_viewport
+from volsplat.protocol.text.errors import BadInput
 
-STATIC = Path(__file__).parent / "static"
 SHUTDOWN_SECONDS = 1  # for open sockets, at the end
 LONGEST_ADDRESS = 1 << 18  # bytes: a link may hold four tables drawn freehand
 LARGEST_FORM = 1 << 16  # bytes around a file that is uploaded

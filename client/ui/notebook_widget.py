@@ -4,21 +4,21 @@ from __future__ import annotations
 
 import asyncio
 import re
-from pathlib import Path
 from typing import Any
 
 import anywidget
 import msgspec
 import traitlets
 
-from volsplat.client.arguments import checked_scene
-from volsplat.client.session import Session
-from volsplat.client.ui.opened_viewing import opened_viewing
-from volsplat.client.ui.scene_model import SceneState
-from volsplat.client.ui.viewport_talk import ViewportTalk
-from volsplat.protocol.scene import Scene
+from volsplat.client.caller.arguments import checked_scene
+from volsplat.client.session.session import Session
+from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.viewing.opened_viewing import opened_viewing
+from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.ui.viewport.viewport_talk import ViewportTalk
+from volsplat.protocol.description.scene import Scene
 
-STATIC = Path(__file__).parent / "static"
+VIEWPORT = STATIC / "viewport"
 START = "viewport.js"
 HEIGHT = 512  # CSS pixels
 _IMPORTED = re.compile(r"""from\s+["']\./([\w.]+)["']""")
@@ -30,7 +30,7 @@ def modules_from(start: str) -> dict[str, str]:
 
     def add(name: str) -> None:
         if name not in ordered:
-            source = (STATIC / name).read_text(encoding="utf-8")
+            source = (VIEWPORT / name).read_text(encoding="utf-8")
             for imported in _IMPORTED.findall(source):
                 add(imported)
             ordered[name] = source
@@ -42,8 +42,8 @@ def modules_from(start: str) -> dict[str, str]:
 class VolumeWidget(anywidget.AnyWidget):
     """One viewport of a session. `scene` follows the hand, and may be set."""
 
-    _esm = STATIC / "notebook.js"
-    _css = (STATIC / "theme.css").read_text(encoding="utf-8") + (STATIC / "viewport.css").read_text(encoding="utf-8")
+    _esm = VIEWPORT / "notebook.js"
+    _css = (STATIC / "theme.css").read_text("utf-8") + (VIEWPORT / "viewport.css").read_text("utf-8")
     modules = traitlets.Dict(help="sources by name, in the order in which they are to be loaded").tag(sync=True)
     height = traitlets.Int(HEIGHT, help="CSS pixels").tag(sync=True)
     scene = traitlets.Instance(Scene, help="what is shown; set it, and it is drawn; BadInput for what is no scene")

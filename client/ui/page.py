@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from nicegui import ui
 
-from volsplat.client.ui.phase_legend import PhaseLegend
-from volsplat.client.ui.save_panel import save_panel
-from volsplat.client.ui.servers_panel import servers_panel
-from volsplat.client.ui.shading_panel import shading_panel
-from volsplat.client.ui.steps_bar import steps_bar
-from volsplat.client.ui.tables_panel import tables_panel
-from volsplat.client.ui.view_panel import view_panel
-from volsplat.client.ui.viewing import Viewing
-from volsplat.client.ui.viewport_element import viewport_element
+from volsplat.client.ui.panels.phase_legend import PhaseLegend
+from volsplat.client.ui.panels.save_panel import save_panel
+from volsplat.client.ui.panels.servers_panel import servers_panel
+from volsplat.client.ui.panels.shading_panel import shading_panel
+from volsplat.client.ui.panels.steps_bar import steps_bar
+from volsplat.client.ui.panels.view_panel import view_panel
+from volsplat.client.ui.tables.tables_panel import tables_panel
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.ui.viewport.viewport_element import viewport_element
 
 STYLES = ("theme.css", "page.css")
 

@@ -1,4 +1,4 @@
-// Which parts of the image no sample can change any more: the map of protocol/closed_tiles.py, read while others write
+// Which parts of the image no sample can change any more: the map of protocol/rules/closed_tiles.py, read while others write
 // it. Bits only rise, so what is read may be old, but it is never wrong.
 #pragma once
 

@@ -1,5 +1,5 @@
 // The walk of a worker's boxes through one frame: traverses in visibility order, maps by DDA, shades, and fills
-// batches of shaded packets with a directory of row runs (protocol/packet_layout.py).
+// batches of shaded packets with a directory of row runs (protocol/rules/packet_layout.py).
 #pragma once
 
 #include <cstdint>

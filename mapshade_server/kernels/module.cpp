@@ -26,7 +26,7 @@ NB_MODULE(_kernels, m) {
     try {
       std::rethrow_exception(raised);
     } catch (const BadCpuPath& error) {
-      PyErr_SetString(nb::module_::import_("volsplat.protocol.errors").attr("BadInput").ptr(), error.what());
+      PyErr_SetString(nb::module_::import_("volsplat.protocol.text.errors").attr("BadInput").ptr(), error.what());
     }
   });
 

@@ -10,7 +10,7 @@
 
 namespace volsplat {
 
-// In the order of Field in protocol/scene.py.
+// In the order of Field in protocol/description/scene.py.
 enum class Field {
   density, strength, gradient_i, gradient_j, gradient_k, screen_x, screen_y, screen_z, grid_i, grid_j, grid_k
 };

@@ -1,4 +1,4 @@
-// The shape of a map of closed tiles (protocol/closed_tiles.py): rows of tiles, 64 in a word.
+// The shape of a map of closed tiles (protocol/rules/closed_tiles.py): rows of tiles, 64 in a word.
 #pragma once
 
 #include <cstdint>

@@ -1,4 +1,4 @@
-// Preprocessing of a sub-cube: survey, histograms and voxel packets (paper: "Shading"; protocol/index_rules.py).
+// Preprocessing of a sub-cube: survey, histograms and voxel packets (paper: "Shading"; protocol/rules/index_rules.py).
 #pragma once
 
 #include <array>
@@ -24,7 +24,7 @@ struct Range {
   double high;
 };
 
-// Blocks of the whole volume's grid, and where the interior begins in it (protocol/block_extremes.py).
+// Blocks of the whole volume's grid, and where the interior begins in it (protocol/description/block_extremes.py).
 struct Blocks {
   Index3 begin;
   Index3 size;   // voxels of a block

@@ -1,4 +1,4 @@
-// The numbers of a frame as a walk needs them: protocol/frame_plan.py and protocol/traversal.py in C++.
+// The numbers of a frame as a walk needs them: protocol/rules/frame_plan.py and protocol/rules/traversal.py in C++.
 #pragma once
 
 #include <array>
@@ -8,7 +8,7 @@
 
 namespace volsplat {
 
-// The indices that a step visits on one axis; see AxisVisits in protocol/traversal.py.
+// The indices that a step visits on one axis; see AxisVisits in protocol/rules/traversal.py.
 struct AxisVisits {
   std::int64_t low, high, stride, first, count;
 

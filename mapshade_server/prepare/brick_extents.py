@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.packet_store import BRICK_FIELDS, STORED, Packets
-from volsplat.protocol.packet_layout import NO_DATA_BIT
+from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 
 DENSITY, STRENGTH, TOP = 0, 1, 3  # bytes of a packet, little-endian
 TOP_NO_DATA = 1 << (NO_DATA_BIT - 24)

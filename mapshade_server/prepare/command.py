@@ -8,9 +8,9 @@ import click
 
 from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
-from volsplat.protocol.byte_sizes import bytes_from_option
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.plain_console import PlainConsole
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.text.byte_sizes import bytes_from_option
+from volsplat.protocol.text.errors import BadInput
 
 
 @click.command("volsplat prepare")

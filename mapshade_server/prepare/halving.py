@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.volume_reader import Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 
 SHEETS_AT_A_TIME = 16  # so that sums take little memory beside the source
 

@@ -14,7 +14,7 @@ import msgspec
 
 from volsplat.mapshade_server.packet_store import Source
 from volsplat.mapshade_server.prepare.layout import Layout
-from volsplat.protocol.errors import BadInput
+from volsplat.protocol.text.errors import BadInput
 
 FOLDER = ".prepare"
 NAME = "journal.json"

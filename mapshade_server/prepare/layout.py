@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import msgspec
 
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.machine import usable_cores
-from volsplat.protocol.matrices import Matrix
-from volsplat.protocol.volume import Box, Geometry, Index
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix
+from volsplat.protocol.text.errors import BadInput
 
 PACKET_BYTES = 4
 MIB = 1 << 20

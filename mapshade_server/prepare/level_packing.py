@@ -16,8 +16,8 @@ from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.index_rules import Quantisation
-from volsplat.protocol.volume import HALO, Box, Geometry, Index
+from volsplat.protocol.description.volume import HALO, Box, Geometry, Index
+from volsplat.protocol.rules.index_rules import Quantisation
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.volume import Box, Index
+from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, Index
 
 
 class LevelSource:

@@ -28,13 +28,13 @@ from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.prepare.scalars import Scalars, StoredScalars, volume_scalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter, begin_store, brick_dims, sweep
 from volsplat.mapshade_server.prepare.survey import survey_volume
-from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.slabs import SLAB_BYTES, SlabReader
 from volsplat.mapshade_server.volume_identity import identified_volume, identity_of
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, Geometry, Index
-from volsplat.protocol.volume_identity import VolumeIdentity
-from volsplat.protocol.volume_name import volume_name
+from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.text.errors import BadInput
 
 UNPACKED = "source"
 FIRST_VOXEL = Box((0, 0, 0), (1, 1, 1))

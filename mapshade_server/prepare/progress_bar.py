@@ -12,7 +12,7 @@ from rich.progress import (
     TransferSpeedColumn,
 )
 
-from volsplat.protocol.plain_console import PlainConsole, task_words
+from volsplat.program.plain_console import PlainConsole, task_words
 
 
 class ProgressBar:

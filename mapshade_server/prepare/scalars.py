@@ -6,8 +6,8 @@ from threading import Lock
 from typing import NamedTuple, Protocol
 
 from volsplat.mapshade_server.prepare.level_source import LevelSource
-from volsplat.mapshade_server.readers.volume_reader import SecondScalarReader, VolumeReader, Voxels
-from volsplat.protocol.volume import Box, Index
+from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader, Voxels
+from volsplat.protocol.description.volume import Box, Index
 
 
 class BoxReader(Protocol):

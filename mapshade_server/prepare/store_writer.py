@@ -21,9 +21,9 @@ from volsplat.mapshade_server.packet_store import (
 )
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.prepare.survey import Surveyed
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.protocol.block_extremes import block_dims
-from volsplat.protocol.volume import Box, Index
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.protocol.description.block_extremes import block_dims
+from volsplat.protocol.description.volume import Box, Index
 
 ZSTD_LEVEL = 1  # chosen for speed: docs/prepare.md has the others' rates
 AXES = ("k", "j", "i")

@@ -12,12 +12,12 @@ from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.slabs import Slab, SlabReader
 from volsplat.mapshade_server.sub_cube import Histograms, SubCube
-from volsplat.protocol import index_rules
-from volsplat.protocol.block_extremes import BlockExtremes
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.index_rules import HISTOGRAM_BINS, Quantisation, Survey
-from volsplat.protocol.packet_layout import NO_DATA_BIT
-from volsplat.protocol.volume import Geometry, VolumeDescription
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
+from volsplat.protocol.rules import index_rules
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
+from volsplat.protocol.text.errors import BadInput
 
 Counts = NDArray[np.int64]
 

@@ -1,6 +1,6 @@
 """Volume readers: each describes a volume and hands over boxes of its voxels. They import nothing but `protocol`."""
 
 from volsplat.mapshade_server.readers.open_volume import open_volume
-from volsplat.mapshade_server.readers.volume_reader import VolumeReader
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
 
 __all__ = ["VolumeReader", "open_volume"]

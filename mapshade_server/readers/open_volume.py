@@ -7,19 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from volsplat.mapshade_server.readers.arrays import (
-    hdf5_dataset,
-    legacy_vtk,
-    netcdf_classic,
-    numpy_array,
-    raw_voxels,
-    vtk_image,
-    zarr_store,
-)
+from volsplat.mapshade_server.readers.arrays import hdf5_dataset, netcdf_classic, numpy_array, raw_voxels
 from volsplat.mapshade_server.readers.astronomy import fits_cube
-from volsplat.mapshade_server.readers.file_marks import check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.geology import segy
-from volsplat.mapshade_server.readers.gzip_files import GZIP_MAGIC
 from volsplat.mapshade_server.readers.medicine import (
     analyze,
     dicom_series,
@@ -32,9 +22,13 @@ from volsplat.mapshade_server.readers.medicine import (
     tiff_stack,
 )
 from volsplat.mapshade_server.readers.molecules import atoms, density_map, gaussian_cube, mmcif, structure_factors
-from volsplat.mapshade_server.readers.volume_reader import VolumeReader
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume_name import volume_name
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, mark_of, told_head
+from volsplat.mapshade_server.readers.reading.gzip_files import GZIP_MAGIC
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
+from volsplat.mapshade_server.readers.vtk_files import legacy_vtk, vtk_image
+from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
+from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.text.errors import BadInput
 
 HEAD_BYTES = 4096
 LOCAL_URL = "file://"

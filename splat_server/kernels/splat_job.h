@@ -5,7 +5,7 @@
 
 namespace volsplat {
 
-constexpr int kSubpixelBits = 6;         // positions are multiples of 1/64 pixel (protocol/packet_layout.py)
+constexpr int kSubpixelBits = 6;         // positions are multiples of 1/64 pixel (protocol/rules/packet_layout.py)
 constexpr int kPacketBytes = 8;
 constexpr int kPositionBits = 14;
 constexpr int kPositionMask = (1 << kPositionBits) - 1;
@@ -16,7 +16,7 @@ constexpr int kColourShift = 40;
 constexpr double kLargestHalfExtent = 16384;
 constexpr float kFrozenAlpha = 1.0f - 1.0f / 1024.0f;  // front-to-back: from here on a pixel no longer changes
 
-constexpr int kTileSide = 4;  // of closed tiles (protocol/closed_tiles.py)
+constexpr int kTileSide = 4;  // of closed tiles (protocol/rules/closed_tiles.py)
 
 // Footprints of up to so many pixels a row are splatted as one box of whole vectors, and of a wide one each row as far
 // as the footprint may reach there.
@@ -63,7 +63,7 @@ struct AxisView {  // protocol.traversal.AxisVisits
     bool ascending;
 };
 
-struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a step (protocol/frame_plan.py)
+struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a step (protocol/rules/frame_plan.py)
     int64_t origin[2];
     int64_t half_step[2][3];  // of x and of y, along the sheet, row and sample axes
     AxisView axes[3];

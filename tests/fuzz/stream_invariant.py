@@ -7,13 +7,13 @@ from collections.abc import Callable
 
 import msgspec
 
-from volsplat.protocol.errors import BadInput, RemoteProtocolError
-from volsplat.protocol.framing import HEADER, LARGEST_CONTROL, Decoder
-from volsplat.protocol.handshake import AccepterHandshake, DiallerHandshake, State, new_hello
-from volsplat.protocol.message_rules import RULES, Speech
-from volsplat.protocol.messages import Message
-from volsplat.protocol.roles import DIALLED, Role, Way
-from volsplat.protocol.tokens import Token
+from volsplat.protocol.messages.message_rules import RULES, Speech
+from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.roles import DIALLED, Role, Way
+from volsplat.protocol.text.errors import BadInput, RemoteProtocolError
+from volsplat.protocol.wire.framing import HEADER, LARGEST_CONTROL, Decoder
+from volsplat.protocol.wire.handshake import AccepterHandshake, DiallerHandshake, State, new_hello
+from volsplat.protocol.wire.tokens import Token
 
 WAYS: tuple[Way | None, ...] = (None, *DIALLED, *(way.back for way in DIALLED))
 MOST_ALLOCATED = 1 << 22  # what this harness is ready to give; a lawful image may be larger

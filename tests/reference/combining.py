@@ -6,7 +6,7 @@ A buffer is (pixels, 4) float64: associated red, green, blue and alpha, 0..1.
 import torch
 from torch import Tensor
 
-from volsplat.protocol.scene import Order
+from volsplat.protocol.description.scene import Order
 
 FROZEN_ALPHA = 1 - 1 / 1024  # design, section 4: front-to-back, a pixel at or above it changes no more
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from volsplat.protocol.footprint_shape import DEFAULT_RADIUS, GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA
-from volsplat.protocol.scene import Kernel, Reconstruction
+from volsplat.protocol.description.scene import Kernel, Reconstruction
+from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS, GAUSSIAN_SIGMA, KAISER_BESSEL_ALPHA
 
 PROFILE_POINTS = 8193
 QUADRATURE_POINTS = 96

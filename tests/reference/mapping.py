@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from volsplat.protocol.frame_plan import Dda, FramePlan, resolved_center, resolved_zoom
-from volsplat.protocol.packet_layout import SUBPIXEL_BITS
-from volsplat.protocol.scene import Scene
-from volsplat.protocol.volume import Geometry
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.frame_plan import Dda, FramePlan, resolved_center, resolved_zoom
+from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
 
 QUARTER = math.sqrt(0.5)
 # The turns that bring each axis to z, as quaternions (x, y, z, w).

@@ -12,11 +12,11 @@ from torch import Tensor
 
 from reference import combining, mapping, shading, voxel_packets
 from reference.footprint import Footprint, footprint_of
-from volsplat.protocol.frame_plan import FRACTION_BITS, FramePlan, Reach, plan_frame
-from volsplat.protocol.index_rules import Quantisation
-from volsplat.protocol.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
-from volsplat.protocol.scene import Order, Scene, Step
-from volsplat.protocol.volume import Geometry
+from volsplat.protocol.description.scene import Order, Scene, Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.frame_plan import FRACTION_BITS, FramePlan, Reach, plan_frame
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
 
 LATTICE = 1 << SUBPIXEL_BITS
 NEARLY_AN_EDGE = 1e-6  # voxels: where float64 might choose the wrong cell

@@ -4,13 +4,13 @@ import torch
 from torch import Tensor
 
 from reference import voxel_packets
-from volsplat.protocol import matrices
-from volsplat.protocol.frame_plan import FramePlan
-from volsplat.protocol.index_rules import grid_index_bytes
-from volsplat.protocol.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, OPACITY_UNIT, code_of_opacity
-from volsplat.protocol.refinement import active_shading
-from volsplat.protocol.scene import ColourTable, Field, ScalarTable, Scene, Step
-from volsplat.protocol.volume import Geometry
+from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.index_rules import grid_index_bytes
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, OPACITY_UNIT, code_of_opacity
+from volsplat.protocol.rules.refinement import active_shading
 
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 GRADIENT_FIELDS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)

@@ -5,8 +5,9 @@ import math
 import torch
 from torch import Tensor
 
-from volsplat.protocol import matrices
-from volsplat.protocol.index_rules import (
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.rules.index_rules import (
     DIRECTION_CODES,
     OCTAHEDRAL_NO_GRADIENT,
     OCTAHEDRAL_SIDE,
@@ -14,8 +15,7 @@ from volsplat.protocol.index_rules import (
     Quantisation,
     physical_gradient,
 )
-from volsplat.protocol.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
-from volsplat.protocol.volume import Geometry
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 
 
 def with_no_data_as_nan(values: Tensor) -> Tensor:

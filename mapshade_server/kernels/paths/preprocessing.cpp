@@ -1,4 +1,4 @@
-// Gradients and quantisation of one row of source values (paper: "Shading"; rules: protocol/index_rules.py).
+// Gradients and quantisation of one row of source values (paper: "Shading"; rules: protocol/rules/index_rules.py).
 #include "path_functions.h"
 
 namespace volsplat::VOLSPLAT_PATH {

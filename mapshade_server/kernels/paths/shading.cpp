@@ -9,7 +9,7 @@ namespace volsplat::VOLSPLAT_PATH {
 
 namespace {
 
-// The bits of a shaded packet; see protocol/packet_layout.py.
+// The bits of a shaded packet; see protocol/rules/packet_layout.py.
 constexpr int kYShift = 14;
 constexpr int kOpacityShift = 28;
 constexpr int kColourShift = 40;

@@ -11,7 +11,7 @@ constexpr std::int32_t kLastCode = 4095;
 
 inline double magnitude(double x) { return x < 0.0 ? -x : x; }
 
-// The nearest 12-bit code of 0..1, halves up; see protocol/packet_layout.py.
+// The nearest 12-bit code of 0..1, halves up; see protocol/rules/packet_layout.py.
 inline std::uint16_t code_of_opacity(double opacity) {
   const double above = opacity > 0.0 ? opacity : 0.0;
   const double units = (above < 1.0 ? above : 1.0) * (kOpacityUnit * 256.0);

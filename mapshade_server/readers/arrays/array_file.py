@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.stored_voxels import READ_THROUGH_BYTES, fill
+from volsplat.mapshade_server.readers.reading.stored_voxels import READ_THROUGH_BYTES, fill
 
 LARGEST_READ_THROUGH = 64 << 20  # bytes that are held at once with gaps between what is wanted
 

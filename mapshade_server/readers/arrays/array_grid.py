@@ -10,11 +10,11 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
-from volsplat.mapshade_server.readers.length_units import length_unit
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Vector
-from volsplat.protocol.upright import Up
-from volsplat.protocol.volume import Box, Geometry, GridAxis, Index
+from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.geometry.upright import Up
+from volsplat.protocol.text.errors import BadInput
 
 LETTERS = "xyz"
 OPTIONS = ("axes", "spacing", "unit")  # beside the names of axes

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.protocol.text.errors import BadInput
 
 Attributes = Mapping[str, Any]  # of an array: texts, numbers, and lists of these
 DType = np.dtype[np.generic]

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.protocol.volume import Geometry
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.protocol.description.volume import Geometry
 
 
 def grid_of_cells(path: Path, points: Geometry) -> Geometry:

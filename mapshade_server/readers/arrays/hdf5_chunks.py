@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.bounded_unpacking import inflated
-from volsplat.mapshade_server.readers.extra import library
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import inflated
+from volsplat.mapshade_server.readers.reading.extra import library
 
 DEFLATE, SHUFFLE, FLETCHER32 = 1, 2, 3  # HDF5's numbers of filters
 CHECKSUM_BYTES = 4

@@ -15,19 +15,19 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers import extra
 from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, plain_values, text_attribute
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
-from volsplat.mapshade_server.readers.bounded_unpacking import check_promise
-from volsplat.mapshade_server.readers.file_marks import check_is_file
-from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
-from volsplat.mapshade_server.readers.voxel_room import no_room
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading import extra
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.reading.voxel_room import no_room
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
 USER_BLOCKS = (0, 512, 1024, 2048)  # bytes before the magic, which belong to others

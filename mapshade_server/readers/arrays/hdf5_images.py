@@ -15,11 +15,11 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
 from volsplat.mapshade_server.readers.arrays.cell_grid import grid_of_cells
-from volsplat.mapshade_server.readers.length_units import length_unit
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_vectors
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Matrix
-from volsplat.protocol.volume import Box, Geometry
+from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry, refuse_vectors
+from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.geometry.matrices import Matrix
+from volsplat.protocol.text.errors import BadInput
 
 VTK_GROUP = "VTKHDF"
 ITK_IMAGE = "ITKImage/0"

@@ -16,9 +16,9 @@ from volsplat.mapshade_server.readers.arrays.array_values import cf_values, text
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_dataset import NETCDF_FILL
 from volsplat.mapshade_server.readers.arrays.netcdf_header import MAGIC, VERSIONS, Variable, netcdf_variables
-from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 MOST_LISTED = 12
 MINC = "rootvariable"  # a variable that only MINC's files have

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes
-from volsplat.protocol.errors import BadInput
+from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"CDF"
 VERSIONS = (1, 2, 5)  # 2 has offsets of 64 bits, 5 lengths too

@@ -20,10 +20,10 @@ from volsplat.mapshade_server.readers.arrays.array_file import ArrayFile, cause
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, plain_values
-from volsplat.mapshade_server.readers.stored_voxels import READ_THROUGH_BYTES
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.stored_voxels import READ_THROUGH_BYTES
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"\x93NUMPY"
 MEMBER_MAGIC = b"PK\3\4"

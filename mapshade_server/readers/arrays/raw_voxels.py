@@ -13,12 +13,12 @@ from typing import Literal
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
-from volsplat.mapshade_server.readers.gzip_files import is_gzip
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
-from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, OpenedVolume
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import VolumeDescription
+from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 EXTENSIONS = (".raw", ".raw.gz")
 KEYS = ("dims", "type", "endian", "skip", "spacing", "unit")

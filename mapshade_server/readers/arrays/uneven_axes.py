@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, Geometry, Index
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.text.errors import BadInput
 
 EVEN = 1e-3  # of a step, that others may differ from it
 ROUNDING = 4  # units in the last place of the file's own numbers

@@ -17,15 +17,15 @@ import numpy as np
 from volsplat.mapshade_server.readers.astronomy.fits_geometry import placed
 from volsplat.mapshade_server.readers.astronomy.fits_hdus import chosen_hdu
 from volsplat.mapshade_server.readers.astronomy.fits_tiles import check_tiles_within
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.gzip_files import is_gzip
-from volsplat.mapshade_server.readers.part_options import index_in, part_options
-from volsplat.mapshade_server.readers.simple_itk import refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.mapshade_server.readers.reading.part_options import index_in, part_options
+from volsplat.mapshade_server.readers.reading.simple_itk import refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 STORED_TYPES = {8: ">u1", 16: ">i2", 32: ">i4", 64: ">i8", -32: ">f4", -64: ">f8"}  # by BITPIX
 MOST_AXES = 9

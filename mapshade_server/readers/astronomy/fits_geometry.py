@@ -13,11 +13,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.protocol import matrices
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Geometry, GridAxis, Index
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.protocol.description.volume import Geometry, GridAxis, Index
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
 
 STEPS_OF_DIFFERENCE = 2.0  # voxels, to either side of the middle
 STEP_DECIMALS = 6  # of a voxel: what may differ between machines' sines lies far below

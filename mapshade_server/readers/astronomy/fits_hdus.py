@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from volsplat.protocol.errors import BadInput
+from volsplat.protocol.text.errors import BadInput
 
 _DATA_NAMES = ("DATA", "SCI", "FLUX")
 _CLASS, _CLASS_OF_DATA = "HDUCLAS2", "DATA"

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.bounded_unpacking import Damaged, inflated
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import Damaged, inflated
 
 BY_METHOD, BY_GZIP = "COMPRESSED_DATA", "GZIP_COMPRESSED_DATA"  # columns; the second where the method failed
 GZIP_METHODS = ("GZIP_1", "GZIP_2")

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.geology.segy_traces import (
     ByteOrder,
     SegyFile,
@@ -22,11 +21,12 @@ from volsplat.mapshade_server.readers.geology.segy_traces import (
     trace_grid,
 )
 from volsplat.mapshade_server.readers.geology.survey_geometry import DEFAULT_VELOCITY, Spot, Vertical, placed
-from volsplat.mapshade_server.readers.part_options import part_options
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.volume import Box, GridAxis, VolumeDescription
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.part_options import part_options
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Box, GridAxis, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 OPTIONS = ("il", "xl", "velocity", "domain")
 INLINE, CROSSLINE = 189, 193  # where revision 1 has the numbers, by their first byte in the trace header

@@ -13,8 +13,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.protocol.text.errors import BadInput
 
 # Where programs put the numbers, other than at 189 and 193; named to a person whose file has a grid there.
 OTHER_PLACES = ((9, 21), (5, 21), (9, 13), (17, 13), (17, 21), (181, 185))

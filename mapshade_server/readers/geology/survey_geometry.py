@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.protocol import matrices
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Geometry, GridAxis, Index
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.protocol.description.volume import Geometry, GridAxis, Index
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
 
 DEFAULT_VELOCITY = 2000.0  # m/s; then a millisecond, there and back, is a metre
 METRES_PER_FOOT = 0.3048

@@ -9,14 +9,18 @@ from typing import Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.frames import chosen_frame
-from volsplat.mapshade_server.readers.gzip_files import first_bytes
 from volsplat.mapshade_server.readers.medicine import nifti
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import OpenedVolume
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import VolumeDescription
+from volsplat.mapshade_server.readers.reading.frames import chosen_frame
+from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes
+from volsplat.mapshade_server.readers.reading.simple_itk import (
+    checked_geometry,
+    refuse_other_dimensions,
+    refuse_vectors,
+)
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = 348
 BYTE_ORDERS: dict[bytes, Literal["<", ">"]] = {b"\x5c\x01\0\0": "<", b"\0\0\x01\x5c": ">"}

@@ -13,11 +13,11 @@ from typing import Any, BinaryIO, Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.medicine.dicom_pixels import Pixels, fragments_from
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Vector
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.text.errors import BadInput
 
 PREAMBLE = 128
 FIRST_TAGS = tuple(b"\x08\0" + element + b"\0" for element in (b"\x00", b"\x01", b"\x05", b"\x08", b"\x16"))

@@ -4,8 +4,6 @@ import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.file_marks import check_is_file
 from volsplat.mapshade_server.readers.medicine.dicom_file import (
     PREAMBLE,
     DicomFile,
@@ -13,7 +11,9 @@ from volsplat.mapshade_server.readers.medicine.dicom_file import (
     recognises,
     recognises_old,
 )
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.protocol.text.errors import BadInput
 
 DIRECTORY_NAMES = ("DICOMDIR", "dicomdir", "DICOMDIR.", "DICOMDIR.;1")  # as discs are mounted
 DEEPEST = 4  # folders down: a disc's own, then its patients, studies and series

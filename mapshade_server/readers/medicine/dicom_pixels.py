@@ -15,13 +15,13 @@ from typing import BinaryIO
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.codestream_size import check_codestream
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.simple_itk import extracted, header_of
-from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box
+from volsplat.mapshade_server.readers.reading.codestream_size import check_codestream
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.simple_itk import extracted, header_of
+from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.text.errors import BadInput
 
 ITEM, END_OF_ITEMS = b"\xfe\xff\x00\xe0", b"\xfe\xff\xdd\xe0"
 _TERMINAL = Lock()

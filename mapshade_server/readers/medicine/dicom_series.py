@@ -17,11 +17,11 @@ from volsplat.mapshade_server.readers.medicine.dicom_file import DicomFile, Fram
 from volsplat.mapshade_server.readers.medicine.dicom_folder import images_of, series_of
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
-from volsplat.mapshade_server.readers.part_options import PartOptions, part_options
-from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.part_options import PartOptions, part_options
+from volsplat.mapshade_server.readers.reading.volume_files import DiskFile, disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 __all__ = ["open_dicom_file", "open_folder", "recognises"]
 

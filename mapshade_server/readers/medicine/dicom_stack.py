@@ -11,11 +11,11 @@ from pathlib import Path
 from statistics import median
 
 from volsplat.mapshade_server.readers.medicine.dicom_file import APART, DicomFile, Frame, Place
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Geometry
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.text.errors import BadInput
 
 GAP_TOLERANCE = 0.02  # of the usual distance of slices; scanners round positions to a few decimals
 ORIENTATION_TOLERANCE = 1e-3  # of a direction cosine

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.frames import chosen_frame
-from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
-from volsplat.mapshade_server.readers.simple_itk import (
+from volsplat.mapshade_server.readers.reading.frames import chosen_frame
+from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.simple_itk import (
     extracted,
     geometry_of,
     header_of,
@@ -22,12 +22,12 @@ from volsplat.mapshade_server.readers.simple_itk import (
     refuse_vectors,
     scalar_type_of,
 )
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_files import DiskFile, disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.text.errors import BadInput
 
 LONGEST_HEADER = 1 << 16
 SIDES = ("LR", "PA", "SI")  # to which the physical axes lead, and away from which

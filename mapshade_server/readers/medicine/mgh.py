@@ -9,13 +9,17 @@ from pathlib import Path
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.frames import chosen_frame
-from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import OpenedVolume
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Geometry, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.frames import chosen_frame
+from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes, is_gzip
+from volsplat.mapshade_server.readers.reading.simple_itk import (
+    checked_geometry,
+    refuse_other_dimensions,
+    refuse_vectors,
+)
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 EXTENSIONS = (".mgh", ".mgz", ".mgh.gz")
 VERSION = 1

@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from volsplat.protocol.kind import Kind
+from volsplat.protocol.description.kind import Kind
 
 # DICOM's words (PS3.3, C.7.3.1.1.1). Others that are images of a patient are one kind: no tables are made for them.
 _BY_MODALITY = {"": Kind.UNKNOWN, "OT": Kind.UNKNOWN, "CT": Kind.CT, "MR": Kind.MR, "SEG": Kind.LABELS}

@@ -11,18 +11,22 @@ from typing import Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.frames import chosen_frame
-from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
 from volsplat.mapshade_server.readers.medicine.modality import kind_beside
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_files import DiskFile
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.frames import chosen_frame
+from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes, is_gzip
+from volsplat.mapshade_server.readers.reading.simple_itk import (
+    checked_geometry,
+    refuse_other_dimensions,
+    refuse_vectors,
+)
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_files import DiskFile
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = {1: 348, 2: 540}
 MAGICS = {1: (b"n+1\0", b"ni1\0"), 2: (b"n+2\0\r\n\x1a\n", b"ni2\0\r\n\x1a\n")}

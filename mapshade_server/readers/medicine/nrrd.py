@@ -11,21 +11,21 @@ from typing import Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.frames import chosen_frame
 from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader, header_of_file
 from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse_flat_colours
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
-from volsplat.mapshade_server.readers.simple_itk import (
+from volsplat.mapshade_server.readers.reading.frames import chosen_frame
+from volsplat.mapshade_server.readers.reading.simple_itk import (
     extracted,
     header_of,
     refuse_other_dimensions,
     refuse_vectors,
 )
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
-from volsplat.mapshade_server.readers.volume_files import DiskFile
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
+from volsplat.mapshade_server.readers.reading.volume_files import DiskFile
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 _SCALAR_TYPES = {
     "int8": "signed char, int8, int8_t",

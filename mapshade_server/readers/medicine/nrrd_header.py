@@ -5,8 +5,8 @@ import re
 from dataclasses import dataclass
 from pathlib import Path
 
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Vector
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.text.errors import BadInput
 
 LONGEST_HEADER = 1 << 20
 LONGEST_LINE = 1 << 16

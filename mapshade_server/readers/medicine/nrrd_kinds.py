@@ -6,8 +6,8 @@ from pathlib import Path
 
 import msgspec
 
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import BANDS_KEY, KIND_KEY, Band, Kind
+from volsplat.protocol.description.kind import BANDS_KEY, KIND_KEY, Band, Kind
+from volsplat.protocol.text.errors import BadInput
 
 # NA-MIC's convention for diffusion-weighted images.
 _DIFFUSION = "DWMRI"

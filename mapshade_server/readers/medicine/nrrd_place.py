@@ -12,11 +12,11 @@ import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.protocol.matrices import IDENTITY, Matrix, Vector, scaled, transposed
-from volsplat.protocol.volume import Geometry, Index
+from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.geometry.matrices import IDENTITY, Matrix, Vector, scaled, transposed
 
 DISAGREEMENT = 0.01  # of a spacing, that the one by an axis' ends may differ from the stated one
 

@@ -14,11 +14,11 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.medicine.slice_files import is_for, slices_in
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions
-from volsplat.mapshade_server.readers.volume_files import disk_files
-from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry, refuse_other_dimensions
+from volsplat.mapshade_server.readers.reading.volume_files import disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".bmp")
 OPTIONS = ("spacing", "unit", "channel")

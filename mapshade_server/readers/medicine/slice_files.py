@@ -5,8 +5,8 @@ from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path
 
-from volsplat.mapshade_server.readers.file_marks import check_is_file
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.protocol.text.errors import BadInput
 
 MOST_SHOWN = 6
 

@@ -14,8 +14,8 @@ from volsplat.mapshade_server.readers.medicine.tiff_stack import (
     stack_of,
     stated_place,
 )
-from volsplat.mapshade_server.readers.simple_itk import refuse_vectors
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.simple_itk import refuse_vectors
+from volsplat.protocol.text.errors import BadInput
 
 EXTENSIONS = (".tif", ".tiff")
 

@@ -16,18 +16,18 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.bounded_unpacking import (
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import (
     Damaged,
     check_promise,
     inflated,
     unpacked_by_imagecodecs,
     unpacked_lzma,
 )
-from volsplat.mapshade_server.readers.codestream_size import check_codestream, codestream_size
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.volume import Box
+from volsplat.mapshade_server.readers.reading.codestream_size import check_codestream, codestream_size
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.text.errors import BadInput
 
 UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA = 1, 8, 32946, 34925
 DECODED_BY_TIFFFILE = (UNCOMPRESSED, DEFLATE, OLD_DEFLATE, LZMA)

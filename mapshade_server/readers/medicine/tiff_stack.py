@@ -12,19 +12,23 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.file_marks import check_is_file
-from volsplat.mapshade_server.readers.length_units import length_unit
 from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, OmeMetadata, StatedSteps, ome_metadata
 from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, TiffPage, tifffile
-from volsplat.mapshade_server.readers.part_options import PartOptions, index_in, part_options
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_files import DiskFile, disk_files
-from volsplat.mapshade_server.readers.volume_reader import SCALAR_TYPES, Voxels
-from volsplat.mapshade_server.readers.voxel_room import voxel_room
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
+from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.part_options import PartOptions, index_in, part_options
+from volsplat.mapshade_server.readers.reading.simple_itk import (
+    checked_geometry,
+    refuse_other_dimensions,
+    refuse_vectors,
+)
+from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_files import DiskFile, disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.mapshade_server.readers.reading.voxel_room import voxel_room
+from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.text.errors import BadInput
 
 MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WIDER = {"bool": "uint8", "float16": "float32"}  # types that tensors of voxels do not have

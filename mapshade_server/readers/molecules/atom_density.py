@@ -23,8 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol.volume import Box, Geometry
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, Geometry
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.molecules.atom_density import (
     BAND,
     BOND_CLASS,
@@ -29,11 +28,12 @@ from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_err
 from volsplat.mapshade_server.readers.molecules.pqr import is_pqr, pqr_structure
 from volsplat.mapshade_server.readers.molecules.structure_factors import open_reflections
 from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_text
-from volsplat.mapshade_server.readers.part_options import part_options
-from volsplat.mapshade_server.readers.volume_reader import VolumeReader, Voxels
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Band, Kind
-from volsplat.protocol.volume import Box, Geometry, VolumeDescription
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.part_options import part_options
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader, Voxels
+from volsplat.protocol.description.kind import Band, Kind
+from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 IN_SPACE, IN_FREQUENCY = ("density", "elements"), ("frequency", "amplitude")
 KINDS = IN_SPACE + IN_FREQUENCY

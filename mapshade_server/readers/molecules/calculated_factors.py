@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.molecules.reflections import Reflections
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.protocol.text.errors import BadInput
 
 AMPLITUDE, PHASE = "FC", "PHIC"
 MOST_INDEX = 32  # along the longest edge of the cell, if nobody states a resolution

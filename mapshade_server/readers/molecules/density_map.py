@@ -13,18 +13,22 @@ from typing import Literal
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.frames import chosen_frame
-from volsplat.mapshade_server.readers.gzip_files import first_bytes, is_gzip
 from volsplat.mapshade_server.readers.molecules.map_kinds import is_difference, kind_of_names
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.volume_reader import OpenedVolume, Voxels
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import IDENTITY, Matrix
-from volsplat.protocol.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.frames import chosen_frame
+from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes, is_gzip
+from volsplat.mapshade_server.readers.reading.simple_itk import (
+    checked_geometry,
+    refuse_other_dimensions,
+    refuse_vectors,
+)
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
+from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = 1024
 UNIT = "Å"

@@ -16,15 +16,15 @@ from pathlib import Path
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.gzip_files import is_gzip
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry, refuse_other_dimensions
-from volsplat.mapshade_server.readers.stored_voxels import MOST_GROWTH, Packing
-from volsplat.mapshade_server.readers.volume_reader import Voxels
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry, refuse_other_dimensions
+from volsplat.mapshade_server.readers.reading.stored_voxels import MOST_GROWTH, Packing
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.text.errors import BadInput
 
 ANGSTROM_PER_BOHR = 0.529177210903
 LONGEST_LINE = 1 << 12

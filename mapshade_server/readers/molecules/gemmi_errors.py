@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from volsplat.protocol.errors import BadInput
+from volsplat.protocol.text.errors import BadInput
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from volsplat.protocol.kind import Kind
+from volsplat.protocol.description.kind import Kind
 
 # "2Fo-Fc", "mFo-DFc", "1FO-1FC", "fofc": how many times the observed amplitudes are taken decides.
 _COEFFICIENTS = re.compile(r"(\d*)m?fo(?:bs)?[-_ ]*\d*d?fc")

@@ -4,12 +4,12 @@ import re
 from pathlib import Path
 from typing import Any
 
-from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.molecules import atoms, structure_factors
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_text
-from volsplat.mapshade_server.readers.volume_reader import VolumeReader
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
+from volsplat.protocol.text.errors import BadInput
 
 REFLECTIONS = ("_refln", "_diffrn_refln")
 EXTENSIONS = (".cif", ".mmcif", ".cif.gz", ".mmcif.gz")

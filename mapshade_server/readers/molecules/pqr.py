@@ -9,8 +9,8 @@ import re
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.protocol.text.errors import BadInput
 
 EXTENSIONS = (".pqr", ".pqr.gz")
 

@@ -12,10 +12,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.extra import library
-from volsplat.mapshade_server.readers.gzip_files import GZIP_MAGIC
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.gzip_files import GZIP_MAGIC
+from volsplat.protocol.text.errors import BadInput
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

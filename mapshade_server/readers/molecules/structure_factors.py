@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.extra import library
 from volsplat.mapshade_server.readers.molecules.map_kinds import kind_of_names
 from volsplat.mapshade_server.readers.molecules.reflections import (
     MEASURED,
@@ -30,14 +29,15 @@ from volsplat.mapshade_server.readers.molecules.reflections import (
     mmcif_reflections,
     mtz_reflections,
 )
-from volsplat.mapshade_server.readers.part_options import part_options
-from volsplat.mapshade_server.readers.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.volume_reader import VolumeReader, Voxels
-from volsplat.protocol import matrices
-from volsplat.protocol.errors import BadInput
-from volsplat.protocol.kind import Kind
-from volsplat.protocol.matrices import Matrix, Vector
-from volsplat.protocol.volume import Box, GridAxis, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.part_options import part_options
+from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader, Voxels
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import Box, GridAxis, Index, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.text.errors import BadInput
 
 KINDS = ("map", "patterson", "amplitude", "frequency")
 PHASES = (0.0, 360.0)  # degrees

@@ -4,8 +4,8 @@ import gzip
 import zlib
 from pathlib import Path
 
-from volsplat.mapshade_server.readers.gzip_files import is_gzip
-from volsplat.protocol.errors import BadInput
+from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.protocol.text.errors import BadInput
 
 MOST_BYTES = 1 << 30
 CHUNK_BYTES = 1 << 20

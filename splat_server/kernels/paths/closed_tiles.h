@@ -1,4 +1,4 @@
-// The map of closed tiles (protocol/closed_tiles.py): which samples are hidden, and which tiles have become closed.
+// The map of closed tiles (protocol/rules/closed_tiles.py): which samples are hidden, and which tiles have become closed.
 #pragma once
 #include "pixel_vectors.h"
 

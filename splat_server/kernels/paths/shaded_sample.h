@@ -1,4 +1,4 @@
-// Shaded packets and row runs decoded (protocol/packet_layout.py).
+// Shaded packets and row runs decoded (protocol/rules/packet_layout.py).
 #pragma once
 #include "../splat_job.h"
 

@@ -22,7 +22,7 @@ inline double pixels_apart(const CellView& cells, int coordinate, int axis) {
 
 class SheetCells {
 public:
-    static constexpr int kThirds = 3;  // of a ray's path through a sheet (protocol/frame_plan.py)
+    static constexpr int kThirds = 3;  // of a ray's path through a sheet (protocol/rules/frame_plan.py)
 
     explicit SheetCells(const SplatJob& job) : job_(job), view_(job.cell) {
         // A pixel centre p lies at doubled row u and sample v where p - o = u * row half step + v * sample half step.

@@ -1,0 +1,1 @@
+"""`volsplat bench` and its sub-commands."""

@@ -1,0 +1,103 @@
+"""`volsplat bench aborts`: how long an abort takes to reach every server while a large frame runs."""
+
+from __future__ import annotations
+
+import math
+import random
+import threading
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+
+import click
+import msgspec
+
+from volsplat.bench.renderers import local_session
+from volsplat.bench.subject import subject_of, volume_file, volume_words
+from volsplat.bench.tables.outputs import Outputs, output_options
+from volsplat.bench.tables.progress import shown_progress
+from volsplat.bench.tables.record import figure, record
+from volsplat.bench.tables.text_table import TextTable, significant
+from volsplat.bench.timing import wall_seconds
+from volsplat.client.session.session import FrameAborted, Session
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.scene import Image, Scene, View
+
+GOAL_SECONDS = 0.050  # at the 95th percentile
+HIGH_ZOOM = 64.0  # pixels a voxel: a packet's footprint covers tens of thousands of pixels
+VIEWS = {"the whole volume": View(), f"zoom {HIGH_ZOOM:g}": View(zoom=HIGH_ZOOM)}
+
+
+@click.command()
+@click.option("--phantom", default="shells:256", metavar="NAME:SIZE", help="What is drawn (shells:256).")
+@click.option("--aborts", "count", type=click.IntRange(min=1), default=200, help="In each view (200).")
+@click.option("--workers", type=click.IntRange(min=1), default=2, help="Map/shade servers (2).")
+@click.option("--image", type=click.IntRange(16, 16384), default=1024, help="Side of the square image, pixels (1024).")
+@output_options()
+def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None, markdown: Path | None) -> None:
+    """Abort frames at random moments, seen from random sides, and time it until the last server has acknowledged.
+
+    Once for the whole volume in view, once for a zoom at which a packet's footprint covers tens of thousands of pixels.
+    """
+    outputs = Outputs(json, markdown)
+    outputs.check()
+    subject = subject_of(None, phantom, None, None, None)
+    table = TextTable(
+        f"Aborts, {workers} map/shade servers, {image} x {image} pixels: milliseconds until all have acknowledged",
+        ("view", "a frame", "median", "95 %", "greatest"),
+        f"{count} aborts at random moments of a frame. Goal at 95 %: {GOAL_SECONDS * 1e3:.0f} ms.",
+    )
+    figures = []
+    chance = random.Random(1)
+    console = PlainConsole(stderr=True)
+    with console.status("starting") as status, volume_file(subject, status.update) as path:
+        with local_session(path, workers, status.update) as session:
+            known = session.volume
+            status.stop()
+            for title, view in VIEWS.items():
+                shown = subject.scene_of(known)
+                scene = msgspec.structs.replace(shown, image=Image(width=image, height=image), view=view)
+                whole = min(wall_seconds(partial(session.render, scene)) for _ in range(3))
+                with shown_progress(title, count) as step:
+                    seconds = sorted(abort_times(session, scene, count, whole, chance, step))
+                late = seconds[math.ceil(0.95 * len(seconds)) - 1]
+                median = figure(f"{title}: abort", "s", seconds)
+                figures += [median, figure(f"{title}: 95 % of the aborts", "s", [late])]
+                cells = (whole, median.median, late, seconds[-1])
+                table.add(title, *(significant(value * 1e3) for value in cells))
+    outputs.deliver(record("aborts", {"volume": volume_words(known)}, figures), [table])
+
+
+def abort_times(
+    session: Session, scene: Scene, count: int, whole: float, chance: random.Random, on_abort: Callable[[], None]
+) -> list[float]:
+    """Seconds of so many aborts that came before their frame, of about `whole` seconds, was finished."""
+    seconds: list[float] = []
+    while len(seconds) < count:
+        turned = msgspec.structs.replace(scene.view, rotation=tuple(chance.gauss(0, 1) for _ in range(4)))
+        took = abort_seconds(session, msgspec.structs.replace(scene, view=turned), chance.uniform(0.05, 0.6) * whole)
+        if took is not None:
+            seconds.append(took)
+            on_abort()
+    assert session.render(scene)[..., 3].max() > 0, "after all aborts, a frame must still be drawn"
+    return seconds
+
+
+def abort_seconds(session: Session, scene: Scene, delay: float) -> float | None:
+    """Seconds until an abort, asked for `delay` seconds into the frame, is acknowledged; None if it came too late."""
+    aborted = threading.Event()
+
+    def draw() -> None:
+        try:
+            session.render(scene)
+        except FrameAborted:
+            aborted.set()
+
+    drawing = threading.Thread(target=draw)
+    drawing.start()
+    time.sleep(delay)
+    asked = time.perf_counter()
+    session.abort()
+    drawing.join()
+    return time.perf_counter() - asked if aborted.is_set() else None

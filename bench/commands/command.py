@@ -1,0 +1,40 @@
+"""`volsplat bench`: the group of the benchmarks, each imported only when it is called."""
+
+from importlib import import_module
+
+import click
+
+from volsplat.client.caller.interrupts import interrupts_held
+
+SUMMARIES = {
+    "paper": "The paper's timing table beside this machine's.",
+    "scaling": "How a frame's time grows with voxels, pixels and servers, and what limits it.",
+    "kernels": "Voxels, splats and pixels a second on one core, beside the machine's floors.",
+    "peers": "volsplat and VTK's CPU ray caster draw the same pictures.",
+    "aborts": "How long an abort takes to reach every server.",
+    "page": "How soon the page follows the hand, in a real browser.",
+    "compare": "What moved between two records.",
+}
+
+
+class Benchmarks(click.Group):
+    """Finds sub-commands in SUMMARIES, and lists them without importing any."""
+
+    def list_commands(self, context: click.Context) -> list[str]:
+        return list(SUMMARIES)
+
+    def get_command(self, context: click.Context, name: str) -> click.Command | None:
+        if name not in SUMMARIES:
+            return None
+        with interrupts_held():
+            command: click.Command = getattr(import_module(f"volsplat.bench.commands.{name}_command"), name)
+        return command
+
+    def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
+        with formatter.section("Commands"):
+            formatter.write_dl(list(SUMMARIES.items()))
+
+
+@click.group(cls=Benchmarks)
+def bench() -> None:
+    """Measure volsplat: against its paper, the machine's floors, its peers, and an earlier run of itself."""

@@ -1,0 +1,223 @@
+"""`volsplat bench page`: how soon the page follows the hand, in a real browser."""
+
+from __future__ import annotations
+
+import bisect
+import math
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
+
+import click
+
+from volsplat.bench.slow_link import slow_link
+from volsplat.bench.subject import subject_of, volume_file
+from volsplat.bench.tables.extra import need
+from volsplat.bench.tables.outputs import Outputs, output_options
+from volsplat.bench.tables.record import figure, record
+from volsplat.bench.tables.text_table import TextTable, significant
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.text.errors import BadInput, VolsplatError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+# As root it has no sandbox; and without a graphics card, drawing by the plain rasteriser takes half of the time.
+CHROMIUM_OPTIONS = ["--no-sandbox", "--disable-gpu"]
+MOVES_PER_SECOND = 60
+WARM_UP_MOVES = 180
+IMAGE = 512
+GOALS = "Goals on loopback: median 50 ms, 95 % 100 ms, 30 images a second, nothing stale."
+_ADDRESS = re.compile(r"http://\S+token=\S+")
+_REFINED = "() => window.volsplatViewport?.log.at(-1)?.last"
+_SIZE = "() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height]; }"
+_WAIT = 60_000  # milliseconds, for the page and its first picture
+
+
+@dataclass(frozen=True)
+class Drag:
+    """What the page noted: when each event was sent and each picture shown, in milliseconds of its own clock."""
+
+    sent: list[tuple[int, float]]  # event, at
+    shown: list[tuple[int, int, float]]  # number, event, at
+
+    def latencies(self) -> list[float]:
+        """Seconds from each event to the first picture that contains it; events that none contains are left out."""
+        events = [event for _, event, _ in self.shown]
+        found = ((at, bisect.bisect_left(events, event)) for event, at in self.sent)
+        return [(self.shown[n][2] - at) / 1e3 for at, n in found if n < len(events)]
+
+    def images_per_second(self) -> float:
+        """While events came."""
+        begin, end = self.sent[0][1], self.sent[-1][1]
+        return sum(begin <= at <= end for _, _, at in self.shown) / max((end - begin) / 1e3, 1e-9)
+
+    def stale(self) -> int:
+        """Pictures shown after a newer one."""
+        numbers = [number for number, _, _ in self.shown]
+        return sum(later <= earlier for earlier, later in zip(numbers, numbers[1:], strict=False))
+
+    def growth(self) -> float:
+        """Seconds by which the last third of the latencies is worse than the first, in the median."""
+        late = self.latencies()
+        third = max(len(late) // 3, 1)
+        return statistics.median(late[-third:]) - statistics.median(late[:third])
+
+
+@click.command()
+@click.argument("volume", required=False)
+@click.option("--phantom", metavar="NAME:SIZE", help="In place of VOLUME: shells:256 is 256 x 256 x 256 voxels.")
+@click.option("--workers", type=click.IntRange(min=1), default=2, help="Map/shade servers (2).")
+@click.option("--moves", type=click.IntRange(min=10), default=300, help="Moves of the pointer (300).")
+@click.option("--link", metavar="MBIT,MS", help="Through a line of so many Mbit/s and ms a round trip: 20,40.")
+@output_options()
+def page(
+    volume: str | None,
+    phantom: str | None,
+    workers: int,
+    moves: int,
+    link: str | None,
+    json: Path | None,
+    markdown: Path | None,
+) -> None:
+    """Drag VOLUME about in headless Chromium, and time it from the pointer's event to the canvas's change."""
+    outputs = Outputs(json, markdown)
+    outputs.check()
+    need("playwright", "a browser to measure in")
+    need("nicegui", "the page")
+    line = _link(link) if link else None
+    subject = subject_of(volume, phantom, None, None, None)
+    with PlainConsole(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:
+        with _viewed(path, workers) as address, _slowed(address, line) as reached, _opened(reached) as tab:
+            status.update("dragging, to warm up")
+            dragged(tab, WARM_UP_MOVES)
+            status.update(f"dragging, {moves} moves")
+            drag = dragged(tab, moves)
+    late = sorted(drag.latencies())
+    table = TextTable(
+        f"The page follows the hand: {workers} map/shade servers, {IMAGE} x {IMAGE} pixels, {moves} moves"
+        + (f", through {link.replace(',', ' Mbit/s, ')} ms" if link else ""),
+        ("", "median", "95 %", "greatest"),
+        GOALS,
+    )
+    p95 = late[math.ceil(0.95 * len(late)) - 1]
+    table.add("event to canvas, ms", *(significant(value * 1e3) for value in (statistics.median(late), p95, late[-1])))
+    facts = {
+        "images a second": significant(drag.images_per_second()),
+        "stale images": str(drag.stale()),
+        "lag grows by": f"{drag.growth() * 1e3:.0f} ms from the first third to the last",
+    }
+    figures = [
+        figure("event to canvas", "s", late),
+        figure("event to canvas: 95 %", "s", [p95]),
+        figure("images a second", "1/s", [drag.images_per_second()]),
+    ]
+    outputs.deliver(record("page", facts, figures), [table])
+
+
+def dragged(tab: Page, moves: int) -> Drag:
+    """Turn the volume with the pointer, evenly, and read what the page noted."""
+    box = tab.locator(".vs-view canvas").first.bounding_box()
+    assert box is not None
+    middle_x, middle_y, radius = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 4
+    tab.mouse.move(middle_x + radius, middle_y)
+    tab.mouse.down()
+    tab.evaluate("() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }")
+    due = time.perf_counter()
+    for n in range(moves):
+        angle = 2 * math.pi * n / 120
+        tab.mouse.move(middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle))
+        due += 1 / MOVES_PER_SECOND
+        time.sleep(max(0.0, due - time.perf_counter()))
+    tab.mouse.up()
+    tab.wait_for_function(
+        "() => { const v = window.volsplatViewport, sent = v.sent.at(-1), shown = v.log.at(-1);"
+        " return sent && shown && shown.event >= sent.event; }",
+        timeout=_WAIT,
+    )
+    noted = tab.evaluate(
+        "() => ({sent: window.volsplatViewport.sent.map(s => [s.event, s.at]),"
+        " shown: window.volsplatViewport.log.map(p => [p.number, p.event, p.shownAt])})"
+    )
+    return Drag([tuple(s) for s in noted["sent"]], [tuple(p) for p in noted["shown"]])
+
+
+@contextmanager
+def _viewed(path: str, workers: int) -> Iterator[str]:
+    """The address of a page that `volsplat view` serves."""
+    command = [
+        str(Path(sys.executable).with_name("volsplat")),
+        "view",
+        str(path),
+        "--workers",
+        str(workers),
+        "--no-browser",
+    ]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        try:
+            yield _address(process)
+        finally:
+            process.terminate()
+            process.stderr.read()
+
+
+def _address(process: subprocess.Popen[str]) -> str:
+    assert process.stderr is not None
+    said = ""
+    for line in process.stderr:
+        said += line
+        if found := _ADDRESS.search(line):
+            return found[0]
+    raise VolsplatError(f"`volsplat view` ended: {said.strip()}")
+
+
+@contextmanager
+def _opened(address: str) -> Iterator[Page]:
+    """A tab whose viewport is IMAGE pixels high and wide, with its volume refined to the end."""
+    from playwright.sync_api import sync_playwright
+
+    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    if chromium is None:
+        raise BadInput("this benchmark needs Chromium: apt install chromium")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)
+        window = {"width": 1280, "height": 800}
+        tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        tab.goto(address)
+        tab.wait_for_function(_REFINED, timeout=_WAIT)
+        while (shown := tab.evaluate(_SIZE)) != [IMAGE, IMAGE]:  # what stands around the picture may still grow
+            window = {"width": window["width"] + IMAGE - shown[0], "height": window["height"] + IMAGE - shown[1]}
+            tab.set_viewport_size({"width": window["width"], "height": window["height"]})
+            tab.wait_for_function(f"() => {{ const [w, h] = ({_SIZE})(); return w != {shown[0]} || h != {shown[1]}; }}")
+            tab.wait_for_function(_REFINED, timeout=_WAIT)
+        yield tab
+        browser.close()
+
+
+@contextmanager
+def _slowed(address: str, line: tuple[float, float] | None) -> Iterator[str]:
+    port = urlsplit(address).port
+    assert port is not None
+    with nullcontext(port) if line is None else slow_link(port, bits_per_second=line[0], round_trip=line[1]) as through:
+        yield address.replace(f":{port}/", f":{through}/")
+
+
+def _link(text: str) -> tuple[float, float]:
+    """Bits a second and seconds a round trip. Raises BadInput."""
+    try:
+        megabits, milliseconds = (float(part) for part in text.split(","))
+    except ValueError:
+        megabits = milliseconds = math.nan
+    if not (megabits > 0 and milliseconds >= 0):
+        raise BadInput(f"--link {text}: give MBIT,MS, as in 20,40 for 20 Mbit/s and 40 ms a round trip")
+    return megabits * 1e6, milliseconds / 1e3

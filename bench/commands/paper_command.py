@@ -1,0 +1,152 @@
+"""`volsplat bench paper`: the paper's timing table beside this machine's."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import click
+
+from volsplat.bench.commands.option_lists import whole_numbers
+from volsplat.bench.renderers import SINGLE, Row, opened_rows, servers_words
+from volsplat.bench.subject import shares, subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.tables.outputs import Outputs, machine_words, output_options
+from volsplat.bench.tables.plot import Panel
+from volsplat.bench.tables.progress import shown_progress
+from volsplat.bench.tables.record import Figure, figure, record
+from volsplat.bench.tables.text_table import TextTable, give_or_take, significant
+from volsplat.bench.timing import interleaved
+from volsplat.bench.views import around, seen
+from volsplat.client.command.render_options import size_from_option
+from volsplat.client.session.frame_report import PAPER_SECONDS, STEP_WORDS
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import this_machine
+from volsplat.protocol.description.scene import Scene, Step
+
+# Rows of the paper whose ratio tells what more machines brought: above, below.
+PAPER_SPEED_UPS = (("4 Sun-3", "1 Sun-3"), ("4 Sun-4", "1 Sun-4"), ("TAAC-1", "1 Sun-3"))
+CAPTION = (
+    "Seconds from asking for a step's image to having it, each image by itself and none added up; so are the paper's "
+    "(its E follows its D by less than any whole image takes). The paper's volume is a CT of 96 x 128 x 113 voxels. "
+    "n servers: n map/shade servers and a splat server. Medians, with half the width of their middle half."
+)
+
+Seconds = Mapping[tuple[str, Step], list[float]]
+
+
+@click.command()
+@subject_options
+@click.option("--size", default="512x512", metavar="WxH", help="Image size in pixels (512x512).")
+@click.option("--workers", default="1,2,4", help="Numbers of map/shade servers (1,2,4).")
+@click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views; each step is drawn once in each (7).")
+@output_options(plot=True)
+def paper(
+    volume: str | None,
+    phantom: str | None,
+    tables: str | None,
+    scene: Path | None,
+    preset: str | None,
+    size: str,
+    workers: str,
+    repeats: int,
+    json: Path | None,
+    markdown: Path | None,
+    plot: Path | None,
+) -> None:
+    """Print the paper's timing table with rows of this machine: the single process and several numbers of servers.
+
+    Every repeat is another view, in which the steps A to F are drawn one after the other.
+    """
+    subject = subject_of(volume, phantom, tables, scene, preset)
+    pixels, counts = size_from_option(size), whole_numbers("--workers", workers, most=256)
+    outputs = Outputs(json, markdown, plot)
+    outputs.check()
+    console = PlainConsole(stderr=True)
+    with console.status("starting") as status, volume_file(subject, status.update) as path:
+        with opened_rows(path, counts, status.update) as rows:
+            status.stop()
+            known = rows[0].renderer.volume
+            shown = subject.scene_of(known)
+            geometry = known.description.geometry
+            scenes = [seen(shown, geometry, turned, pixels) for turned in around(repeats)]
+            seconds = step_seconds(rows, scenes)
+            seen_shares = shares(rows[0].renderer, scenes[0])
+    names = [row.name for row in rows]
+    facts = {
+        "volume": volume_words(known),
+        "tables": subject.tables.value,
+        "image": f"{pixels[0]} x {pixels[1]} pixels, {repeats} views",
+        "shares": str(seen_shares),
+    }
+    figures = [figure(f"{name}, step {step}", "s", values) for (name, step), values in seconds.items()]
+    shown_tables = [timing_table(names, figures), speed_up_table(counts, figures)]
+    outputs.deliver(record("paper", facts, figures), shown_tables, [panel(names, figures)])
+
+
+def step_seconds(rows: Sequence[Row], scenes: Sequence[Scene]) -> Seconds:
+    """Of each row and step, over the scenes: the rows take turns, each drawing all six steps of a view."""
+    found: dict[tuple[str, Step], list[float]] = {(row.name, step): [] for row in rows for step in Step}
+
+    def steps_of(row: Row, scene: Scene, keep: bool = True) -> float:
+        taken = 0.0
+        for step in Step:
+            outcome = row.renderer.finish(scene, step).outcome
+            assert outcome is not None
+            taken += outcome.wall_seconds
+            if keep:
+                found[row.name, step].append(outcome.wall_seconds)
+        return taken
+
+    for row in rows:
+        steps_of(row, scenes[-1], keep=False)  # buffers and tables are made once
+    with shown_progress("views", len(scenes)) as step_done:
+        by_name = {row.name: (lambda scene, row=row: steps_of(row, scene)) for row in rows}
+        interleaved(by_name, scenes, lambda scene: step_done())
+    return found
+
+
+def timing_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
+    """The paper's rows over this machine's."""
+    machine = this_machine()
+    table = TextTable(f"Timing tests, seconds; here {machine_words(machine)}", ("", *_headings()), CAPTION)
+    for name, paper_seconds in PAPER_SECONDS.items():
+        table.add(f"1989, {name}", *(str(value) for value in paper_seconds))
+    table.add()
+    for name in names:
+        row = [_of(figures, name, step) for step in Step]
+        table.add(name, *(significant(one.median) for one in row))
+        table.add("", *(give_or_take(one) for one in row))
+    return table
+
+
+def speed_up_table(workers: Sequence[int], figures: Sequence[Figure]) -> TextTable:
+    """How many times faster several machines were than one, and several servers here."""
+    table = TextTable("Speed-ups", ("", *_headings()), "Medians over medians. 'over' is: how many times faster than.")
+    for above, below in PAPER_SPEED_UPS:
+        values = (b / a for a, b in zip(PAPER_SECONDS[above], PAPER_SECONDS[below], strict=True))
+        table.add(f"1989, {above} over {below}", *(significant(value) for value in values))
+    table.add()
+    one = servers_words(min(workers))
+    for above in (*(servers_words(count) for count in workers if servers_words(count) != one), SINGLE):
+        values = (_of(figures, one, step).median / _of(figures, above, step).median for step in Step)
+        table.add(f"{above} over {one}", *(significant(value) for value in values))
+    return table
+
+
+def panel(names: Sequence[str], figures: Sequence[Figure]) -> Panel:
+    lines: dict[str, list[tuple[float | str, float]]] = {
+        f"1989, {name}": [(step.value, float(value)) for step, value in zip(Step, seconds, strict=True)]
+        for name, seconds in PAPER_SECONDS.items()
+    }
+    old = tuple(lines)
+    for name in names:
+        lines[name] = [(step.value, _of(figures, name, step).median) for step in Step]
+    return Panel("the paper's timing table, and this machine's", "step", "seconds", lines, logarithmic=True, faint=old)
+
+
+def _headings() -> list[str]:
+    return [f"{step}\n{STEP_WORDS[step]}" for step in Step]
+
+
+def _of(figures: Sequence[Figure], name: str, step: Step) -> Figure:
+    return next(one for one in figures if one.name == f"{name}, step {step}")

@@ -1,0 +1,128 @@
+"""`volsplat bench scaling`: how a frame's time grows, and what limits it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from volsplat.bench.commands.option_lists import fractions, whole_numbers
+from volsplat.bench.renderers import Row, opened_rows
+from volsplat.bench.scaling.scaling_cases import Case, frames_of, visible_cases, voxel_cases
+from volsplat.bench.scaling.scaling_tables import (
+    figures_of,
+    growth_table,
+    link_words,
+    panels,
+    servers_table,
+    where_they_run,
+)
+from volsplat.bench.subject import shares, subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.tables.outputs import Outputs, output_options
+from volsplat.bench.tables.record import record
+from volsplat.bench.views import around, seen
+from volsplat.client.session.bottleneck import bottleneck
+from volsplat.client.session.opened_volume import Servers, memory_option, opened, servers_from_options
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import BadInput
+
+PACKED_VOXEL_BYTES = 4
+
+
+@click.command()
+@subject_options
+@click.option("--workers", default="1,2,4,8", help="Numbers of map/shade servers (1,2,4,8).")
+@click.option("--sizes", default="0.125,0.25,0.5,1", help="Shares of the volume's voxels, drawn by bounds.")
+@click.option("--images", default="256,512,1024", help="Sides of the square images, pixels (256,512,1024).")
+@click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views of each setting (7).")
+@memory_option
+@click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
+@click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
+@click.option("--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen.")
+@output_options(plot=True)
+def scaling(
+    volume: str | None,
+    phantom: str | None,
+    tables: str | None,
+    scene: Path | None,
+    preset: str | None,
+    workers: str,
+    sizes: str,
+    images: str,
+    repeats: int,
+    memory: str | None,
+    listen: str | None,
+    spawn: str | None,
+    token_file: Path | None,
+    json: Path | None,
+    markdown: Path | None,
+    plot: Path | None,
+) -> None:
+    """Measure how a frame's time grows with servers, pixels, voxels and visible voxels, and name what limits it.
+
+    With --listen it measures a cluster that is already up: --workers is then the number of its map/shade servers, and
+    the single process is measured as well where this machine sees the volume.
+    """
+    spawns = spawn == "local" or (spawn is None and listen is None)
+    if not spawns and listen is None:
+        raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
+    subject = subject_of(volume, phantom, tables, scene, preset, here=spawns)
+    counts = whole_numbers("--workers", workers, most=256)
+    shares_drawn, sides = fractions("--sizes", sizes), whole_numbers("--images", images)
+    if not spawns and len(counts) != 1:
+        raise BadInput(f"--workers {workers}: a cluster has one number of map/shade servers; give it")
+    servers = servers_from_options(counts[0], listen, token_file, memory=memory)
+    outputs = Outputs(json, markdown, plot)
+    outputs.check()
+    console = PlainConsole(stderr=True)
+    with console.status("starting") as status, volume_file(subject, status.update) as path:
+        if spawns:
+            source = opened_rows(path, counts, status.update, servers.memory)
+        else:
+            status.stop()
+            source = opened_cluster(path, servers, console)
+        with source as rows:
+            status.stop()
+            known = rows[0].renderer.volume
+            shown, geometry = subject.scene_of(known), known.description.geometry
+            rotations = around(repeats)
+
+            def views(changed: Scene, side: int) -> list[Scene]:
+                return [seen(changed, geometry, turned, (side, side)) for turned in rotations]
+
+            middle = sides[len(sides) // 2]
+            cases = [Case("pixels", side * side / 1e6, views(shown, side)) for side in sides]
+            cases += voxel_cases(shown, geometry, shares_drawn, lambda changed: views(changed, middle))
+            cases += visible_cases(shown, lambda changed: views(changed, middle))
+            taken = frames_of(rows, cases)
+            found = str(shares(rows[0].renderer, cases[0].scenes[0]))
+    at_middle = [one for one in taken if one.case.group == "pixels" and one.case.value == middle * middle / 1e6]
+    tables_shown = [servers_table(at_middle, middle), growth_table(taken)]
+    by_servers = [one for one in at_middle if one.row.workers]
+    facts = {
+        "volume": volume_words(known),
+        "tables": subject.tables.value,
+        "views": f"{repeats} of each setting, {middle} x {middle} pixels where nothing else is said",
+        "shares": found,
+        "packed voxels": f"{PACKED_VOXEL_BYTES * geometry.box.voxels / 1e6:.3g} MB",
+        **{f"what limits {one.row.name}": str(bottleneck(one.usual)) for one in at_middle},
+        **{f"machines of {one.row.name}": "; ".join(where_they_run(one)) for one in by_servers},
+        **{f"link of {one.row.name}": link_words(one) for one in by_servers},
+    }
+    outputs.deliver(record("scaling", facts, figures_of(taken)), tables_shown, panels(taken, at_middle))
+
+
+@contextmanager
+def opened_cluster(path: str, servers: Servers, console: PlainConsole) -> Iterator[list[Row]]:
+    """The cluster whose servers join; and the single process, where the volume is seen from here."""
+    with opened(path, servers, False, console) as cluster:
+        assert cluster.volume, "wait until its servers have read the volume"
+        rows = [Row(servers.workers, cluster)]
+        if Path(path).exists():
+            with opened_rows(path, [], lambda text: None, servers.memory) as single:
+                yield [*single, *rows]
+        else:
+            yield rows

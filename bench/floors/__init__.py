@@ -1,0 +1,1 @@
+"""The kernels' speeds beside what the machine allows."""

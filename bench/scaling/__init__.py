@@ -1,0 +1,1 @@
+"""How times change with the number of servers."""

@@ -1,0 +1,1 @@
+"""What measurements are printed, plotted and recorded as."""

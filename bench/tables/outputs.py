@@ -1,0 +1,69 @@
+"""What every benchmark can leave: tables on the terminal, and JSON, Markdown and a plot in files."""
+
+import os
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import click
+
+from volsplat.bench.tables.plot import Panel, check_plot, write_plot
+from volsplat.bench.tables.record import Record, write_record, write_text
+from volsplat.bench.tables.text_table import TextTable
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.machine import Machine
+from volsplat.protocol.text.errors import BadInput
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+FILE = click.Path(path_type=Path)
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """The files that a person wants. None: not asked for."""
+
+    json: Path | None = None
+    markdown: Path | None = None
+    plot: Path | None = None
+
+    def check(self) -> None:
+        """Raise BadInput before any work where a file could not be written."""
+        if self.plot is not None:
+            check_plot(self.plot)
+        for path in (self.json, self.markdown, self.plot):
+            if path is not None and (path.is_dir() or not os.access(path.parent, os.W_OK)):
+                raise BadInput(f"{path}: cannot write this file; name another")
+
+    def deliver(self, found: Record, tables: Sequence[TextTable], panels: Sequence[Panel] = ()) -> None:
+        """Print the tables and write the files."""
+        console = PlainConsole()
+        for table in tables:
+            console.print(*table.rich(console.width))
+        for name, fact in found.facts.items():
+            console.say(f"{name}: {fact}")
+        if self.json is not None:
+            write_record(self.json, found)
+        if self.markdown is not None:
+            facts = [
+                f"- {name}: {fact}" for name, fact in {"machine": machine_words(found.machine), **found.facts}.items()
+            ]
+            write_text(self.markdown, "\n".join([*(table.markdown() for table in tables), *facts]) + "\n")
+        if self.plot is not None:
+            write_plot(self.plot, f"volsplat bench {found.command}\n{machine_words(found.machine)}", panels)
+
+
+def output_options(plot: bool = False) -> Callable[[Command], Command]:
+    """The options --json, --markdown and --plot."""
+
+    def decorated(command: Command) -> Command:
+        command = click.option("--json", type=FILE, help="Write the figures, for `volsplat bench compare`.")(command)
+        command = click.option("--markdown", type=FILE, help="Write the tables as Markdown.")(command)
+        return click.option("--plot", type=FILE, help="Draw the figures into a PNG file.")(command) if plot else command
+
+    return decorated
+
+
+def machine_words(machine: Machine) -> str:
+    return f"{machine.cores} x {machine.cpu}, {machine.system}"

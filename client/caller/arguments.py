@@ -1,0 +1,132 @@
+"""What a script hands in, checked and converted where it comes in: whatever is wrong with it is told to the caller.
+
+Scripts hold their numbers as numpy's and torch's scalars, as arrays without axes and as lists; what goes on from here
+are Python's own, as they will come out of a message on the servers' side.
+"""
+
+import math
+import operator
+import os
+from enum import StrEnum
+from numbers import Real
+from pathlib import Path
+from typing import Any, TypeVar
+
+import msgspec
+
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import Address, parse_address
+
+MAKE_A_SCENE = (
+    "session.default_scene() gives one, volsplat.client.scene.presets.preset_scene a preset's, and "
+    "msgspec.structs.replace changes parts of it"
+)
+_SHOWN = 60  # characters of a value that is refused
+_Word = TypeVar("_Word", bound=StrEnum)
+
+
+def checked_scene(scene: Scene) -> Scene:
+    """The scene with Python's own numbers in it, by way of the bytes that the servers get. Raises BadInput."""
+    if not isinstance(scene, Scene):
+        raise BadInput(f"a Scene is wanted, not {_shown(scene)}; {MAKE_A_SCENE}")
+    try:
+        return _SCENES.decode(_ENCODER.encode(scene))
+    except (msgspec.DecodeError, ValueError, TypeError, ArithmeticError, RecursionError) as error:
+        raise BadInput(f"the scene cannot be drawn: {' '.join(str(error).split())}") from None
+
+
+def checked_step(step: Step, name: str = "step") -> Step:
+    """One of the six; its letter will do. Raises BadInput."""
+    return _checked_word(step, Step, name)
+
+
+def checked_number(value: float, name: str, least: float | None = None) -> float:
+    """A number; neither NaN nor below `least` where that is set. Raises BadInput."""
+    number = _own(value)
+    if isinstance(number, bool) or not isinstance(number, int | float):
+        raise BadInput(f"{name} must be a number, not {_shown(value)}")
+    try:
+        number = float(number)
+    except OverflowError:
+        number = math.copysign(math.inf, number)
+    if least is not None and not number >= least:
+        raise BadInput(f"{name} must be a number from {least:g} on, not {_shown(value)}")
+    return number
+
+
+def checked_count(value: int, name: str) -> int:
+    """A whole number from 1 on. Raises BadInput."""
+    number = _own(value)
+    if isinstance(number, bool) or not isinstance(number, int):
+        raise BadInput(f"{name} must be a whole number, not {_shown(value)}")
+    if number < 1:
+        raise BadInput(f"{name} must be 1 or more, not {number}")
+    return number
+
+
+def checked_volume(volume: "str | os.PathLike[str]") -> str:
+    """A volume's name. Raises BadInput."""
+    try:
+        name = os.fspath(volume)
+    except TypeError:
+        name = ""
+    if not isinstance(name, str) or not name or "\0" in name:
+        raise BadInput(f"a volume's path or URL is wanted, not {_shown(volume)}")
+    return str(Path(name)) if isinstance(volume, Path) else name
+
+
+def checked_address(address: Address | str, name: str) -> Address:
+    """Where to listen, "HOST:PORT" as well. Raises BadInput."""
+    if isinstance(address, str):
+        return parse_address(address)
+    match address:
+        case (str() as host, port) if isinstance(number := _own(port), int) and 0 <= number <= 65535:
+            return Address(host, number)
+    raise BadInput(f"{name} must be an Address or HOST:PORT, not {_shown(address)}")
+
+
+def _checked_word(value: _Word, words: type[_Word], name: str) -> _Word:
+    try:
+        return words(value)
+    except ValueError:
+        raise BadInput(f"{name} must be one of {', '.join(words)}, not {_shown(value)}") from None
+
+
+def _own(value: Any) -> Any:
+    """The value as Python's own number, text or list where it is another library's; itself where it is neither."""
+    for own in (bool, int, float, str):
+        if type(value) is own:
+            return value
+    if hasattr(value, "tolist"):  # numpy's and torch's scalars and arrays
+        try:
+            return value.tolist()
+        except (TypeError, ValueError, RuntimeError):  # of a tensor that has no values
+            return value
+    if isinstance(value, str):
+        return str.__str__(value)
+    if hasattr(value, "__index__"):
+        return operator.index(value)
+    return float(value) if isinstance(value, Real) else value
+
+
+def _plain(value: Any) -> Any:
+    """For msgspec: what it does not know. Raises TypeError."""
+    plain = _own(value)
+    if plain is value:
+        raise TypeError(f"{_shown(value)} is neither a number nor a word")
+    return plain
+
+
+def _shown(value: object) -> str:
+    """The value for a person, in one short line."""
+    try:
+        text = " ".join(repr(value).split())
+    except Exception:  # it is a stranger's
+        text = "?"
+    text = text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+    return f"the {type(value).__name__} {text}"
+
+
+_ENCODER = msgspec.msgpack.Encoder(enc_hook=_plain)
+_SCENES = msgspec.msgpack.Decoder(Scene)

@@ -1,0 +1,1 @@
+"""The `volsplat` command and its sub-commands."""

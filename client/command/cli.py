@@ -1,0 +1,93 @@
+"""The entry point of the command `volsplat`: how errors, Ctrl-C and other ends end it.
+
+Every mistake of the person at the keyboard is one line on stderr and exit status 2.
+"""
+
+import errno
+import os
+import signal
+import sys
+import warnings
+from contextlib import suppress
+from typing import NoReturn
+
+from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # as for what is printed into a file
+
+
+def main() -> NoReturn:
+    """Run a sub-command and exit with its status."""
+    # Until there is something to clean up, Ctrl-C ends the process at once and without a word.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    from volsplat.client.command.import_ahead import leave
+
+    leave(_status())
+
+
+def _status() -> int:
+    """Of the sub-command, once it has ended in whatever way, and told why."""
+    import click
+
+    from volsplat.client.command.commands import volsplat
+    from volsplat.program.load_failures import load_failure
+    from volsplat.protocol.text.errors import BadInput, VolsplatError
+
+    if not sys.warnoptions:  # what libraries say to programmers is not for whoever uses the command
+        warnings.simplefilter("ignore")
+    try:
+        _listen_to_signals()
+        volsplat.main(standalone_mode=False)
+    except click.exceptions.NoArgsIsHelpError as error:
+        error.show()
+        return EXIT_BAD_INPUT
+    except click.ClickException as error:
+        context = getattr(error, "ctx", None)
+        hint = f"; see {context.command_path} --help" if context is not None else ""
+        return _told(error.format_message().rstrip(".") + hint, EXIT_BAD_INPUT)
+    except BadInput as error:
+        return _told(str(error), EXIT_BAD_INPUT)
+    except VolsplatError as error:
+        return _told(str(error), EXIT_FAILED)
+    except MemoryError:
+        return _told(
+            "not enough memory on this machine; choose a smaller --size, or more servers elsewhere", EXIT_FAILED
+        )
+    except (KeyboardInterrupt, click.Abort):
+        return _told("interrupted", EXIT_INTERRUPTED)
+    except SystemExit as error:
+        return error.code if isinstance(error.code, int) else EXIT_FAILED if error.code else 0
+    except Exception as error:
+        if isinstance(error, OSError) and error.errno in NO_SPACE:
+            place, reason = error.filename or "the output", os.strerror(error.errno)
+            return _told(f"{place} cannot be written: {reason}; write it elsewhere", EXIT_FAILED)
+        if (line := load_failure(error)) is None:
+            raise
+        return _told(line, EXIT_BAD_INPUT)
+    return 0
+
+
+def _listen_to_signals() -> None:
+    signal.signal(signal.SIGINT, _interrupt)
+    signal.signal(signal.SIGTERM, _terminate)
+    if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as nohup has it
+        signal.signal(signal.SIGHUP, _terminate)
+
+
+def _interrupt(signal_number: int, frame: object) -> NoReturn:
+    """Leave by an exception, once: impatience must not end the work of ending servers. SIGTERM still can be sent."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    raise KeyboardInterrupt
+
+
+def _terminate(signal_number: int, frame: object) -> NoReturn:
+    """Leave by an exception, so that every server is ended on the way out."""
+    raise SystemExit(128 + signal_number)
+
+
+def _told(line: str, status: int) -> int:
+    from volsplat.protocol.text.printable import one_line
+
+    with suppress(OSError):  # nobody may be there any more
+        print(f"volsplat: {one_line(line)}", file=sys.stderr, flush=True)
+    return status

@@ -1,0 +1,53 @@
+"""`volsplat gallery`: the sixteen images of the paper's colour plates."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import click
+
+from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.progress_bar import shown_progress
+from volsplat.client.session.opened_volume import opened_quietly, servers_from_options
+from volsplat.client.session.renderer import Renderer
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import usable_cores
+
+
+@click.command()
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option(
+    "--data",
+    type=click.Path(path_type=Path),
+    help="Folder with measured volumes; phantoms stand for those that are not in it.",
+)
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
+def gallery(out: Path, data: Path | None, workers: int, size: int) -> None:
+    """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
+
+    Every image comes from a scene file in the package's folder gallery/scenes. With --data, volumes are taken from
+    that folder where it has them; volsplat makes all others itself.
+    """
+    servers = servers_from_options(workers, None, None)
+    console = PlainConsole(stderr=True)
+    began = time.perf_counter()
+    with interrupts_held():
+        from volsplat.client.gallery.drawing import check_places, draw_gallery
+        from volsplat.client.gallery.plates import IMAGES, PLATES
+    check_places(out, data)
+    with shown_progress(len(IMAGES), console) as (say, done):
+
+        @contextmanager
+        def opened(volume: str) -> Iterator[Renderer]:
+            with opened_quietly(volume, servers, True, say, console) as renderer:
+                for warning in renderer.volume.description.warnings:
+                    console.say(f"note: {warning}")
+                yield renderer
+
+        draw_gallery(out, data, size, opened, say, done)
+    seconds = time.perf_counter() - began
+    console.say(f"{out}: {len(IMAGES)} images and {len(PLATES)} plates, {seconds:.1f} s")

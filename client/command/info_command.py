@@ -1,0 +1,31 @@
+"""`volsplat info`: what a volume is, as a map/shade server tells it."""
+
+import click
+
+from volsplat.client.scene.contour_scenes import contour_level
+from volsplat.client.session.session import Session
+from volsplat.client.volume.volume_info import info_text
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.volume_name import check_is_there
+
+
+@click.command()
+@click.argument("volume")
+def info(volume: str) -> None:
+    """Print dimensions, spacing, orientation, type, range and histogram of VOLUME."""
+    check_is_there(volume)
+    with PlainConsole(stderr=True).status("reading") as status:
+        with Session(volume, workers=1, held=False, on_progress=status.update) as session:
+            known = session.volume
+    told = info_text(
+        known.description,
+        known.survey,
+        known.density_counts,
+        known.automatic_window,
+        known.strength_counts,
+        prepared=known.prepared,
+        strength_scale=known.strength_scale,
+        contour=contour_level(known.subject()),
+        stands_up=known.stands_up,
+    )
+    PlainConsole().print(told)

@@ -1,0 +1,114 @@
+"""`volsplat movie`: a volume once around, or from key scene to key scene, as a film or as numbered images."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+from typing import get_args
+
+import click
+
+from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.progress_bar import shown_progress
+from volsplat.client.command.render_options import SceneOptions, size_from_option, up_from_option, up_option
+from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
+from volsplat.client.movie.movie_formats import check_movie_writable
+from volsplat.client.scene.presets import PRESETS
+from volsplat.client.session.opened_volume import memory_option, opened_quietly, servers_from_options
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume_name import check_is_there, volume_name
+from volsplat.protocol.text.errors import BadInput
+
+
+@click.command()
+@click.argument("volume")
+@click.option(
+    "-o",
+    "--output",
+    type=click.Path(path_type=Path),
+    required=True,
+    help="Film (.mp4 or .webm, by ffmpeg), or a folder for numbered PNG images.",
+)
+@click.option("--frames", type=click.IntRange(min=1), default=120, help="How many images make the movie (120).")
+@click.option("--rate", type=click.IntRange(1, 240), default=30, help="Images a second, in a film (30).")
+@click.option("--axis", type=click.Choice(get_args(TurningAxis)), help="What the volume turns about (screen-y).")
+@click.option(
+    "--key",
+    "keys",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    metavar="SCENE",
+    help="Move from key to key instead, evenly in time; give it twice or more. Scene TOML, or an image of volsplat's.",
+)
+@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
+@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
+@click.option("--size", metavar="WxH", help="Image size in pixels (512x512).")
+@click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
+@up_option
+@click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@memory_option
+@click.option("--single", is_flag=True, help="One process on all cores, no servers: the same images.")
+def movie(
+    volume: str,
+    output: Path,
+    frames: int,
+    rate: int,
+    axis: TurningAxis | None,
+    keys: tuple[Path, ...],
+    scene: Path | None,
+    preset: str | None,
+    size: str | None,
+    rotate: str | None,
+    up: str | None,
+    step: str,
+    workers: int,
+    memory: str | None,
+    single: bool,
+) -> None:
+    """Turn VOLUME once around, or move through key scenes, into a movie.
+
+    VOLUME is a file or folder in any of the formats of docs/formats.md; what follows a # names a part of it, as in
+    run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data; what a key leaves out
+    is taken from that scene, and the other options hold for every key. A turn can be looped. Until the movie is
+    whole, nothing lies at its name.
+    """
+    options = SceneOptions(
+        scene=scene,
+        preset=preset,
+        size=size_from_option(size) if size else None,
+        rotate=rotate,
+        up=up_from_option(up),
+    )
+    if keys and axis is not None:
+        raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
+    check_is_there(volume)
+    if output.exists() and output.samefile(volume_name(volume).place):
+        raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
+    if keys:
+        check_key_count(len(keys), frames)
+    options.key_scenes(None, keys)
+    options.scene_of(None)
+    check_movie_writable(output)
+    servers = servers_from_options(workers, None, None, single, memory)
+
+    def scenes_of(known: SurveyedVolume) -> list[Scene]:
+        geometry = known.description.geometry
+        if keys:
+            return key_framed([known.settled(key) for key in options.key_scenes(known, keys)], geometry, frames)
+        return turntable(known.settled(options.scene_of(known)), geometry, frames, axis or "screen-y")
+
+    console = PlainConsole(stderr=True)
+    began = time.perf_counter()
+    with shown_progress(frames, console) as (say, done):
+        with opened_quietly(volume, servers, True, say, console) as renderer:
+            scenes = scenes_of(renderer.volume)
+            with interrupts_held():  # takes a second to import; by now every server works
+                from volsplat.client.movie.movie import write_movie
+            write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step))
+    image = scenes[0].image
+    seconds = time.perf_counter() - began
+    console.say(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s")

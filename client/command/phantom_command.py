@@ -1,0 +1,43 @@
+"""`volsplat phantom`: writes a volume that volsplat makes itself."""
+
+from pathlib import Path
+
+import click
+
+from volsplat.client.command.render_options import triple_from_option
+from volsplat.client.phantoms import PHANTOMS, streamed_phantom
+from volsplat.client.phantoms.volume_writer import NRRD, check_volume_writable, extension_of, write_nrrd, write_volume
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.kind import stated
+from volsplat.protocol.description.volume import Index
+
+
+@click.command()
+@click.argument("name", type=click.Choice(sorted(PHANTOMS)))
+@click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help=".nrrd, .nhdr, .mha, .mhd, .nii…")
+@click.option("--size", metavar="N|I,J,K", help="Voxels along each axis.")
+@click.option("--spacing", metavar="I,J,K", help="Millimetres between voxels.")
+@click.option("--seed", type=int, default=0, help="Of the noise (0).")
+def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
+    """Make the volume NAME and write it to a file.
+
+    NRRD is written while it is made, in little memory, whatever the size.
+    """
+    check_volume_writable(output)
+    made = streamed_phantom(
+        name,
+        size=size_of_grid(size) if size else None,
+        spacing=triple_from_option("--spacing", spacing, float) if spacing else None,
+        seed=seed,
+    )
+    if extension_of(output) == NRRD:
+        write_nrrd(output, made.slabs, made.dtype, made.geometry, stated(made.kind, made.bands))
+    else:
+        write_volume(output, *made.whole())
+    ni, nj, nk = made.geometry.dims
+    PlainConsole(stderr=True).say(f"{output}: {name}, {ni} x {nj} x {nk} voxels")
+
+
+def size_of_grid(text: str) -> Index:
+    """Voxels along i, j, k from N, the same for all, or I,J,K. Raises BadInput."""
+    return (int(text),) * 3 if text.isdecimal() else triple_from_option("--size", text, int)

@@ -1,0 +1,20 @@
+"""A bar on the terminal for commands that draw many images."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
+
+from volsplat.program.plain_console import PlainConsole, task_words
+
+
+@contextmanager
+def shown_progress(images: int, console: PlainConsole) -> Iterator[tuple[Callable[[str], None], Callable[[int], None]]]:
+    """Gives what to call with words, and what to call with the number of images that are done."""
+    columns = (task_words(), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as progress:
+        task = progress.add_task("starting", total=images)
+        yield (
+            lambda text: progress.update(task, description=text),
+            lambda done: progress.update(task, completed=done),
+        )

@@ -1,0 +1,161 @@
+"""`volsplat render`: one volume, one scene, image files."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.render_options import (
+    SceneOptions,
+    bounds_from_option,
+    size_from_option,
+    triple_from_option,
+    up_from_option,
+    up_option,
+)
+from volsplat.client.command.render_outputs import Outputs, step_image_path
+from volsplat.client.image.empty_image import why_empty
+from volsplat.client.image.image_properties import image_properties
+from volsplat.client.scene.presets import PRESETS
+from volsplat.client.session.frame_report import report_of, write_report
+from volsplat.client.session.opened_volume import memory_option, opened, servers_from_options
+from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.scene import Order, Scene, Step
+from volsplat.protocol.description.volume_name import check_is_there, volume_name
+from volsplat.protocol.text.errors import BadInput
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@click.command()
+@click.argument("volume")
+@click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr.")
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@click.option("--size", metavar="WxH", help="Image size in pixels (512x512).")
+@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
+@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
+@click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
+@click.option("--steps-dir", type=click.Path(path_type=Path), help="Write every step up to --step into this folder.")
+@click.option(
+    "--order", type=click.Choice([order.value for order in Order]), help="Back-to-front or front-to-back (fastest)."
+)
+@click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
+@up_option
+@click.option("--zoom", type=float, metavar="PIXELS", help="Pixels a voxel; else what is visible fits the image.")
+@click.option("--center", metavar="I,J,K", help="Grid point at the image's centre.")
+@click.option("--bounds", metavar="I0:I1,J0:J1,K0:K1", help="Draw only this part of the grid.")
+@click.option("--edges/--no-edges", default=None, help="Draw the volume's boundary as white edges.")
+@memory_option
+@click.option("--single", is_flag=True, help="One process on all cores, no servers: the same image.")
+@click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
+@click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
+@click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
+@click.option(
+    "--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen if missing."
+)
+def render(
+    volume: str,
+    output: Path | None,
+    workers: int,
+    size: str | None,
+    scene: Path | None,
+    preset: str | None,
+    step: str,
+    steps_dir: Path | None,
+    order: str | None,
+    rotate: str | None,
+    up: str | None,
+    zoom: float | None,
+    center: str | None,
+    bounds: str | None,
+    edges: bool | None,
+    memory: str | None,
+    single: bool,
+    report: Path | None,
+    listen: str | None,
+    spawn: str | None,
+    token_file: Path | None,
+) -> None:
+    """Draw VOLUME into an image.
+
+    VOLUME is a file or folder in any of the formats of docs/formats.md; what follows a # names a part of it, as in
+    run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
+    """
+    scene_options = SceneOptions(
+        scene=scene,
+        preset=preset,
+        size=size_from_option(size) if size else None,
+        order=Order(order) if order else None,
+        rotate=rotate,
+        up=up_from_option(up),
+        zoom=zoom,
+        center=triple_from_option("--center", center, float) if center else None,
+        bounds=bounds_from_option(bounds) if bounds else None,
+        edges=edges,
+    )
+    outputs = Outputs(output, steps_dir, report)
+    spawns = spawn == "local" or (spawn is None and listen is None)
+    if not spawns and listen is None:
+        raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
+    if single and listen is not None:
+        raise BadInput("--single has no servers to listen for; leave out --single or --listen")
+    if spawns:
+        check_is_there(volume)
+    scene_options.scene_of(None)
+    outputs.check(Path(volume_name(volume).place))
+    servers = servers_from_options(workers, listen, token_file, single, memory)
+    console = PlainConsole(stderr=True)
+    with opened(volume, servers, spawns, console) as renderer:
+        draw(renderer, scene_options, Step(step), outputs, console)
+
+
+def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: PlainConsole) -> None:
+    """Draw the last step, or all up to it where each is wanted, and write the files."""
+    scene = options.scene_of(renderer.volume)
+    properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
+    with interrupts_held():  # takes a second to import; by now every server works
+        from volsplat.client.image.image_file import write_image
+
+    finished: list[Refinement] = []
+    steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
+    for refinement in finished_whole(steps):
+        finished.append(refinement)
+        if outputs.steps_dir is not None:
+            outputs.make_folder()
+            write_image(step_image_path(outputs.steps_dir, refinement.step), refinement.image, scene, properties)
+    tell_level(finished[-1], console)
+    if outputs.image is not None:
+        write_image(outputs.image, finished[-1].image, scene, properties)
+        tell_if_empty(finished[-1].image, scene, console)
+        console.say(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}")
+    if outputs.steps_dir is not None:
+        console.say(f"{outputs.steps_dir}: steps A to {last}")
+    if outputs.report is not None:
+        write_report(outputs.report, report_of(renderer.volume, scene, [r.outcome for r in finished if r.outcome]))
+
+
+def tell_if_empty(image: Tensor, scene: Scene, console: PlainConsole) -> None:
+    """Say so where nothing is to be seen, and why."""
+    if why := why_empty(image, scene):
+        console.say(f"note: {why}")
+
+
+def tell_level(drawn: Refinement, console: PlainConsole) -> None:
+    """Which level of a prepared volume the image shows, and why."""
+    if drawn.outcome is not None and drawn.outcome.servers.why_level:
+        console.say(drawn.outcome.servers.why_level)
+
+
+def _size(scene: Scene) -> str:
+    return f"{scene.image.width}x{scene.image.height}"
+
+
+def _seconds(refinement: Refinement) -> str:
+    assert refinement.outcome is not None
+    return f"{refinement.outcome.wall_seconds:.3f} s"

@@ -1,0 +1,60 @@
+"""The files that the render command leaves, and whether they could be written."""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+
+from volsplat.client.image.image_formats import check_writable
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.text.errors import BadInput
+
+
+def step_image_path(folder: Path, step: Step) -> Path:
+    """Where a step's image lies in the folder of all six."""
+    return folder / f"step-{step}.png"
+
+
+@dataclass(frozen=True)
+class Outputs:
+    """What a person wants written. None: not asked for."""
+
+    image: Path | None
+    steps_dir: Path | None
+    report: Path | None
+
+    def check(self, volume: Path) -> None:
+        """Raise BadInput before any work where a file could not be written, or would replace the volume."""
+        if self.image is None and self.steps_dir is None:
+            raise BadInput("nothing to write: give -o IMAGE, --steps-dir FOLDER, or both")
+        if self.image is not None:
+            _refuse_volume(self.image, volume)
+            check_writable(self.image)
+        if self.steps_dir is not None:
+            _check_folder(self.steps_dir)
+        if self.report is not None:
+            _refuse_volume(self.report, volume)
+            if self.report.is_dir() or not os.access(self.report.parent, os.W_OK):
+                raise BadInput(f"{self.report}: cannot write this file; name another with --report")
+
+    def make_folder(self) -> None:
+        """Make the folder of the steps. Raises BadInput."""
+        if self.steps_dir is not None:
+            try:
+                self.steps_dir.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise BadInput(f"{self.steps_dir}: cannot make this folder: {error.strerror}") from error
+
+
+def _check_folder(folder: Path) -> None:
+    there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK):
+        raise BadInput(f"{folder}: {there} is no folder that can be written; name another with --steps-dir")
+    if there == folder:
+        check_writable(step_image_path(folder, Step.A))
+
+
+def _refuse_volume(output: Path, volume: Path) -> None:
+    if output.exists() and volume.exists() and output.samefile(volume):
+        raise BadInput(f"{output}: this is the volume itself; give another name for what is written")

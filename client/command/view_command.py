@@ -1,0 +1,140 @@
+"""`volsplat view`: a volume in the browser, with every control of the scene."""
+
+from __future__ import annotations
+
+import errno
+import socket
+from contextlib import nullcontext
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+import msgspec
+
+from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.import_ahead import imported_ahead
+from volsplat.client.command.render_options import SceneOptions, up_from_option, up_option
+from volsplat.client.command.terminal_watch import ended_with_its_reader
+from volsplat.client.scene.presets import PRESETS
+from volsplat.client.session.opened_volume import ignored, memory_option, opened, servers_from_options
+from volsplat.client.session.session import Session
+from volsplat.client.ui.doors.browser_tab import BrowserTab
+from volsplat.client.ui.doors.page_address import PageAddress
+from volsplat.client.ui.doors.port_holder import port_holder
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.scene import Refine, Step
+from volsplat.protocol.description.volume_name import check_is_there, volume_name
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import LOOPBACK
+
+GRACE_SECONDS = 600
+PAGE = "volsplat.client.ui.page"
+NEEDED_FOR_THE_PAGE = ("volsplat.client.ui.application", PAGE, "torch")
+LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not wait for light until E
+
+
+@click.command()
+@click.argument("volume")
+@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
+@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
+@up_option
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine (any free).")
+@click.option("--no-browser", is_flag=True, help="Print the page's address only.")
+@click.option(
+    "--grace",
+    type=click.FloatRange(min=0),
+    default=GRACE_SECONDS,
+    metavar="SECONDS",
+    help="End when no page has been open for so long (600).",
+)
+@memory_option
+@click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
+@click.option(
+    "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
+)
+def view(
+    volume: str,
+    workers: int,
+    scene: Path | None,
+    preset: str | None,
+    up: str | None,
+    port: int,
+    no_browser: bool,
+    grace: float,
+    memory: str | None,
+    listen: str | None,
+    token_file: Path | None,
+) -> None:
+    """Show VOLUME in the browser: turn, cut and re-colour it while it refines.
+
+    The page is served to this machine alone, and to nobody without the token of the address that is printed. From
+    elsewhere, forward its port: ssh -t -L PORT:localhost:PORT machine volsplat view VOLUME --no-browser --port PORT.
+    Ctrl-C ends everything, and so does the end of the terminal.
+    """
+    _need_extra()
+    options = SceneOptions(scene=scene, preset=preset, up=up_from_option(up))
+    options.scene_of(None)
+    if listen is None:
+        check_is_there(volume)
+    servers = servers_from_options(workers, listen, token_file, memory=memory)
+    console = PlainConsole(stderr=True)
+    with ended_with_its_reader(), _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE) as imported:
+        address = PageAddress(bound)
+        with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
+            with opened(volume, servers, listen is None, console, tab.say if tab else ignored) as session:
+                assert isinstance(session, Session)
+                imported(PAGE)
+                _serve(session, options, address, grace, tab, console)
+
+
+def _serve(
+    session: Session,
+    options: SceneOptions,
+    address: PageAddress,
+    grace: float,
+    tab: BrowserTab | None,
+    console: PlainConsole,
+) -> None:
+    with interrupts_held():
+        from volsplat.client.ui.application import Application
+        from volsplat.client.ui.page import page
+        from volsplat.client.ui.viewing.opened_viewing import opened_viewing
+
+    first = options.scene_of(session.volume)
+    if options.scene is None:
+        first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
+    viewing = opened_viewing(session, first)
+    application = Application(viewing, page, address, grace)
+
+    def ready() -> None:
+        for line in (f"{session.volume.description.name} is at", "", f"    {address.url}", ""):
+            console.say(line)
+        if tab is not None:
+            tab.open()
+
+    if tab is not None:
+        tab.make_room()
+    application.run(ready)
+    if application.ended_by_grace:
+        console.say(f"no page was open for {grace:g} s: everything has ended")
+
+
+def _need_extra() -> None:
+    for package in ("nicegui", "PIL"):
+        if find_spec(package) is None:
+            raise BadInput(f"the page needs {package}, which is not installed: pip install 'volsplat[ui]'")
+
+
+def _bound(port: int) -> socket.socket:
+    """A socket at the port, or at any free one for 0; nobody is answered yet. Raises BadInput where it is taken."""
+    bound = socket.socket()
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        bound.bind((LOOPBACK, port))
+    except OSError as error:
+        bound.close()
+        why = port_holder(port) if error.errno == errno.EADDRINUSE else error.strerror
+        raise BadInput(f"--port {port}: {why}; or choose another port, or leave it out") from error
+    return bound

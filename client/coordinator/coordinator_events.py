@@ -1,0 +1,189 @@
+"""The coordinator's events and instructions, and what they carry."""
+
+import secrets
+from dataclasses import dataclass, field
+
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.wire.addresses import Address
+
+
+@dataclass(frozen=True)
+class FrameOutcome:
+    """What the servers report of a finished frame, and the parts of the volume that no server holds any more.
+
+    Of a prepared volume also which level was drawn, and why the finest step draws the one that it does.
+    """
+
+    map_shade: dict[int, messages.MapShadeStats]
+    splat: messages.SplatStats
+    missing: tuple[Box, ...] = ()
+    level: int = 0
+    why_level: str = ""
+
+
+# -- events -----------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class ServerJoined:
+    server: int
+    role: Role
+    name: str  # for a person: role, number and address
+    host: str  # where it dials from
+    data: Address  # where a splat server takes data links
+    elsewhere: bool = False  # on another machine, so that its errors must name it
+    key: bytes = field(  # a worker's, which proves its data links: the splat server and it alone are told
+        default_factory=lambda: secrets.token_bytes(messages.WORKER_KEY_BYTES), repr=False
+    )
+
+
+@dataclass(frozen=True)
+class ServerLost:
+    server: int
+    cause: str
+
+
+@dataclass(frozen=True)
+class ServerProcessEnded:
+    """A server that the client started has ended."""
+
+    cause: str
+
+
+@dataclass(frozen=True)
+class MessageReceived:
+    server: int
+    message: messages.Message
+    payload: memoryview
+    at: float  # seconds, time.perf_counter()
+
+
+@dataclass(frozen=True)
+class VolumeAsked:
+    path: str
+    workers: int
+    memory: int | None = None  # bytes that each map/shade server may hold of a prepared volume; None: as it sees fit
+    held: bool = True  # else only surveyed, until a frame is wanted
+
+
+@dataclass(frozen=True)
+class FrameAsked:
+    """An image is wanted; where `whole`, only one that shows the whole volume."""
+
+    frame: int  # rises with every request
+    scene: Scene
+    step: Step
+    whole: bool
+
+
+@dataclass(frozen=True)
+class PartialImageAsked:
+    frame: int
+
+
+@dataclass(frozen=True)
+class AbortAsked:
+    frame: int
+
+
+@dataclass(frozen=True)
+class ProbeAsked:
+    """The voxel is wanted that is seen at this point of the scene's image; see line_of_sight."""
+
+    probe: int  # rises with every probe
+    scene: Scene
+    x: float
+    y: float
+
+
+Event = (
+    ServerJoined
+    | ServerLost
+    | ServerProcessEnded
+    | MessageReceived
+    | VolumeAsked
+    | FrameAsked
+    | PartialImageAsked
+    | AbortAsked
+    | ProbeAsked
+)
+
+# -- instructions -----------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Send:
+    server: int
+    message: messages.Message
+    payload: memoryview = memoryview(b"")
+
+
+@dataclass(frozen=True)
+class CutOff:
+    """Close the connection to a server that says what cannot be; it counts as lost."""
+
+    server: int
+    cause: str
+
+
+@dataclass(frozen=True)
+class ReportProgress:
+    """Tell the person what is going on."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class PublishVolume:
+    """The volume is described and surveyed; scenes can be made for it."""
+
+    volume: SurveyedVolume
+
+
+@dataclass(frozen=True)
+class PublishImage:
+    """An image of `frame` arrived; `complete` where the frame is done, and then statistics come with it.
+
+    `drawn_at` is when the news came that the frame was done, as in MessageReceived.
+    """
+
+    frame: int
+    step: Step
+    width: int
+    height: int
+    pixels: memoryview  # float32 RGBA, associated
+    complete: bool
+    outcome: FrameOutcome | None = None
+    drawn_at: float = 0.0
+
+
+@dataclass(frozen=True)
+class EndFrame:
+    """`frame` ends without an image: aborted (no error) or failed."""
+
+    frame: int
+    error: VolsplatError | None = None
+
+
+@dataclass(frozen=True)
+class AnswerProbe:
+    """What is seen there: a voxel, nothing, or the reason why it is not known."""
+
+    probe: int
+    voxel: messages.ProbedVoxel | None
+    error: VolsplatError | None = None
+
+
+@dataclass(frozen=True)
+class FailSession:
+    """Nothing can be drawn any more."""
+
+    error: VolsplatError
+
+
+Instruction = Send | CutOff | ReportProgress | PublishVolume | PublishImage | EndFrame | AnswerProbe | FailSession

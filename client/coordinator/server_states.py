@@ -1,0 +1,53 @@
+"""What is known of the servers of a session: for a panel that shows them, and to say what is missing without one."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import PeerLost
+
+
+class VolumeIncomplete(PeerLost):
+    """Servers are gone with their parts of the volume; what the others hold can still be drawn."""
+
+
+@dataclass(frozen=True)
+class ServerState:
+    """One server, as it stands."""
+
+    id: int
+    role: Role
+    host: str  # where it dials from
+    boxes: tuple[Box, ...] = ()  # what it holds of the volume, or held when it was lost
+    lost: bool = False
+    cause: str = ""  # how it was lost, in one line
+
+    @property
+    def name(self) -> str:
+        return f"{self.role} {self.id}"
+
+    @property
+    def voxels(self) -> int:
+        return sum(box.voxels for box in self.boxes)
+
+
+def missing_boxes(servers: Iterable[ServerState]) -> tuple[Box, ...]:
+    """The parts of the volume that were lost with their servers."""
+    return tuple(box for server in servers if server.lost for box in server.boxes)
+
+
+def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
+    """One line that says which of these servers were lost, and what of the volume with them."""
+    lost = [server for server in servers if server.lost and server.boxes]
+    causes = "; ".join(server.cause for server in lost)
+    return VolumeIncomplete(f"{causes}; {part_of_volume(missing_boxes(lost))} of the volume are missing")
+
+
+def part_of_volume(boxes: Iterable[Box]) -> str:
+    """These boxes for a person: the first and the last voxel of each on every axis."""
+    return " and ".join(_ranges(box) for box in boxes)
+
+
+def _ranges(box: Box) -> str:
+    return ", ".join(f"{axis} {low}-{high - 1}" for axis, low, high in zip("ijk", box.low, box.high, strict=True))

@@ -1,0 +1,353 @@
+"""The volume's way into the map/shade servers: described, read, counted, packed, and who of them holds what.
+
+A state machine like the coordinator, which hands it the answers of the servers: messages in, instructions out.
+Handlers are found by name: `_received_<message>`.
+"""
+
+from array import array
+from collections.abc import Mapping
+from enum import Enum, auto
+
+from volsplat.client.coordinator.base_level import LevelChoice, budgets
+from volsplat.client.coordinator.coordinator_events import Instruction, PublishVolume, ReportProgress, Send
+from volsplat.client.coordinator.lending import Lending
+from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.stored_levels import StoredLevels
+from volsplat.client.coordinator.sub_cubes import divided
+from volsplat.client.volume.survey_checks import check_counts, check_extremes, check_survey
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.message_rules import HISTOGRAM_BYTES
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.rules.levels import Prepared, Resolution, own_resolution, resolution_of
+from volsplat.protocol.text.errors import RemoteProtocolError
+
+HISTOGRAMS_BYTES = HISTOGRAM_BINS * HISTOGRAM_BYTES
+
+
+class Phase(Enum):
+    GATHERING = auto()  # waiting for servers
+    DESCRIBING = auto()
+    READING = auto()  # sub-cubes
+    COUNTING = auto()  # histograms
+    SURVEYED = auto()  # scenes can be made, nothing is packed yet
+    PACKING = auto()
+    READY = auto()
+    EMPTY = auto()  # surveyed, but to be read again: what was asked for last was refused
+
+
+class VolumeHolding:
+    """What is known of one volume, and which part of it each map/shade server holds in which form."""
+
+    def __init__(self) -> None:
+        self.phase = Phase.GATHERING
+        self.assignment = 0
+        self.boxes: dict[int, list[Box]] = {}  # by map/shade server; of those that are there
+        self.volume: SurveyedVolume | None = None
+        self.packing: Packing | None = None  # what is held, or on its way
+        self._path = ""
+        self._hosts: Mapping[int, str] = {}  # of the servers that share the volume
+        self._held = True  # else only surveyed
+        self._memory: int | None = None  # for each, where a person has set it
+        self._memories: dict[int, int] = {}  # what their machines have left
+        self._levels: StoredLevels | None = None  # of a prepared volume
+        self._prepared: Prepared | None = None
+        self._description: VolumeDescription | None = None
+        self._identity: VolumeIdentity | None = None  # of the volume that was described
+        self._survey: Survey | None = None
+        self._density_counts: list[int] = []
+        self._strength_counts: list[int] = []
+        self._extremes: BlockExtremes | None = None
+        self._pending: set[int] = set()  # servers whose answer the phase waits for
+        self._lending: Lending | None = None  # while a volume that only comes whole is read
+        self.newest_assignment = 0
+        self._before: tuple[int, Packing | None] = (0, None)  # the assignment that was held, and its packets
+        self._refusals: dict[int, int] = {}  # of the newest assignment: what each server that refused it still holds
+
+    @property
+    def settled(self) -> bool:
+        """Nothing is on its way: frames can be drawn, or their packets be made."""
+        return self.phase in (Phase.SURVEYED, Phase.READY, Phase.EMPTY)
+
+    def begin(
+        self, path: str, hosts: Mapping[int, str], memory: int | None = None, held: bool = True
+    ) -> list[Instruction]:
+        """Have the servers that run on these hosts share the volume at `path`; not `held`, only survey it at first."""
+        self.phase = Phase.DESCRIBING
+        self._held = held
+        self._path, self._hosts, self._memory = path, hosts, memory
+        return [
+            ReportProgress("reading the volume's header"),
+            Send(next(iter(hosts)), messages.DescribeVolume(path=path)),
+        ]
+
+    def takes(self, message: messages.Message) -> bool:
+        """Whether the message is an answer to what is asked from here."""
+        return hasattr(self, f"_received_{type(message).__name__}")
+
+    def received(self, server: int, message: messages.Message, payload: memoryview) -> list[Instruction]:
+        """Take an answer.
+
+        Raises RemoteProtocolError where it tells what cannot be, another VolsplatError where the volume cannot be held.
+        """
+        handler = getattr(self, f"_received_{type(message).__name__}")
+        instructions: list[Instruction] = handler(server, message, payload)
+        return instructions
+
+    def wanted(self, scene: Scene, step: Step, steady: bool = False) -> Packing:
+        """What a step is drawn from. While a person moves through scenes, `steady` saves reading now and then.
+
+        Raises BadInput where the volume was prepared by other rules.
+        """
+        assert self.volume is not None
+        quantisation = self.volume.quantisation(scene.quantise)
+        if self._levels is None:
+            return Packing(quantisation)
+        return self._levels.wanted(scene, step, quantisation, self.packing if steady else None)
+
+    def holds(self, wanted: Packing) -> bool:
+        """Whether the packets that are held, or on their way, serve what is wanted."""
+        return self.packing is not None and self.packing.serves(wanted)
+
+    def gives_way(self, wanted: Packing) -> bool:
+        """Whether packets that are being read should be left for what is wanted: it does not wait for them."""
+        if self.phase != Phase.PACKING or self._levels is None:
+            return False
+        return not self.holds(wanted) or self._levels.give_way(wanted)
+
+    def prepare(self, packing: Packing) -> list[Instruction]:
+        """Have these packets held.
+
+        They are made from the source, which servers let go of once they have packed it, or were made before.
+        """
+        if self._levels is not None:
+            return self._open_packets(self._levels, packing)
+        if self.phase == Phase.SURVEYED and self._held:
+            return self._pack(packing)
+        self._held = True
+        return self._read_sub_cubes()
+
+    def resolution(self, step: Step, striding: bool) -> Resolution:
+        """What a step draws of the packets that are held."""
+        assert self.volume is not None and self.packing is not None
+        if self._levels is None:
+            return own_resolution(self.volume.description.geometry, step)
+        return resolution_of(step, self._levels.grids, self.packing.base_level, striding)
+
+    def finest(self) -> Resolution:
+        """The most that can be told of what is held."""
+        assert self.volume is not None and self.packing is not None
+        level = self.packing.level
+        grid = self.volume.description.geometry if self._levels is None else self._levels.grids[level]
+        return Resolution(level=level, geometry=grid, stride=1)
+
+    def lose(self, server: int) -> list[Instruction]:
+        """Go on without this server, which is not the last one."""
+        del self.boxes[server]
+        self._pending.discard(server)
+        lending = self._lending
+        if lending is not None and lending.lender == server:
+            return self._read_sub_cubes()  # by another one
+        self._go_on()
+        return lending.lost(server) if lending is not None else []
+
+    def refused(self, server: int, request: str, held: int) -> bool:
+        """A server has refused the newest assignment and still holds the one that is `held`, 0 for none.
+
+        Once all have answered, what they held is held again, where they all still do. True for the first refusal.
+        """
+        first = not self._refusals
+        self._refusals[server] = held
+        self._pending.discard(server)
+        if self._lending is not None:  # without it the others get nothing; before it lends they are asked for nothing
+            kept = held if request == messages.LendVolume.__name__ else 0
+            self._refusals = dict.fromkeys(self.boxes, kept)
+            self._pending, self._lending = set(), None
+        self._go_on()
+        return first
+
+    def _begin_assignment(self) -> None:
+        if self.phase == Phase.READY:
+            self._before = (self.assignment, self.packing)
+        elif self.phase != Phase.EMPTY:
+            self._before = (0, None)
+        self.newest_assignment += 1
+        self.assignment = self.newest_assignment
+        self._pending, self._refusals = set(self.boxes), {}
+
+    def _end_refused(self) -> None:
+        held, packing = self._before
+        kept = held and all(self._refusals.get(server) == held for server in self.boxes)
+        self.phase = Phase.READY if kept else Phase.EMPTY
+        if kept:
+            self.assignment = held
+        self.packing = packing if kept else None
+        if self._levels is not None:
+            self._levels.refused(kept=bool(kept))
+
+    def _received_VolumeDescribed(
+        self, server: int, message: messages.VolumeDescribed, payload: memoryview
+    ) -> list[Instruction]:
+        self._description, self._identity = message.description, message.identity
+        boxes = divided(message.description.geometry, len(self._hosts), message.description.chunk)
+        self.boxes = {worker: [box] for worker, box in zip(self._hosts, boxes, strict=True)}
+        if not message.prepared:
+            return self._read_sub_cubes()
+        (self._prepared,) = message.prepared
+        self._survey = self._prepared.survey
+        self._add_counts(payload)
+        self._pending = set(self.boxes)
+        return [Send(worker, messages.DescribeMachine()) for worker in self.boxes]
+
+    def _received_MachineDescribed(
+        self, server: int, message: messages.MachineDescribed, payload: memoryview
+    ) -> list[Instruction]:
+        self._memories[server] = message.memory_bytes
+        self._pending.discard(server)
+        if self._pending:
+            return []
+        assert self._prepared is not None
+        memory = budgets(self._memories, self._hosts)
+        if self._memory is not None:
+            memory = dict.fromkeys(memory, self._memory)
+        choice = LevelChoice(self._prepared.levels, self.boxes, memory)
+        self._levels = StoredLevels(self._prepared.quantisation, choice)
+        return self._surveyed()
+
+    def _open_packets(self, levels: StoredLevels, packing: Packing) -> list[Instruction]:
+        assert self._identity is not None
+        self._begin_assignment()
+        self.phase = Phase.PACKING
+        self.packing, opened = levels.open(packing, self.assignment, self._path, self._identity, self.boxes)
+        return opened
+
+    def _read_sub_cubes(self) -> list[Instruction]:
+        assert self._description is not None and self._identity is not None
+        self._begin_assignment()
+        self.phase = Phase.READING
+        self._lending = None
+        said = f"reading the volume as {len(self.boxes)} sub-cubes" if len(self.boxes) > 1 else "reading the volume"
+        if not self._description.reads_sub_cubes and len(self.boxes) > 1:
+            self._lending = Lending(self.assignment, self._path, self._identity, self.boxes, self._description)
+            return [ReportProgress(f"{said}, by one server for all"), *self._lending.begin()]
+        read: list[Instruction] = []
+        for worker, boxes in self.boxes.items():
+            ask = messages.ReadSubCubes(
+                assignment=self.assignment, path=self._path, boxes=boxes, identity=self._identity, held=self._held
+            )
+            read.append(Send(worker, ask))
+        return [ReportProgress(said), *read]
+
+    def _received_VolumeLent(self, server: int, message: messages.VolumeLent, payload: memoryview) -> list[Instruction]:
+        return lending.lent(message) if (lending := self._lending_for(message.assignment)) else []
+
+    def _received_PartRead(self, server: int, message: messages.PartRead, payload: memoryview) -> list[Instruction]:
+        return lending.part_read(message, payload) if (lending := self._lending_for(message.assignment)) else []
+
+    def _received_PartHeld(self, server: int, message: messages.PartHeld, payload: memoryview) -> list[Instruction]:
+        return lending.part_held(server) if (lending := self._lending_for(message.assignment)) else []
+
+    def _lending_for(self, assignment: int) -> Lending | None:
+        return self._lending if assignment == self.assignment else None
+
+    def _received_SubCubesRead(
+        self, server: int, message: messages.SubCubesRead, payload: memoryview
+    ) -> list[Instruction]:
+        if message.assignment != self.assignment:
+            return []
+        check_survey(message.survey, self._voxels_of(server))
+        if self.volume is None:
+            self._survey = message.survey if self._survey is None else self._survey.joined(message.survey)
+        self._pending.discard(server)
+        if not self._pending:
+            self._lending = None
+        if self.volume is None and not self._pending:
+            return self._count()
+        self._go_on()
+        return []
+
+    def _count(self) -> list[Instruction]:
+        assert self._survey is not None
+        self.phase = Phase.COUNTING
+        self._pending = set(self.boxes)
+        count = messages.CountHistograms(
+            assignment=self.assignment,
+            low=self._survey.low,
+            high=self._survey.high,
+            max_gradient=self._survey.max_gradient,
+        )
+        return [ReportProgress("counting the histograms"), *(Send(worker, count) for worker in self.boxes)]
+
+    def _received_HistogramsCounted(
+        self, server: int, message: messages.HistogramsCounted, payload: memoryview
+    ) -> list[Instruction]:
+        if message.assignment != self.assignment:
+            return []
+        if message.bins != HISTOGRAM_BINS:
+            raise RemoteProtocolError(f"it counted {message.bins} bins, but {HISTOGRAM_BINS} were asked for")
+        assert self._description is not None
+        check_counts(payload[:HISTOGRAMS_BYTES], self._voxels_of(server))
+        check_extremes(payload[HISTOGRAMS_BYTES:], self._description.geometry.dims)
+        self._add_counts(payload)
+        self._pending.discard(server)
+        return [] if self._pending else self._surveyed()
+
+    def _voxels_of(self, server: int) -> int:
+        return sum(box.voxels for box in self.boxes[server])
+
+    def _add_counts(self, payload: memoryview) -> None:
+        counts = array("q", payload[:HISTOGRAMS_BYTES].tobytes())
+        self._density_counts = _added(self._density_counts, counts[:HISTOGRAM_BINS])
+        self._strength_counts = _added(self._strength_counts, counts[HISTOGRAM_BINS:])
+        extremes = BlockExtremes.of_bytes(payload[HISTOGRAMS_BYTES:])
+        self._extremes = extremes if self._extremes is None else self._extremes.joined(extremes)
+
+    def _surveyed(self) -> list[Instruction]:
+        assert self._description is not None and self._survey is not None and self._extremes is not None
+        self.phase = Phase.SURVEYED
+        self.volume = SurveyedVolume(
+            self._description,
+            self._survey,
+            self._density_counts,
+            self._strength_counts,
+            self._extremes,
+            self._prepared,
+        )
+        return [PublishVolume(self.volume)]
+
+    def _pack(self, packing: Packing) -> list[Instruction]:
+        self.packing = packing
+        self.phase = Phase.PACKING
+        self._pending = set(self.boxes)
+        pack = messages.PackVoxels(assignment=self.assignment, quantisation=packing.quantisation)
+        return [ReportProgress("making voxel packets"), *(Send(worker, pack) for worker in self.boxes)]
+
+    def _received_VoxelsPacked(
+        self, server: int, message: messages.VoxelsPacked, payload: memoryview
+    ) -> list[Instruction]:
+        if message.assignment == self.assignment:
+            self._pending.discard(server)
+            self._go_on()
+        return []
+
+    def _go_on(self) -> None:
+        """Leave a phase of a surveyed volume once every server has read again, or packed."""
+        if self._pending:
+            return
+        if self._refusals and self.phase in (Phase.READING, Phase.PACKING):
+            return self._end_refused()
+        match self.phase:
+            case Phase.READING:
+                self.phase, self.packing = Phase.SURVEYED, None
+            case Phase.PACKING:
+                self.phase = Phase.READY
+                if self._levels is not None:
+                    self._levels.opened()
+
+
+def _added(sums: list[int], counts: "array[int]") -> list[int]:
+    return [a + b for a, b in zip(sums, counts, strict=True)] if sums else list(counts)

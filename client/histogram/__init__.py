@@ -1,0 +1,1 @@
+"""How many voxels have which values, and what stands out among them."""

@@ -1,0 +1,92 @@
+"""What a scene is made for: a volume's kind, its classes and its values, under one window of densities."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from volsplat.client.histogram.density_histogram import (
+    AIR_HU,
+    TISSUE_HU,
+    CtScale,
+    DensityHistogram,
+    density_histogram,
+    recognised_ct,
+)
+from volsplat.client.histogram.value_counts import ValueCounts
+from volsplat.protocol.description.kind import Band, Kind
+from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.upright import Up, upright
+from volsplat.protocol.rules.index_rules import Survey
+
+FACES = ("left", "front", "bottom")  # the views along the upright axes x, y and z
+GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+HOUNSFIELD = "HU"
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The histogram of density bytes, and what else is known; by itself, that nothing is."""
+
+    histogram: DensityHistogram
+    kind: Kind = Kind.UNKNOWN  # as the reader states it
+    bands: tuple[Band, ...] = ()
+    has_phases: bool = False  # in the packets' second byte
+    whole_numbers: bool = False
+    in_hounsfield: bool = False
+    depth: Field = Field.GRID_K  # the grid's axis that leads away from the viewer in front
+    recedes: bool = True  # along this axis
+    face: str | None = None  # of a single slice: the view that shows it, as radiologists and image viewers do
+    fine: ValueCounts | None = None  # the values before they became bytes
+
+    @cached_property
+    def values(self) -> ValueCounts:
+        """All values; where only bytes are known, as those have them."""
+        return self.fine or ValueCounts(*self.histogram.window, self.histogram.counts)
+
+    @cached_property
+    def ct(self) -> CtScale | None:
+        """Hounsfield units on a table: as the file states them, or as a CT is recognised where it states nothing."""
+        if self.kind is Kind.CT and self.in_hounsfield:
+            low, high = self.histogram.window
+            return CtScale((AIR_HU - low) / (high - low), (TISSUE_HU - low) / (high - low))
+        return recognised_ct(self.histogram) if self.kind in (Kind.CT, Kind.UNKNOWN) else None
+
+
+def subject_of(
+    description: VolumeDescription,
+    survey: Survey,
+    density_counts: list[int],
+    window: tuple[float, float],
+    up: Up | Literal["auto"] = "auto",
+) -> Subject:
+    """What is known of a volume, under a window; `up` is the physical axis that is.
+
+    `density_counts` split survey.low..survey.high. Raises BadInput for a window without a scale.
+    """
+    steps = [matrices.column(description.geometry.index_to_physical, axis) for axis in range(3)]
+    away = [matrices.normalised(step)[1] for step in steps]
+    depth = max(range(3), key=lambda axis: abs(away[axis]))
+    return Subject(
+        histogram=density_histogram(survey, density_counts, window),
+        kind=description.kind,
+        bands=description.bands,
+        has_phases=description.second_scalar is not None,
+        whole_numbers="int" in description.scalar_type,
+        in_hounsfield=description.value_unit == HOUNSFIELD,
+        depth=GRID_FIELDS[depth],
+        recedes=away[depth] > 0,
+        face=_face(description.geometry, up),
+        fine=ValueCounts(survey.low, survey.high, density_counts) if survey.low <= survey.high else None,
+    )
+
+
+def _face(geometry: Geometry, up: Up | Literal["auto"]) -> str | None:
+    """The view on a single slice; None for any other volume, and for a single row."""
+    flat = [axis for axis in range(3) if geometry.dims[axis] == 1]
+    if len(flat) != 1:
+        return None
+    i, j = (matrices.column(geometry.index_to_physical, axis) for axis in range(3) if axis != flat[0])
+    normal = matrices.applied(upright(up), matrices.cross(i, j))
+    return FACES[max(range(3), key=lambda axis: abs(normal[axis]))]

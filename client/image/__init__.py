@@ -1,0 +1,1 @@
+"""Images in files, their lettering and sheets of them."""

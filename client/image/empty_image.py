@@ -1,0 +1,24 @@
+"""An image on which nothing is to be seen is told of in words: it may be meant, or be a table or a view gone wrong."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from volsplat.protocol.description.scene import Scene
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+def why_empty(image: Tensor, scene: Scene) -> str:
+    """One line for the person; "" where something is visible. `image` is (H, W, 4), associated, without background."""
+    if image[..., 3].any():
+        return ""
+    if scene.tables.opac.greatest == 0:
+        return "nothing is visible: the opacity table is 0 everywhere; raise it"
+    if scene.shading.modulation and scene.tables.modu.greatest == 0:
+        return "nothing is visible: the modulation table is 0 everywhere; raise it, or switch modulation off"
+    return (
+        "nothing is visible: the tables leave all of the volume transparent that is within the bounds and the image; "
+        "raise the opacity, or reset the view and the bounds"
+    )

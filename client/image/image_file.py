@@ -1,0 +1,257 @@
+"""Images on disk, by OpenImageIO: written whole or not at all, and always with the scene that made them.
+
+Values are display-referred sRGB 0..1 and are never converted. EXR and PNG carry one attribute for each property;
+JPEG and TIFF have room for a single text, which holds all of them as a JSON object.
+"""
+
+import base64
+import json
+import os
+import shutil
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+import OpenImageIO as oiio
+import torch
+from torch import Tensor
+
+from volsplat.client.caller.arguments import checked_scene
+from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
+from volsplat.client.image.temporary_name import temporary_name
+from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.text.errors import BadInput
+
+JPEG_QUALITY = 95
+
+_PREFIX = "volsplat:"
+_ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
+_PACKED = "zlib,base64:"
+_BLOCK_PIXELS = 1 << 20  # converted at a time, so that a large image is not held twice
+_BLOCK_ROWS = 64  # of which blocks are multiples: a format packs up to so many together
+_LONGEST_COMPLAINT = 200  # characters of what a library says
+_TRIAL_BYTES = 1 << 20
+_PNG_END = b"IEND\xaeB`\x82"
+_LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
+
+
+def write_image(
+    path: Path,
+    image: Tensor,
+    scene: Scene,
+    properties: Mapping[str, str] | None = None,
+    depth: Depth | None = None,
+    jpeg_quality: int = JPEG_QUALITY,
+) -> None:
+    """Write an (H, W, 4) float32 image with associated alpha; equal images give equal bytes.
+
+    The scene's background is put under the image, except in EXR, which keeps alpha. `properties` are stored beside
+    the scene. Raises BadInput where the file cannot be written; an older file of that name then stays as it was.
+    """
+    scene = checked_scene(scene)
+    background = None if path.suffix.lower() == ".exr" else scene.image.background
+    stored = {"scene": msgspec.json.encode(scene).decode(), **(properties or {})}
+    _write(path, image, background, stored, depth, jpeg_quality)
+
+
+def write_pixels(
+    path: Path,
+    pixels: Tensor,
+    properties: Mapping[str, str] | None = None,
+    depth: Depth | None = None,
+    jpeg_quality: int = JPEG_QUALITY,
+) -> None:
+    """Write (H, W, C) values 0..1 as they are, and `properties` as text. Otherwise as write_image."""
+    _write(path, pixels, None, properties or {}, depth, jpeg_quality)
+
+
+def read_image(path: Path) -> Tensor:
+    """The image in a file as (H, W, C) float32, alpha associated, 8 and 16 bits as 0..1. Raises BadInput."""
+    opened = _opened(path)
+    try:
+        pixels = opened.read_image("float")
+        if pixels is None:
+            raise BadInput(f"{path}: cannot read the image: {_one_line(opened.geterror())}")
+    finally:
+        opened.close()
+    return torch.from_numpy(pixels)
+
+
+def read_scene(path: Path) -> Scene:
+    """The scene stored in an image that volsplat wrote. Raises BadInput."""
+    text = read_properties(path).get("scene")
+    if text is None:
+        raise BadInput(f"{path}: holds no scene; only images that volsplat wrote do")
+    try:
+        return msgspec.json.decode(text, type=Scene)
+    except msgspec.MsgspecError as error:
+        raise BadInput(f"{path}: the scene stored in it cannot be used: {_one_line(str(error))}") from error
+
+
+def read_properties(path: Path) -> dict[str, str]:
+    """What volsplat stored with an image: "scene" as JSON, and whatever else was given. Raises BadInput."""
+    opened = _opened(path)
+    try:
+        spec = opened.spec()
+        stored = {a.name.removeprefix(_PREFIX): str(a.value) for a in spec.extra_attribs if a.name.startswith(_PREFIX)}
+        return stored or _from_description(spec.get_string_attribute("ImageDescription"))
+    finally:
+        opened.close()
+
+
+def over_background(image: Tensor, background: Colour) -> Tensor:
+    """(H, W, 4) with associated alpha over an opaque colour: (H, W, 3)."""
+    return image[..., :3] + (1.0 - image[..., 3:4]) * torch.tensor(background, dtype=image.dtype)
+
+
+def _write(
+    path: Path,
+    pixels: Tensor,
+    background: Colour | None,
+    properties: Mapping[str, str],
+    depth: Depth | None,
+    jpeg_quality: int,
+) -> None:
+    """As write_pixels, over `background` if there is one."""
+    check_writable(path)
+    kind = path.suffix.lower()
+    depth = depth or DEPTHS[kind][0]
+    if depth not in DEPTHS[kind]:
+        raise BadInput(f"{path}: {kind} cannot hold {depth} pixels; choose one of {', '.join(DEPTHS[kind])}")
+    height, width, channels = pixels.shape
+    spec = oiio.ImageSpec(width, height, channels if background is None else 3, depth)
+    spec.attribute("oiio:ColorSpace", "sRGB")
+    spec.attribute("DateTime", "")  # otherwise the time of writing is stored
+    if kind in (".jpg", ".jpeg"):
+        spec.attribute("Compression", f"jpeg:{jpeg_quality}")
+        spec.attribute("jpeg:subsampling", "4:4:4")
+    else:
+        spec.attribute("Compression", "zip")
+    _store(spec, path, properties)
+    _write_whole(path, spec, _coded_blocks(pixels, background, depth))
+
+
+def _coded_blocks(pixels: Tensor, background: Colour | None, depth: Depth) -> Iterator[Tensor]:
+    rows = max(_BLOCK_PIXELS // pixels.shape[1] // _BLOCK_ROWS, 1) * _BLOCK_ROWS
+    for first in range(0, len(pixels), rows):
+        yield coded(pixels[first : first + rows], background, depth)
+
+
+def coded(block: Tensor, background: Colour | None, depth: Depth) -> Tensor:
+    """Rows of pixels (H, W, C) as they are stored; over the background, without alpha, if there is one."""
+    if background is not None:
+        block = over_background(block, background)
+    if depth == "float":
+        return block.to(torch.float32).contiguous()
+    largest = 255 if depth == "uint8" else 65535
+    levels = torch.floor(block.clamp(0.0, 1.0).to(torch.float64) * largest + 0.5)
+    return levels.to(torch.uint8 if depth == "uint8" else torch.uint16).contiguous()
+
+
+def _store(spec: "oiio.ImageSpec", path: Path, properties: Mapping[str, str]) -> None:
+    if not properties:
+        return
+    if path.suffix.lower() not in _ONE_TEXT:
+        for name, value in properties.items():
+            spec.attribute(_PREFIX + name, value)
+        return
+    text = json.dumps({_PREFIX + name: value for name, value in properties.items()})
+    if len(text) > _LONGEST_COMMENT:
+        text = _PACKED + base64.b64encode(zlib.compress(text.encode(), 9)).decode()
+    if len(text) > _LONGEST_COMMENT and path.suffix.lower() in (".jpg", ".jpeg"):
+        raise BadInput(f"{path}: the scene's tables have too many points for a JPEG file; write PNG, TIFF or EXR")
+    spec.attribute("ImageDescription", text)
+
+
+def _from_description(text: str) -> dict[str, str]:
+    """The properties in a JPEG's or TIFF's text; none where another program wrote it."""
+    try:
+        if text.startswith(_PACKED):
+            text = zlib.decompress(base64.b64decode(text.removeprefix(_PACKED))).decode()
+        found = json.loads(text)
+    except (ValueError, RecursionError, zlib.error):
+        return {}
+    if not isinstance(found, dict):
+        return {}
+    return {name.removeprefix(_PREFIX): str(value) for name, value in found.items() if name.startswith(_PREFIX)}
+
+
+def _opened(path: Path) -> "oiio.ImageInput":
+    if not path.is_file():
+        raise BadInput(f"{path}: no such image file")
+    opened = oiio.ImageInput.open(str(path))
+    if opened is None:
+        raise BadInput(f"{path}: cannot read the image: {_one_line(oiio.geterror())}")
+    return opened
+
+
+def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -> None:
+    """Write beside the target, then rename: whoever looks finds the old file or the new one."""
+    target = Path(os.path.realpath(path))
+    temporary = temporary_name(target)
+    try:
+        with _written_by_library(temporary) as place:
+            said = _write_to(temporary, place, spec, blocks)
+        if said is not None:
+            raise BadInput(f"{path}: cannot write the image: {_system_s_reason(temporary) or said}")
+        os.replace(temporary, target)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot write the image: {error.strerror}") from error
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def _written_by_library(path: Path) -> Iterator[str]:
+    """Where OpenImageIO writes what is to lie at `path`: libjpeg ends the process where a disk is full."""
+    if path.suffix not in (".jpg", ".jpeg") or not hasattr(os, "memfd_create"):
+        yield str(path)
+        return
+    memory = os.memfd_create(path.name)
+    try:
+        place = f"/proc/self/fd/{memory}"
+        yield place
+        shutil.copyfile(place, path)
+    finally:
+        os.close(memory)
+
+
+def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -> str | None:
+    """None where it went well, else what the library says of it."""
+    output = oiio.ImageOutput.create(str(path))
+    if output is None:
+        return _one_line(oiio.geterror())
+    written, row = output.open(place, spec), 0
+    for block in blocks if written else ():
+        written = output.write_scanlines(row, row + len(block), 0, block.numpy()) and written
+        row += len(block)
+    if output.close() and written and _is_ended(Path(place), path.suffix):
+        return None
+    return _one_line(output.geterror() or "the disk may be full")[:_LONGEST_COMPLAINT]
+
+
+def _system_s_reason(path: Path) -> str:
+    """Why nothing more can be written into this file, "" where something can: libraries tell of places in it."""
+    try:
+        with path.open("ab") as file:
+            file.write(bytes(_TRIAL_BYTES))
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
+
+
+def _is_ended(path: Path, suffix: str) -> bool:
+    """Whether a file that OpenImageIO is content with is whole: of a full disk it tells, but not for PNG."""
+    if suffix != ".png":
+        return True
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - len(_PNG_END), 0))
+        return file.read() == _PNG_END
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())

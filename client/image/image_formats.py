@@ -1,0 +1,43 @@
+"""The kinds of image file that can be written, and whether one could be written here. Imports no image library."""
+
+import os
+from pathlib import Path
+from typing import Literal
+
+from volsplat.client.image.temporary_name import temporary_name
+from volsplat.protocol.text.errors import BadInput
+
+Depth = Literal["uint8", "uint16", "float"]
+
+# What each format can hold; the first is its default.
+DEPTHS: dict[str, tuple[Depth, ...]] = {
+    ".png": ("uint8", "uint16"),
+    ".jpg": ("uint8",),
+    ".jpeg": ("uint8",),
+    ".tif": ("uint8", "uint16", "float"),
+    ".tiff": ("uint8", "uint16", "float"),
+    ".exr": ("float",),
+}
+
+
+def check_writable(path: Path) -> None:
+    """Raise BadInput, in one line, where no image could be written to `path`. Nothing is left behind."""
+    if path.suffix.lower() not in DEPTHS:
+        raise BadInput(f"{path}: cannot write this kind of image; end the name in one of {', '.join(DEPTHS)}")
+    check_place(path)
+
+
+def check_place(path: Path) -> None:
+    """Raise BadInput, in one line, where no file of any kind could be written to `path`. Nothing is left behind."""
+    if path.is_dir():
+        raise BadInput(f"{path}: is a folder; give the name of a file")
+    if path.exists() and not os.access(path, os.W_OK):
+        raise BadInput(f"{path}: the file there is write-protected; give another name")
+    if not path.parent.is_dir():
+        raise BadInput(f"{path}: there is no folder {path.parent}; make it first")
+    trial = temporary_name(path)
+    try:
+        trial.touch()
+        trial.unlink()
+    except OSError as error:
+        raise BadInput(f"{path}: cannot write into the folder {path.parent}: {error.strerror}") from error

@@ -1,0 +1,1 @@
+"""Movies: key frames, frames between them, and the file."""

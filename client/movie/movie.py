@@ -1,0 +1,204 @@
+"""Movies: numbered images in a folder by OpenImageIO, or one file by ffmpeg; whole or not at all.
+
+Frames go to ffmpeg through a pipe, as they are drawn. A file lies beside its target, and images in a hidden folder,
+until all are there; then they take their names.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import IO
+
+import torch
+from torch import Tensor
+
+from volsplat.client.caller.arguments import checked_scene
+from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.image.image_file import over_background, write_image
+from volsplat.client.image.image_properties import image_properties
+from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
+from volsplat.client.session.renderer import Renderer
+from volsplat.client.session.session import FrameAborted
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.text.errors import BadInput, VolsplatError
+
+_ENDING_INTERVAL = 0.1  # seconds between two questions whether to cancel while ffmpeg ends its file
+_LONGEST_COMPLAINT = 300  # characters of what ffmpeg says
+
+Put = Callable[[Tensor, Scene], None]  # takes the next frame: (H, W, 4) float32, associated
+
+
+class MovieCancelled(Exception):
+    """Whoever asked for the movie wants it no more; nothing of it is left."""
+
+
+def write_movie(
+    renderer: Renderer,
+    scenes: Sequence[Scene],
+    path: Path,
+    rate: int,
+    on_progress: Callable[[int], None],
+    cancelled: Callable[[], bool],
+    step: Step = Step.F,
+) -> None:
+    """Draw each scene at one step into an .mp4 or .webm of `rate` frames a second, or into a folder of PNG images.
+
+    `on_progress` gets the number of frames that are done. Raises BadInput where the movie cannot be written or a
+    scene does not fit the volume, VolsplatError where ffmpeg or the servers fail, and MovieCancelled at most one
+    frame after `cancelled` says so; nothing is left behind then.
+    """
+    scenes = [checked_scene(scene) for scene in scenes]
+    width, height = _size_of_all(scenes)
+    check_movie_writable(path)
+    encoder = video_encoder(path)
+    if encoder is None:
+        opened = _images(path, renderer.volume.description)
+    else:
+        opened = _video(path, encoder, rate, width, height, cancelled)
+    try:
+        with opened as put:
+            for done, scene in enumerate(scenes):
+                put(_drawn(renderer, scene, step, cancelled), scene)
+                on_progress(done + 1)
+            if cancelled():
+                raise MovieCancelled
+    except OSError as error:
+        raise BadInput(f"{path}: cannot write the movie: {error.strerror or error}") from error
+
+
+def _size_of_all(scenes: Sequence[Scene]) -> tuple[int, int]:
+    sizes = sorted({(scene.image.width, scene.image.height) for scene in scenes})
+    if len(sizes) != 1:
+        named = " and ".join(f"{width}x{height}" for width, height in sizes[:2])
+        raise BadInput(f"the scenes of a movie need one image size, but there are {named}; give all of them the same")
+    return sizes[0]
+
+
+def _drawn(renderer: Renderer, scene: Scene, step: Step, cancelled: Callable[[], bool]) -> Tensor:
+    """The finished image. It is asked for again where something else on the same session took its place."""
+    while not cancelled():
+        try:
+            return renderer.finish(scene, step).image
+        except FrameAborted:
+            continue
+    raise MovieCancelled
+
+
+@contextmanager
+def _images(folder: Path, description: VolumeDescription) -> Iterator[Put]:
+    """Numbers the images from 1 in a hidden folder within `folder`; they move up when all are there."""
+    made = not folder.exists()
+    hidden = temporary_name(folder / "frames")
+    images: list[Path] = []
+    whole = False
+
+    def put(image: Tensor, scene: Scene) -> None:
+        images.append(frame_image_path(hidden, len(images) + 1))
+        write_image(images[-1], image, scene, image_properties(description, scene))
+
+    try:
+        hidden.mkdir(parents=True)
+        yield put
+        with interrupts_held():
+            for image in images:
+                image.rename(folder / image.name)
+            whole = True
+    finally:
+        with interrupts_held():
+            shutil.rmtree(hidden, ignore_errors=True)
+            if made and not whole and folder.exists():
+                folder.rmdir()
+
+
+@contextmanager
+def _video(
+    path: Path, encoder: Sequence[str], rate: int, width: int, height: int, cancelled: Callable[[], bool]
+) -> Iterator[Put]:
+    """Pipes the frames to ffmpeg, which writes beside `path`; the file is renamed to it once ffmpeg has ended well."""
+    target = Path(os.path.realpath(path))
+    temporary = temporary_name(target)
+    command = _ffmpeg_command(encoder, rate, width + width % 2, height + height % 2, temporary)
+    ffmpeg: subprocess.Popen[bytes] | None = None
+    with tempfile.TemporaryFile() as complaints:  # never full, as a pipe that nobody reads would be
+        try:
+            with interrupts_held():
+                # A session of its own: Ctrl-C ends it by way of this process, which knows what to tell.
+                ffmpeg = subprocess.Popen(
+                    command,
+                    stdin=subprocess.PIPE,
+                    stdout=subprocess.DEVNULL,
+                    stderr=complaints,
+                    bufsize=0,
+                    start_new_session=True,
+                )
+            frames = ffmpeg.stdin
+            assert frames is not None
+            refused = False
+            try:
+                yield lambda image, scene: _send(frames, _levels(image, scene))
+                frames.close()
+            except BrokenPipeError:
+                refused = True
+            _await_end(ffmpeg, cancelled)
+            if refused or ffmpeg.returncode != 0:
+                said = _read_complaints(complaints).replace(str(temporary), path.name)
+                raise VolsplatError(f"{path}: ffmpeg could not write the movie: {said}")
+            os.replace(temporary, target)
+        finally:
+            with interrupts_held():
+                if ffmpeg is not None:
+                    ffmpeg.kill()
+                    ffmpeg.communicate()
+                temporary.unlink(missing_ok=True)
+
+
+def _ffmpeg_command(encoder: Sequence[str], rate: int, width: int, height: int, output: Path) -> list[str]:
+    """Raw RGB on stdin. The colours of the file are those of HD television, and it says so, else players guess.
+
+    Without -xerror a disk that is full at the end is a success to ffmpeg.
+    """
+    source = ["-f", "rawvideo", "-pixel_format", "rgb24", "-video_size", f"{width}x{height}", "-framerate", str(rate)]
+    colours = ["-colorspace", "bt709", "-color_primaries", "bt709", "-color_trc", "iec61966-2-1", "-color_range", "tv"]
+    return [
+        *("ffmpeg", "-hide_banner", "-loglevel", "error", "-xerror", "-nostdin", "-y", *source, "-i", "pipe:0"),
+        *("-vf", "scale=out_color_matrix=bt709:out_range=tv:flags=accurate_rnd+full_chroma_int+bicubic"),
+        *("-pix_fmt", "yuv420p", *colours, *encoder, str(output)),
+    ]
+
+
+def _levels(image: Tensor, scene: Scene) -> Tensor:
+    """(H, W, 3) uint8 over the background, as a PNG has it; a row and a column more where the sizes are odd."""
+    height, width, _ = image.shape
+    padded = torch.nn.functional.pad(image, (0, 0, 0, width % 2, 0, height % 2))
+    shown = over_background(padded, scene.image.background)
+    return torch.floor(shown.clamp(0.0, 1.0).to(torch.float64) * 255 + 0.5).to(torch.uint8).contiguous()
+
+
+def _send(frames: IO[bytes], levels: Tensor) -> None:
+    left = levels.numpy().data.cast("B")
+    while left:
+        left = left[frames.write(left) :]
+
+
+def _await_end(ffmpeg: subprocess.Popen[bytes], cancelled: Callable[[], bool]) -> None:
+    while True:
+        try:
+            ffmpeg.wait(_ENDING_INTERVAL)
+            return
+        except subprocess.TimeoutExpired:
+            if cancelled():
+                raise MovieCancelled from None
+
+
+def _read_complaints(complaints: IO[bytes]) -> str:
+    complaints.seek(0)
+    text = "; ".join(complaints.read().decode(errors="replace").split("\n")).strip("; ")
+    return text[-_LONGEST_COMPLAINT:] or "it ended without a word"

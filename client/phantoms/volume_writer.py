@@ -1,0 +1,195 @@
+"""Writes volumes, whole or not at all: NRRD slab by slab, all other formats through SimpleITK."""
+
+import importlib
+import os
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import torch
+
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.text.errors import BadInput
+
+# By extension: whether SimpleITK compresses. NRRD and MetaImage stay raw, so that servers can read sub-cubes.
+COMPRESSED = {
+    ".nrrd": False,
+    ".nhdr": False,
+    ".mha": False,
+    ".mhd": False,
+    ".nii": False,
+    ".nii.gz": True,
+    ".tif": True,
+    ".tiff": True,
+}
+NRRD = ".nrrd"
+TRIED_BYTES = 1 << 16  # more than a disk has left that has just filled up, but for what compression holds back
+NIFTI_GZ, NIFTI_HEADER = ".nii.gz", 352  # bytes; SimpleITK says nothing where the disk is full
+NRRD_TYPES = {
+    torch.uint8: "uchar",
+    torch.int8: "signed char",
+    torch.uint16: "ushort",
+    torch.int16: "short",
+    torch.uint32: "uint",
+    torch.int32: "int",
+    torch.uint64: "unsigned long long int",
+    torch.int64: "long long int",
+    torch.float32: "float",
+    torch.float64: "double",
+}
+SHEARLESS = (".nii", ".nii.gz", ".tif", ".tiff")
+PAGED = (".tif", ".tiff")  # a slice a page, and nothing that tells one slice from an image
+SHEAR_TOLERANCE = 1e-5  # of the cosine between two grid axes
+
+
+def check_volume_writable(path: Path) -> None:
+    """Raises BadInput where `path` has no extension of a volume or cannot be written. Leaves nothing behind."""
+    extension_of(path)
+    folder = path.parent
+    if not folder.is_dir():
+        raise BadInput(f"{path}: there is no folder {folder}; make it first")
+    if path.is_dir():
+        raise BadInput(f"{path}: is a folder; name a file")
+    if not os.access(folder, os.W_OK) or path.exists() and not os.access(path, os.W_OK):
+        raise BadInput(f"{path}: cannot be written; choose another place or change its permissions")
+
+
+def extension_of(path: Path) -> str:
+    """The extension that decides the format. Raises BadInput for one that is not written."""
+    for extension in sorted(COMPRESSED, key=len, reverse=True):
+        if path.name.lower().endswith(extension) and len(path.name) > len(extension):
+            return extension
+    raise BadInput(f"{path}: volumes are not written in this format; name it one of {', '.join(COMPRESSED)}")
+
+
+def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
+    """Writes `values`, shaped (k, j, i), with their place in space, taken as LPS, to `path`.
+
+    The files appear under their names only when they are complete. TIFF keeps no place in space but the spacing
+    along i and j. Raises BadInput for unknown extensions, for shear or a single slice that the format cannot
+    hold, and where the disk refuses.
+    """
+    check_volume_writable(path)
+    extension = extension_of(path)
+    if extension in SHEARLESS and _shear(geometry) > SHEAR_TOLERANCE:
+        raise BadInput(f"{path}: {extension} would lose the volume's shear; write .nrrd or .mha")
+    if extension in PAGED and geometry.dims[2] == 1:
+        raise BadInput(f"{path}: {extension} of one slice would be read as an image; write .nrrd or .mha")
+    if extension == NRRD:
+        write_nrrd(path, [values], values.dtype, geometry)
+        return
+    # Here, since whoever writes no volume should not wait for this import.
+    simple_itk: Any = importlib.import_module("SimpleITK")
+    simple_itk.ProcessObject_SetGlobalWarningDisplay(False)
+    image = _placed(simple_itk.GetImageFromArray(values.contiguous().numpy()), geometry)
+    with _appearing_whole(path) as folder:
+        try:
+            simple_itk.WriteImage(image, str(folder / path.name), COMPRESSED[extension])
+        except RuntimeError as error:
+            reason = _system_reason(folder) or str(error).strip().splitlines()[-1].strip()
+            raise BadInput(f"{path}: cannot be written: {reason}; choose another place or format") from None
+        written_bytes = sum(file.stat().st_size for file in folder.iterdir())
+        missing = not COMPRESSED[extension] and written_bytes < values.nbytes
+        if missing or extension == NIFTI_GZ and not _ends_as_gzip_of(folder / path.name, NIFTI_HEADER + values.nbytes):
+            raise BadInput(f"{path}: could not be written whole: {_system_reason(folder) or 'the disk may be full'}")
+
+
+def write_nrrd(
+    path: Path,
+    slabs: Iterable[torch.Tensor],
+    dtype: torch.dtype,
+    geometry: Geometry,
+    pairs: Mapping[str, str] = MappingProxyType({}),
+) -> None:
+    """As `write_volume`, to raw NRRD, from consecutive sheets shaped (k, j, i); only one slab is held at a time.
+
+    `pairs` are keys and values for the header, each of one line.
+    """
+    check_volume_writable(path)
+    with _appearing_whole(path) as folder, (folder / path.name).open("wb") as file:
+        file.write(_nrrd_header(path, dtype, geometry, pairs))
+        for slab in slabs:
+            file.write(slab.contiguous().numpy().data)
+
+
+def _nrrd_header(path: Path, dtype: torch.dtype, geometry: Geometry, pairs: Mapping[str, str]) -> bytes:
+    if dtype not in NRRD_TYPES:
+        raise BadInput(f"{path}: voxels of type {dtype} are no numbers that NRRD holds; convert them")
+    steps = [matrices.column(geometry.index_to_physical, axis) for axis in range(3)]
+    lines = (
+        "NRRD0005",
+        f"type: {NRRD_TYPES[dtype]}",
+        "dimension: 3",
+        "space: left-posterior-superior",
+        "sizes: " + " ".join(str(size) for size in geometry.dims),
+        "space directions: " + " ".join(_nrrd_vector(step) for step in steps),
+        "kinds: domain domain domain",
+        f"endian: {sys.byteorder}",
+        "encoding: raw",
+        f"space origin: {_nrrd_vector(geometry.origin)}",
+        *(f"{key}:={value}" for key, value in pairs.items()),
+    )
+    return "\n".join((*lines, "", "")).encode()
+
+
+def _ends_as_gzip_of(path: Path, size: int) -> bool:
+    """Whether a gzip is whole: it ends with how many bytes it unpacks to, modulo 2^32."""
+    with path.open("rb") as file:
+        file.seek(max(path.stat().st_size - 4, 0))
+        return int.from_bytes(file.read(), "little") == size % (1 << 32)
+
+
+def _nrrd_vector(vector: Vector) -> str:
+    return "(" + ",".join(repr(float(component)).removesuffix(".0") for component in vector) + ")"
+
+
+def _system_reason(folder: Path) -> str:
+    """Why nothing more can be written into the folder, in the system's words; "" if it can. SimpleITK does not say."""
+    try:
+        with (folder / "more").open("wb", buffering=0) as file:
+            file.write(bytes(TRIED_BYTES))
+            os.fsync(file.fileno())
+    except OSError as error:
+        return os.strerror(error.errno or 0)
+    return ""
+
+
+@contextmanager
+def _appearing_whole(path: Path) -> Iterator[Path]:
+    """A folder for files that take their places beside `path` once all are written. Raises BadInput for OSError."""
+    try:
+        # Beside the target, so that the renaming stays within one file system.
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({os.strerror(error.errno or 0)}); choose another place") from None
+    try:
+        yield folder
+        # The header last: who finds it finds its data.
+        for written in sorted(folder.iterdir(), key=lambda file: file.name == path.name):
+            os.replace(written, path.parent / written.name)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written ({os.strerror(error.errno or 0)}); choose another place") from None
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _placed(image: Any, geometry: Geometry) -> Any:
+    """SimpleITK's `image` with its place in space."""
+    spacing = geometry.spacing
+    image.SetSpacing(spacing)
+    image.SetOrigin(geometry.origin)
+    image.SetDirection([row[axis] / spacing[axis] for row in geometry.index_to_physical for axis in range(3)])
+    return image
+
+
+def _shear(geometry: Geometry) -> float:
+    """The greatest cosine between two grid axes."""
+    axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
+    return max(abs(matrices.dot(axes[a], axes[b])) for a, b in ((0, 1), (0, 2), (1, 2)))

@@ -1,0 +1,1 @@
+"""Scenes: made for a volume, by a preset, or read from a file."""

@@ -1,0 +1,229 @@
+"""Scenes as TOML files: read strictly over a base scene, written complete and with comments."""
+
+import difflib
+import json
+import re
+import textwrap
+import tomllib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from volsplat.client.scene.colours import colour_from_hex, hex_of_colour
+from volsplat.client.scene.scene_keys import KEYS, SECTIONS
+from volsplat.protocol.description.scene import Part, Scene
+from volsplat.protocol.text.errors import BadInput
+
+_COMMENT_WIDTH = 110
+_COLOUR_TABLES = ("emit", "refl")
+_SYNTAX_PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
+_VALUE_PLACE = re.compile(r"^(.*) - at `\$\.?(.*)`$", re.DOTALL)
+_SHOWN_VALUE = 60  # characters of a refused value that are shown
+
+
+def read_scene_file(path: Path, base: Scene) -> Scene:
+    """The scene in a TOML file; what the file leaves out is taken from `base`. Raises BadInput, naming the place."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot read the scene: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: not a scene file: byte {error.start} is not UTF-8 text") from error
+    return scene_from_toml(text, base, str(path))
+
+
+def scene_from_toml(text: str, base: Scene, name: str) -> Scene:
+    """As read_scene_file, from TOML text; `name` stands before every message."""
+    try:
+        given = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise BadInput(_syntax_message(name, str(error))) from error
+    except ValueError as error:  # an integer of more than 4300 digits, an impossible date
+        raise BadInput(f"{name}: {error}") from error
+    except RecursionError as error:
+        raise BadInput(f"{name}: not a scene: its arrays or tables are nested too deeply") from error
+    _refuse_unknown_keys(name, given, Scene, "")
+    _read_hex_colours(name, given)
+    merged = _merged(msgspec.to_builtins(base), given)
+    try:
+        return msgspec.convert(merged, Scene)
+    except msgspec.ValidationError as error:
+        raise BadInput(_value_message(name, str(error), merged)) from error
+
+
+def scene_toml(scene: Scene, title: str = "A volsplat scene") -> str:
+    """The whole scene as TOML that explains itself; reading it gives an equal scene."""
+    lines = [f"# {line}".rstrip() for line in _printable(title).splitlines()]
+    lines += [
+        "#",
+        "# Everything that decides the image except the volume. Any key may be left out: it is then chosen from the",
+        "# volume, as without a scene file. Intensities and opacities are 0 to 1.",
+    ]
+    for section, explanation in SECTIONS.items():
+        if section:
+            lines += ["", *_comment(explanation), f"[{section}]"]
+        for key, (allowed, meaning) in KEYS.items():
+            if key.rpartition(".")[0] == section:
+                lines += ["", *_comment(meaning)] if meaning else []
+                default = _default_of(key)
+                lines += _comment(f"Allowed: {allowed}." + (f" Default: {default}." if default else ""))
+                lines.append(f"{key.rpartition('.')[2]} = {toml_value(_value_at(scene, key), key)}")
+    return "\n".join(lines) + "\n"
+
+
+def _printable(text: str) -> str:
+    return "".join(character if character.isprintable() or character == "\n" else " " for character in text)
+
+
+def _comment(text: str) -> list[str]:
+    return [f"# {line}" for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, _COMMENT_WIDTH)]
+
+
+def _value_at(scene: Scene, key: str) -> Any:
+    value: Any = scene
+    for part in key.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def _default_of(key: str) -> str:
+    """The TOML of a key's default, or nothing where the default depends on the volume or is a table."""
+    section, _, name = key.rpartition(".")
+    if section.startswith("tables"):
+        return ""
+    kind = _part_type(section)
+    field = next(field for field in msgspec.structs.fields(kind) if field.name == name)
+    return toml_value(field.default, key)
+
+
+def _part_type(section: str) -> type[Part]:
+    kind: type[Part] = Scene
+    for part in filter(None, section.split(".")):
+        kind = next(field.type for field in msgspec.structs.fields(kind) if field.name == part)
+    return kind
+
+
+def toml_value(value: Any, key: str) -> str:
+    """The value of a scene's key as TOML."""
+    if key.endswith(".points"):
+        coloured = key.split(".")[1] in _COLOUR_TABLES
+        rows = [f"  [{point!r}, {_toml_colour(entry) if coloured else repr(entry)}]," for point, entry in value]
+        return "\n".join(["[", *rows, "]"])
+    if key == "image.background":
+        return _toml_colour(value)
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(str(value))
+    if isinstance(value, tuple):
+        return "[" + ", ".join(repr(part) for part in value) + "]"
+    return repr(value)
+
+
+def _toml_colour(colour: tuple[float, float, float]) -> str:
+    text = hex_of_colour(colour)
+    return f'"{text}"' if text else "[" + ", ".join(repr(channel) for channel in colour) + "]"
+
+
+def _syntax_message(name: str, problem: str) -> str:
+    place = _SYNTAX_PLACE.search(problem)
+    if not place:
+        return f"{name}: {problem}"
+    return f"{name}:{place[1]}:{place[2]}: {problem[: place.start()]}"
+
+
+def _refuse_unknown_keys(name: str, given: dict[str, Any], kind: type[Part], section: str) -> None:
+    known = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    for key, value in given.items():
+        place = f"{section}.{key}" if section else key
+        if key not in known:
+            raise BadInput(f"{name}: {_shown_key(place)}: unknown key; {_suggestion(key, section, list(known))}")
+        if _is_part(known[key]):
+            if not isinstance(value, dict):
+                raise BadInput(f"{name}: {place}: must be a table of keys, [{place}], not {_shown(value)}")
+            _refuse_unknown_keys(name, value, known[key], place)
+
+
+def _is_part(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, Part)
+
+
+def _shown_key(place: str) -> str:
+    return place if place.isprintable() else json.dumps(place)
+
+
+def _suggestion(key: str, section: str, known: list[str]) -> str:
+    near = difflib.get_close_matches(key, known, n=1)
+    if near:
+        return f"did you mean '{near[0]}'?"
+    elsewhere = [place for place in KEYS if place.rpartition(".")[2] == key]
+    if elsewhere:
+        return f"did you mean {' or '.join(elsewhere)}?"
+    return f"{'[' + section + ']' if section else 'a scene'} has {', '.join(known)}"
+
+
+def _read_hex_colours(name: str, given: dict[str, Any]) -> None:
+    """Replace "#rrggbb" by numbers, in place, wherever a colour belongs; other values are left for the checks."""
+
+    def read(value: Any, place: str) -> Any:
+        if not isinstance(value, str):
+            return value
+        try:
+            return colour_from_hex(value)
+        except ValueError as error:
+            raise BadInput(f"{name}: {place}: {error}") from error
+
+    image = given.get("image", {})
+    if "background" in image:
+        image["background"] = read(image["background"], "image.background")
+    for table in _COLOUR_TABLES:
+        points = given.get("tables", {}).get(table, {}).get("points")
+        if isinstance(points, list):
+            for n, point in enumerate(points):
+                if isinstance(point, list) and len(point) == 2:
+                    point[1] = read(point[1], f"tables.{table}.points[{n}][1]")
+
+
+def _merged(base: dict[str, Any], given: dict[str, Any]) -> dict[str, Any]:
+    result = dict(base)
+    for key, value in given.items():
+        result[key] = (
+            _merged(base[key], value) if isinstance(value, dict) and isinstance(base.get(key), dict) else value
+        )
+    return result
+
+
+def _value_message(name: str, problem: str, merged: dict[str, Any]) -> str:
+    match = _VALUE_PLACE.match(problem)
+    if not match:
+        return f"{name}: {problem}"
+    what, place = match[1], match[2]
+    key = place.partition("[")[0]
+    if key in KEYS:
+        return f"{name}: {place}: {_shown(_found(merged, place))} cannot be used; allowed: {KEYS[key].allowed}"
+    # The struct's own check, which opens with the name of the key where it concerns one.
+    first = what.partition(" ")[0]
+    if f"{place}.{first}" in KEYS:
+        return f"{name}: {place}.{first}:{what[len(first) :]}"
+    return f"{name}: {place}: {what}"
+
+
+def _found(merged: dict[str, Any], place: str) -> Any:
+    value: Any = merged
+    for part in re.findall(r"[^.\[\]]+", place):
+        if isinstance(value, (list, tuple)) and part.isdecimal():
+            value = value[int(part)]
+        elif isinstance(value, dict) and part in value:
+            value = value[part]
+    return value
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a number of thousands of digits"
+    return text if len(text) <= _SHOWN_VALUE else text[:_SHOWN_VALUE] + "..."

@@ -1,0 +1,190 @@
+"""What the steps of an image took, in numbers: report.json, and the table beside the paper's."""
+
+import os
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from pathlib import Path
+
+import msgspec
+from rich import box
+from rich.table import Table
+
+from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.session.renderer import StepOutcome
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.peak_memory import peak_memory
+from volsplat.program.this_machine import this_machine
+from volsplat.protocol.description.machine import Machine
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
+from volsplat.protocol.text.errors import BadInput
+
+# Seconds for the steps A to F, from the paper's "Timing Tests": a CT of 96 x 128 x 113 voxels.
+PAPER_SECONDS = {
+    "TAAC-1": (3, 9, 65, 165, 179, 182),
+    "1 Sun-3": (20, 60, 363, 733, 843, 898),
+    "4 Sun-3": (3, 21, 141, 172, 205, 223),
+    "1 Sun-4": (8, 28, 181, 481, 484, 522),
+    "4 Sun-4": (3, 11, 89, 108, 112, 116),
+}
+
+IMAGE_PIXEL_BYTES = 16  # RGBA, float32
+
+STEP_WORDS = {
+    Step.A: "1/4",
+    Step.B: "1/2",
+    Step.C: "full",
+    Step.D: "kernel",
+    Step.E: "diffuse",
+    Step.F: "specular",
+}
+
+
+class VolumeFacts(msgspec.Struct, frozen=True):
+    name: str
+    dims: Index
+    scalar_type: str
+
+
+class StepReport(msgspec.Struct, frozen=True):
+    """One step. Of the workers, seconds are given as their sum and as the slowest one's."""
+
+    step: Step
+    level: int  # that was drawn; 0 is the volume itself
+    wall_seconds: float  # from asking to having the image
+    voxels_visited: int
+    packets_sent: int
+    bytes_sent: int
+    map_shade_seconds: float
+    map_shade_seconds_slowest: float
+    map_shade_waiting_seconds: float  # in sends that back-pressure held up
+    map_shade_waiting_seconds_slowest: float
+    planning_seconds: float  # of the splat server, as the three that follow
+    merge_seconds: float
+    splat_seconds: float
+    splat_waiting_seconds: float  # with nothing to splat
+    messages_seconds: float  # what is left: of asking for the frame, and of messages on their way
+    image_seconds: float  # until the finished image was here
+    image_bytes: int  # of the finished image, as the splat server sends it
+    accounted_share: float  # of the wall seconds, by the splat server's stages, the messages and the image
+    hidden_packets: int  # of those sent, left out by the splat server
+    held_back_seconds: float  # that connections were not read because their buffers were full, over all workers
+    peak_memory_bytes: dict[str, int]  # of each process so far
+    workers: dict[int, MapShadeStats]
+    splat_server: SplatStats
+
+
+class FrameReport(msgspec.Struct, frozen=True):
+    volsplat: str  # version
+    machine: Machine  # the client's
+    volume: VolumeFacts
+    width: int
+    height: int
+    order: str
+    why_level: str  # which level of a prepared volume the last step shows, and why; else ""
+    steps: tuple[StepReport, ...]
+
+
+def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutcome]) -> FrameReport:
+    """The report of the steps drawn of a volume."""
+    description, drawn = volume.description, list(outcomes)
+    return FrameReport(
+        volsplat=version("volsplat"),
+        machine=this_machine(),
+        volume=VolumeFacts(description.name, description.geometry.dims, description.scalar_type),
+        width=scene.image.width,
+        height=scene.image.height,
+        order=scene.order.value,
+        why_level=drawn[-1].servers.why_level if drawn else "",
+        steps=tuple(_step_report(outcome, scene) for outcome in drawn),
+    )
+
+
+def write_report(path: Path, report: FrameReport) -> None:
+    """Write a report as JSON, whole or not at all. Raises BadInput where the file cannot be written."""
+    text = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
+    temporary = temporary_name(path)
+    try:
+        temporary.write_bytes(text)
+        os.replace(temporary, path)
+    except OSError as error:
+        temporary.unlink(missing_ok=True)
+        raise BadInput(f"{path}: cannot write the report: {error.strerror}") from error
+
+
+def step_table(report: FrameReport) -> Table:
+    """The steps' figures (map/shade of the slowest server, memory of the largest process) over the paper's."""
+    steps = {step.step: step for step in report.steps}
+    i, j, k = report.volume.dims
+    title = f"{report.volume.name}, {i} x {j} x {k} voxels, on {report.machine.cores} x {report.machine.cpu}"
+    table = Table(title=title, box=box.SIMPLE_HEAD, caption_justify="left")
+    table.caption = "The paper's seconds are for a CT of 96 x 128 x 113 voxels."
+    table.add_column("", no_wrap=True)
+    for letter in Step:
+        table.add_column(f"{letter.value}\n{STEP_WORDS[letter]}", justify="right", no_wrap=True)
+    rows: dict[str, Callable[[StepReport], str]] = {
+        "seconds": lambda s: f"{s.wall_seconds:.3f}",
+        "  map/shade": lambda s: f"{s.map_shade_seconds_slowest:.3f}",
+        "  merge": lambda s: f"{s.merge_seconds:.3f}",
+        "  splat": lambda s: f"{s.splat_seconds:.3f}",
+        "  splat waits": lambda s: f"{s.splat_waiting_seconds:.3f}",
+        "  planning": lambda s: f"{s.planning_seconds:.3f}",
+        "  messages": lambda s: f"{s.messages_seconds:.3f}",
+        "  image": lambda s: f"{s.image_seconds:.3f}",
+        "accounted for": lambda s: f"{s.accounted_share:.0%}",
+        "voxels visited": lambda s: f"{s.voxels_visited / 1e6:.3f} M",
+        "packets sent": lambda s: f"{s.packets_sent / 1e6:.3f} M",
+        "bytes sent": lambda s: f"{s.bytes_sent / 1e6:.2f} MB",
+        "peak memory": lambda s: f"{max(s.peak_memory_bytes.values(), default=0) / 1e6:.0f} MB",
+    }
+    for name, figure in rows.items():
+        style = "bold" if name == "seconds" else ""
+        table.add_row(name, *(figure(steps[letter]) if letter in steps else "" for letter in Step), style=style)
+    table.add_section()
+    for machine, seconds in PAPER_SECONDS.items():
+        table.add_row(f"1989: {machine}", *(str(value) for value in seconds))
+    return table
+
+
+def _step_report(outcome: StepOutcome, scene: Scene) -> StepReport:
+    workers, splat = outcome.servers.map_shade, outcome.servers.splat
+    stats = list(workers.values())
+    memory = {f"map/shade server {server}": worker.peak_memory_bytes for server, worker in sorted(workers.items())}
+    return StepReport(
+        step=outcome.step,
+        level=outcome.servers.level,
+        wall_seconds=outcome.wall_seconds,
+        voxels_visited=sum(worker.voxels_visited for worker in stats),
+        packets_sent=sum(worker.packets for worker in stats),
+        bytes_sent=sum(worker.bytes for worker in stats),
+        map_shade_seconds=sum(worker.map_shade_seconds for worker in stats),
+        map_shade_seconds_slowest=max((worker.map_shade_seconds for worker in stats), default=0.0),
+        map_shade_waiting_seconds=sum(worker.waiting_seconds for worker in stats),
+        map_shade_waiting_seconds_slowest=max((worker.waiting_seconds for worker in stats), default=0.0),
+        planning_seconds=splat.planning_seconds,
+        merge_seconds=splat.merge_seconds,
+        splat_seconds=splat.splat_seconds,
+        splat_waiting_seconds=splat.waiting_seconds,
+        messages_seconds=_messages_seconds(outcome),
+        image_seconds=outcome.image_seconds,
+        image_bytes=scene.image.width * scene.image.height * IMAGE_PIXEL_BYTES,
+        accounted_share=_accounted_seconds(outcome) / outcome.wall_seconds,
+        hidden_packets=splat.hidden_packets,
+        held_back_seconds=sum(splat.held_back_seconds.values()),
+        peak_memory_bytes={"client": peak_memory(), "splat server": splat.peak_memory_bytes, **memory},
+        workers=workers,
+        splat_server=splat,
+    )
+
+
+def _accounted_seconds(outcome: StepOutcome) -> float:
+    """What follows each other: the splat server's stages, waiting included, with the messages before and the image."""
+    splat = outcome.servers.splat
+    stages = (splat.planning_seconds, splat.merge_seconds, splat.splat_seconds, splat.waiting_seconds)
+    return sum(stages) + splat.answering_seconds + _messages_seconds(outcome) + outcome.image_seconds
+
+
+def _messages_seconds(outcome: StepOutcome) -> float:
+    """When neither the splat server had the frame nor its image was on its way."""
+    return max(0.0, outcome.wall_seconds - outcome.servers.splat.frame_seconds - outcome.image_seconds)

@@ -1,0 +1,126 @@
+"""The volume that a command draws, and the processes that hold it: started here, joined by hand, or this one alone."""
+
+from __future__ import annotations
+
+import os
+import socket
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from ipaddress import ip_address
+from pathlib import Path
+
+import click
+
+from volsplat.client.session.renderer import Renderer
+from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.text.byte_sizes import bytes_from_option
+from volsplat.protocol.wire.addresses import Address, parse_address
+from volsplat.protocol.wire.tokens import TOKEN_VARIABLE, Token, find_token, new_token
+
+
+@dataclass(frozen=True)
+class Servers:
+    """Which processes draw, and where they come from."""
+
+    workers: int
+    single: bool
+    listen: Address | None
+    token: Token | None
+    memory: int | None = None  # bytes of a prepared volume that each may hold
+
+
+memory_option = click.option(
+    "--memory", metavar="SIZE", help="What each server may hold of a prepared volume, as 2G (half of what is left)."
+)
+
+
+def servers_from_options(
+    workers: int, listen: str | None, token_file: Path | None, single: bool = False, memory: str | None = None
+) -> Servers:
+    """What --workers, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
+    return Servers(
+        workers=workers,
+        single=single,
+        listen=parse_address(listen) if listen else None,
+        token=shared_token(token_file, makes=listen is not None),
+        memory=bytes_from_option("--memory", memory) if memory else None,
+    )
+
+
+def shared_token(token_file: Path | None, makes: bool) -> Token | None:
+    """The token that the environment or the file gives; `makes` the file where there is none. None: no such wish."""
+    if makes and token_file is not None and not token_file.exists():
+        token = new_token()
+        token.write(token_file)
+        return token
+    return find_token(os.environ, token_file)
+
+
+def ignored(text: str) -> None:
+    """Tells nobody."""
+
+
+@contextmanager
+def opened(
+    volume: str,
+    servers: Servers,
+    spawns: bool,
+    console: PlainConsole,
+    also_say: Callable[[str], None] = ignored,
+) -> Iterator[Renderer]:
+    """The volume, ready to be drawn, with a line on the terminal that says what is going on, and elsewhere as well."""
+    with console.status("starting") as status:
+
+        def say(text: str) -> None:
+            status.update(text)
+            also_say(text)
+            if not console.is_terminal and text.startswith("waiting for servers") and not spawns:
+                console.say(text)
+
+        with opened_quietly(volume, servers, spawns, say, console) as renderer:
+            renderer.volume.check_has_values()
+            for warning in (*renderer.volume.description.warnings, *renderer.volume.notes()):
+                console.say(f"note: {warning}")
+            yield renderer
+
+
+@contextmanager
+def opened_quietly(
+    volume: str, servers: Servers, spawns: bool, say: Callable[[str], None], console: PlainConsole
+) -> Iterator[Renderer]:
+    """As `opened`, with whatever `say` does with the words for what is going on."""
+    if servers.single:
+        from volsplat.client.session.single import SingleProcess
+
+        cores = usable_cores()
+        with SingleProcess(volume, threads=cores, memory=servers.memory, on_progress=say) as single:
+            yield single
+        return
+    token = servers.token or new_token()
+    with Session(
+        volume,
+        workers=servers.workers,
+        listen=servers.listen or ANY_LOOPBACK_PORT,
+        spawn=spawns,
+        token=token,
+        memory=servers.memory,
+        on_progress=say,
+    ) as session:
+        if not spawns:
+            tell_how_to_join(session, token, servers.token is not None, console)
+        yield session
+
+
+def tell_how_to_join(session: Session, token: Token, known: bool, console: PlainConsole) -> None:
+    """Print the commands that start servers by hand."""
+    address = session.address
+    secret = "" if known else f"{TOKEN_VARIABLE}={token.key.decode()} "
+    everywhere = ip_address(address.host).is_unspecified
+    joined = Address(socket.gethostname(), address.port) if everywhere else address
+    # Servers on other machines must reach the splat server as well, which by itself listens on its own alone.
+    opened = "" if ip_address(address.host).is_loopback else " --listen 0.0.0.0:0"
+    for command in (f"splat-server --connect {joined}{opened}", f"mapshade-server --connect {joined}"):
+        console.say(f"{secret}volsplat {command}")

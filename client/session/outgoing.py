@@ -1,0 +1,81 @@
+"""What goes to one server, from a thread of its own: one that does not read holds up nobody but itself."""
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from volsplat.protocol.messages import messages
+from volsplat.protocol.text.errors import LocalProtocolError, VolsplatError
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed
+
+OF_ONE_FRAME = (messages.RenderFrame, messages.AbortFrame, messages.ReadImage)
+
+
+class _Posted(NamedTuple):
+    message: messages.Message
+    payload: tuple[memoryview, ...]
+
+
+class Outgoing:
+    """Messages leave in the order in which they were posted. Any thread may post, and none waits.
+
+    What has not left when a newer frame is posted, and is about older ones, is dropped: RenderFrame says as much.
+    So no more waits than what a server is asked for besides frames, each once.
+    """
+
+    def __init__(self, connection: Connection, failed: Callable[[messages.Message, VolsplatError], None]) -> None:
+        """`failed` is called by the sending thread: with LocalProtocolError nothing was sent and the rest goes on."""
+        self._connection = connection
+        self._failed = failed
+        self._posted: deque[_Posted] = deque()
+        self._changed = threading.Condition()  # guards _posted, _sending and _ended
+        self._sending = False
+        self._ended = False
+        threading.Thread(target=self._send_posted, name=f"send to {connection.peer}", daemon=True).start()
+
+    def post(self, message: messages.Message, *payload: memoryview) -> None:
+        with self._changed:
+            if isinstance(message, messages.RenderFrame):
+                newer = [posted for posted in self._posted if not isinstance(posted.message, OF_ONE_FRAME)]
+                self._posted = deque(newer)
+            self._posted.append(_Posted(message, payload))
+            self._changed.notify_all()
+
+    def flush(self, until: float) -> None:
+        """Wait until all is sent, but no longer than to a moment of time.monotonic()."""
+        with self._changed:
+            self._changed.wait_for(
+                lambda: self._ended or not (self._posted or self._sending), max(0.0, until - time.monotonic())
+            )
+
+    def end(self) -> None:
+        """Send nothing more. Where a send waits, closing the connection ends it."""
+        with self._changed:
+            self._ended = True
+            self._posted.clear()
+            self._changed.notify_all()
+
+    def _send_posted(self) -> None:
+        while (posted := self._next()) is not None:
+            try:
+                self._connection.send(posted.message, *posted.payload)
+            except LocalProtocolError as error:
+                self._failed(posted.message, error)
+            except ConnectionClosed:
+                self.end()
+            except VolsplatError as error:
+                self.end()
+                self._failed(posted.message, error)
+            del posted  # a payload's memory is used again once nobody holds it
+
+    def _next(self) -> _Posted | None:
+        with self._changed:
+            self._sending = False
+            self._changed.notify_all()
+            self._changed.wait_for(lambda: self._ended or self._posted)
+            if self._ended:
+                return None
+            self._sending = True
+            return self._posted.popleft()

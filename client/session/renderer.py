@@ -1,0 +1,104 @@
+"""What everything that draws a volume can do: the session with its servers and the single process alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from volsplat.client.coordinator.coordinator_events import FrameOutcome
+from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_volume
+from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.messages.messages import ProbedVoxel
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+PARTIAL_INTERVAL = 0.1  # seconds between partial images
+
+
+@dataclass(frozen=True)
+class StepOutcome:
+    """How a finished step went: what the servers counted and the seconds that it took here."""
+
+    step: Step
+    wall_seconds: float  # from asking to having the image
+    image_seconds: float  # of these, from the finished frame on: its image is sent
+    servers: FrameOutcome
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """One image on the way."""
+
+    step: Step
+    published: PublishedImage
+    outcome: StepOutcome | None  # None while the step is still being drawn
+
+    @property
+    def image(self) -> Tensor:
+        """(H, W, 4) float32, associated alpha, 0..1, without the background."""
+        return self.published.tensor
+
+    @property
+    def complete(self) -> bool:
+        return self.outcome is not None
+
+
+class Renderer(Protocol):
+    """A volume that is ready to be drawn."""
+
+    @property
+    def volume(self) -> SurveyedVolume:
+        """What is known of the volume; waits until it is known."""
+
+    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
+        """The finished image of one step, (H, W, 4) float32, associated alpha."""
+
+    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+        """As `render`, with what it took."""
+
+    def refine(
+        self,
+        scene: Scene,
+        last: Step = Step.F,
+        partial_interval: float = PARTIAL_INTERVAL,
+        first: Step = Step.A,
+    ) -> Iterator[Refinement]:
+        """The steps `first` to `last`, each finished image and the partial images between."""
+
+    def probe(self, scene: Scene, x: float, y: float) -> ProbedVoxel | None:
+        """The front-most visible voxel at a point of the scene's image, pixels from its first one's centre."""
+
+
+def refined(
+    drawn: Callable[[Step], Iterator[Refinement]], scene: Scene, first: Step, last: Step
+) -> Iterator[Refinement]:
+    """The steps `first` to `last`, as `drawn` gives each: partial images of the bare buffer, then the finished one."""
+    under: PublishedImage | None = None
+    for step in [step for step in Step if first <= step <= last]:
+        for refinement in drawn(step):
+            if refinement.complete:
+                under = None if scene.refine.bare_buffer else refinement.published
+                yield refinement
+            else:
+                yield Refinement(step, laid_over(refinement.published, under), None)
+
+
+def finished_whole(refinements: Iterable[Refinement]) -> Iterator[Refinement]:
+    """The finished ones, for files. Raises PeerLost for one that does not show the whole volume."""
+    for refinement in refinements:
+        if refinement.outcome is None:
+            continue
+        if missing := refinement.outcome.servers.missing:
+            raise VolumeIncomplete(f"a map/shade server was lost: {part_of_volume(missing)} of the volume are missing")
+        yield refinement
+
+
+def laid_over(partial: PublishedImage, finished: PublishedImage | None) -> PublishedImage:
+    """A step's partial image over the finished image of the step before (design, section 6)."""
+    if finished is None:
+        return partial
+    return PublishedImage.of(partial.tensor + (1.0 - partial.tensor[..., 3:]) * finished.tensor)

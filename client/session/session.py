@@ -1,0 +1,517 @@
+"""A volume with its servers: carries out what the coordinator decides, and gives images to Python.
+
+    from volsplat.client import Session
+
+    with Session("head.nrrd", workers=2) as session:
+        image = session.render(scene)
+
+Threads: one receives from each server and one sends to it, one runs the coordinator; all end with the session.
+Importing this module does not import torch, so that the servers start while it loads.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from importlib.util import find_spec
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING
+
+from volsplat.client.caller.arguments import (
+    checked_address,
+    checked_count,
+    checked_number,
+    checked_scene,
+    checked_step,
+    checked_volume,
+)
+from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.coordinator.coordinator import Coordinator
+from volsplat.client.coordinator.coordinator_events import (
+    AbortAsked,
+    AnswerProbe,
+    CutOff,
+    EndFrame,
+    Event,
+    FailSession,
+    FrameAsked,
+    Instruction,
+    MessageReceived,
+    PartialImageAsked,
+    ProbeAsked,
+    PublishImage,
+    PublishVolume,
+    ReportProgress,
+    Send,
+    ServerJoined,
+    ServerLost,
+    ServerProcessEnded,
+    VolumeAsked,
+)
+from volsplat.client.coordinator.server_states import ServerState, VolumeIncomplete
+from volsplat.client.session.outgoing import Outgoing
+from volsplat.client.session.probe_answers import ProbeAnswers
+from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.session.renderer import (
+    PARTIAL_INTERVAL,
+    Refinement,
+    StepOutcome,
+    refined,
+)
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.deploy.local import LocalServers
+from volsplat.deploy.server_command import Program
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume_name import absolute_name
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.greetings import Hello
+from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.addresses import LOOPBACK, Address
+from volsplat.protocol.wire.buffer_pool import BufferPool
+from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection, Peer
+from volsplat.protocol.wire.listener import IdCounter, Listener
+from volsplat.protocol.wire.tokens import Token, new_token
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from volsplat.client.ui.notebook_widget import VolumeWidget
+
+log = logging.getLogger(__name__)
+
+ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
+FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
+Answers = queue.SimpleQueue[PublishImage | EndFrame]  # to one frame's request
+
+
+class FrameAborted(Exception):
+    """The frame was aborted, by `abort` or because a newer one was asked for."""
+
+
+class Session:
+    """A volume held by map/shade servers and a splat server.
+
+    `volume` is a path as the servers see it. With `spawn` the servers are started on this machine; without it they
+    are started by hand and join at `listen`. `memory` is how many bytes each map/shade server may hold of a prepared
+    volume; by default half of what its machine has left, shared with the others there. A volume that is not `held` is
+    surveyed a few sheets at a time, and only read when something is drawn of it. `on_progress` gets one line for each
+    thing that takes time, on a thread of the session.
+
+    Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
+    is none, as all methods do, and the session goes on.
+    """
+
+    def __init__(
+        self,
+        volume: str | Path,
+        *,
+        workers: int | None = None,
+        listen: Address = ANY_LOOPBACK_PORT,
+        spawn: bool = True,
+        token: Token | None = None,
+        memory: int | None = None,
+        held: bool = True,
+        on_progress: Callable[[str], None] = log.info,
+    ) -> None:
+        name = checked_volume(volume)
+        listen = checked_address(listen, "listen")
+        memory = None if memory is None else checked_count(memory, "memory")
+        if workers is not None:
+            workers = checked_count(workers, "workers")
+        self._on_progress = on_progress
+        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
+        self._connections: dict[int, Connection] = {}  # touched by the coordinator's and the receiving threads
+        self._outgoing: dict[int, Outgoing] = {}  # likewise
+        self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
+        self._connections_lock = threading.Lock()  # guards _connections and _outgoing
+        self._frames: dict[int, Answers] = {}
+        self._newest_frame = 0
+        self._frames_lock = threading.Lock()  # guards _frames and _newest_frame
+        self._probe_answers = ProbeAnswers()
+        self._volume: SurveyedVolume | None = None
+        self._failure: VolsplatError | None = None
+        self._volume_known = threading.Event()  # set when _volume or _failure is
+        self._closed = False
+        self._closing = threading.Lock()  # guards _closed, until nothing is left
+
+        token = token or new_token()
+        self._listener = Listener(
+            Role.CLIENT,
+            token,
+            host=listen.host,
+            port=listen.port,
+            assign_id=ServerIds(lambda: len(self._connections)),
+            allocate=BufferPool(),
+        )
+        self._servers = LocalServers(on_end=lambda line: self._events.put(ServerProcessEnded(line)))
+        self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
+        self._coordinator_thread.start()
+        threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
+        wanted = workers or usable_cores()
+        try:
+            if spawn:
+                address = str(self.address)
+                self._servers.start(Program.SPLAT_SERVER, address, token)
+                for _ in range(wanted):
+                    self._servers.start(Program.MAPSHADE_SERVER, address, token)
+            self._events.put(VolumeAsked(absolute_name(name) if spawn else name, wanted, memory, held))
+        except BaseException:
+            self.close()
+            raise
+
+    # -- what a person calls
+
+    @property
+    def address(self) -> Address:
+        """Where servers join."""
+        return self._listener.address
+
+    @property
+    def server_processes(self) -> list[int]:
+        """Process ids of the servers that this session started."""
+        return self._servers.process_ids
+
+    @property
+    def servers(self) -> list[ServerState]:
+        """Every server that has joined, as it stands, those that were lost included."""
+        return list(self._coordinator.server_states.values())
+
+    @property
+    def volume(self) -> SurveyedVolume:
+        """What is known of the volume; waits until every server has read its sub-cube."""
+        self._volume_known.wait()
+        if self._volume is None:
+            raise self._failure or PeerLost("the session is closed")
+        return self._volume
+
+    def default_scene(self) -> Scene:
+        """A scene chosen from the data."""
+        return self.volume.default_scene()
+
+    def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
+        """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
+
+        Raises BadInput where the scene does not fit the volume, PeerLost where a server is gone and with it a part
+        of the volume, and FrameAborted where a newer frame took its place.
+        """
+        return self.finish(scene, step).image
+
+    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+        """As `render`, with what it took."""
+        scene, step = checked_scene(scene), checked_step(step)
+        frame, answers = self._ask(scene, step, whole=True)
+        *_, finished = self._drawn(frame, answers, step, partial_interval=None)
+        return finished
+
+    def refine(
+        self,
+        scene: Scene,
+        last: Step = Step.F,
+        partial_interval: float = PARTIAL_INTERVAL,
+        first: Step = Step.A,
+    ) -> Iterator[Refinement]:
+        """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
+
+        A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
+        Ends early, without an error, when something else is asked for or all is aborted.
+
+        Goes on where a map/shade server is lost while others hold parts of the volume: then the outcome of each
+        finished image tells what is missing from it. Raises PeerLost where nothing can be drawn any more.
+        """
+        scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
+        interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
+        return self._refined(scene, first, last, interval)
+
+    def _refined(self, scene: Scene, first: Step, last: Step, partial_interval: float) -> Iterator[Refinement]:
+        asked: list[int] = []  # the newest frame of this refinement
+
+        def drawn(step: Step) -> Iterator[Refinement]:
+            while True:
+                frame, answers = self._ask(scene, step, whole=False, after=asked[-1] if asked else None)
+                asked.append(frame)
+                try:
+                    yield from self._drawn(frame, answers, step, partial_interval)
+                    return
+                except VolumeIncomplete:  # lost while it was drawn: once more, with what is left
+                    continue
+
+        try:
+            yield from refined(drawn, scene, first, last)
+        except FrameAborted:
+            return
+
+    def _drawn(self, frame: int, answers: Answers, step: Step, partial_interval: float | None) -> Iterator[Refinement]:
+        """Partial images of the bare buffer, then the finished one."""
+        started = time.perf_counter()
+        patience = partial_interval
+        try:
+            while (answer := self._answer(answers, patience)) is None or answer.outcome is None:
+                if answer is None:
+                    self._events.put(PartialImageAsked(frame))
+                    patience = None  # one request at a time: its image or the finished one will come
+                else:
+                    yield Refinement(step, _published(answer), None)
+                    patience = partial_interval
+        finally:
+            # Also where whoever asked has lost interest: then nobody need draw on.
+            with self._frames_lock:
+                del self._frames[frame]
+            self._events.put(AbortAsked(frame))
+        image = _published(answer)
+        now = time.perf_counter()
+        outcome = StepOutcome(step, now - started, now - answer.drawn_at, answer.outcome)
+        yield Refinement(step, image, outcome)
+
+    def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
+        """The front-most voxel that is not transparent at a point of the scene's image, None where there is none.
+
+        x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The image need not
+        be drawn, and a frame that runs goes on.
+        Raises BadInput where the scene does not fit the volume, and PeerLost where nothing can be drawn any more.
+        """
+        scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
+        self.volume  # noqa: B018  until it is known there is nothing to be seen
+        probe, answer = self._probe_answers.ask()
+        self._events.put(ProbeAsked(probe, scene, x, y))
+        return answer.result()
+
+    def widget(self, scene: Scene | None = None) -> VolumeWidget:
+        """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
+        if find_spec("anywidget") is None:
+            raise BadInput("a widget needs anywidget, which is not installed: pip install 'volsplat[ui,notebook]'")
+        from volsplat.client.ui.notebook_widget import VolumeWidget
+
+        return VolumeWidget(self, scene)
+
+    def abort(self) -> None:
+        """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
+        with self._frames_lock:
+            aborted = self._newest_frame
+            self._newest_frame += 1  # a refinement between two steps is superseded as well
+        self._events.put(AbortAsked(aborted))
+
+    def close(self) -> None:
+        """End the session and every server that it started, within two seconds. Safe to call twice.
+
+        Ctrl-C meanwhile waits for that: nothing may be left of the servers.
+        """
+        with interrupts_held(on_signal=lambda: None), self._closing:
+            if not self._closed:
+                self._closed = True
+                self._close()
+
+    def _close(self) -> None:
+        self._events.put(None)
+        self._coordinator_thread.join()
+        self._listener.close()
+        with self._connections_lock:
+            connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
+        until = time.monotonic() + FAREWELL_SECONDS
+        for posts in outgoing:
+            posts.flush(until)
+        for connection in connections:
+            connection.close()
+        self._servers.stop()
+        self._fail(PeerLost("the session is closed"))
+
+    def __enter__(self) -> Session:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    # -- frames
+
+    def _ask(self, scene: Scene, step: Step, whole: bool, after: int | None = None) -> tuple[int, Answers]:
+        """Ask for a frame. Raises FrameAborted where something else was asked since frame `after`."""
+        answers: Answers = queue.SimpleQueue()
+        with self._frames_lock:
+            if self._failure is not None:
+                raise self._failure
+            if after is not None and after != self._newest_frame:
+                raise FrameAborted(f"what followed frame {after} was superseded")
+            self._newest_frame += 1
+            frame = self._newest_frame
+            self._frames[frame] = answers
+        self._events.put(FrameAsked(frame, scene, step, whole))
+        return frame, answers
+
+    def _answer(self, answers: Answers, patience: float | None) -> PublishImage | None:
+        """The next image of a frame, or None after `patience` seconds. Raises what ended it otherwise."""
+        try:
+            answer = answers.get(timeout=patience)
+        except queue.Empty:
+            return None
+        if isinstance(answer, PublishImage):
+            return answer
+        raise answer.error or FrameAborted(f"frame {answer.frame} was aborted")
+
+    # -- threads
+
+    def _accept(self) -> None:
+        while (connection := self._listener.accept()) is not None:
+            receiver = threading.Thread(
+                target=self._receive, args=(connection,), name=f"receive from {connection.peer}", daemon=True
+            )
+            try:
+                receiver.start()
+            except RuntimeError as error:  # the system has no thread left to give
+                self._drop(connection, error)
+
+    def _drop(self, connection: Connection, cause: Exception) -> None:
+        self._listener.lines.warn(f"{connection} is dropped: {cause}")
+        connection.close()
+
+    def _receive(self, connection: Connection) -> None:
+        peer = self._peers[connection.peer.id] = connection.peer
+        try:
+            outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
+        except RuntimeError as error:  # likewise
+            self._drop(connection, error)
+            return
+        with self._connections_lock:
+            self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
+        data = Address(peer.data_host, peer.data_port)
+        elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
+        self._events.put(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
+        cause = "this side closed the connection"
+        try:
+            while (received := connection.receive()) is not None:
+                at = time.perf_counter()
+                if isinstance(received.message, messages.FrameFinished):
+                    self._tell_ends(received.message)
+                elif isinstance(received.message, messages.Refused) and received.message.peer_lost:
+                    self._tell_end_of_splat_server()
+                self._events.put(MessageReceived(peer.id, received.message, received.payload, at))
+        except VolsplatError as error:
+            cause = self._told_loss(peer, error)
+            if isinstance(error, RemoteProtocolError):
+                self._listener.lines.warn(f"{error}; the connection is closed")
+        except MemoryError:
+            cause = f"the memory does not suffice for what {peer} sends; ask for a smaller image (--size)"
+            connection.close()
+        with self._connections_lock:
+            del self._connections[peer.id], self._outgoing[peer.id]
+        outgoing.end()
+        self._events.put(ServerLost(peer.id, cause))
+
+    def _coordinate(self) -> None:
+        try:
+            while (event := self._events.get()) is not None:
+                for instruction in self._coordinator.handle(event):
+                    self._carry_out(instruction)
+        except Exception as error:  # a mistake of ours, or in `on_progress`: whoever waits must hear of it
+            log.exception("the session cannot go on")
+            self._fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
+        with self._connections_lock:
+            servers = list(self._connections)
+        for server in servers:
+            self._send(server, messages.EndSession())
+
+    def _carry_out(self, instruction: Instruction) -> None:
+        match instruction:
+            case Send(server, message, payload):
+                self._send(server, message, payload)
+            case CutOff(server, cause):
+                self._cut_off(server, cause)
+            case ReportProgress(text):
+                self._on_progress(text)
+            case PublishVolume(volume):
+                self._volume = volume
+                self._volume_known.set()
+            case PublishImage(frame=frame) | EndFrame(frame=frame):
+                with self._frames_lock:
+                    answers = self._frames.get(frame)
+                if answers is not None:
+                    answers.put(instruction)
+            case AnswerProbe():
+                self._probe_answers.give(instruction)
+            case FailSession(error):
+                self._fail(error)
+
+    def _send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
+        """Have it sent; nobody waits for a server that does not read."""
+        with self._connections_lock:
+            outgoing = self._outgoing.get(server)
+        if outgoing is not None:  # else its loss is on the way as an event
+            outgoing.post(message, *payload)
+
+    def _tell_ends(self, finished: messages.FrameFinished) -> None:
+        """Of workers that the splat server calls lost, say how their processes ended, if they did.
+
+        Of an older frame workers are lost that went on to the newest one: nobody waits for them to end.
+        """
+        with self._frames_lock:
+            lost = finished.lost if finished.frame == self._newest_frame else []
+        for worker in lost:
+            if (peer := self._peers.get(worker)) is not None:
+                self._tell_end(peer)
+
+    def _tell_end_of_splat_server(self) -> None:
+        """A map/shade server may miss the splat server before this process does; how that ended is known here alone."""
+        for peer in list(self._peers.values()):
+            if peer.role == Role.SPLAT_SERVER:
+                self._tell_end(peer)
+
+    def _tell_end(self, peer: Peer) -> None:
+        if ended := self._servers.told_end(peer.name):
+            self._events.put(ServerLost(peer.id, f"{peer} is gone: it {ended}"))
+
+    def _told_loss(self, peer: Peer, error: VolsplatError) -> str:
+        """Why a server is lost, with how its process ended where that is known."""
+        ended = self._servers.told_end(peer.name) if OWN_OUTPUT in str(error) else ""
+        return str(error).replace(OWN_OUTPUT, f"it {ended}") if ended else str(error)
+
+    def _unsent(self, peer: Peer, message: messages.Message, error: VolsplatError) -> None:
+        if isinstance(error, LocalProtocolError):  # nothing of it went out: as if the server had refused it
+            refused = refusal(message, error)
+            self._events.put(MessageReceived(peer.id, refused, memoryview(b""), time.perf_counter()))
+        else:
+            self._events.put(ServerLost(peer.id, self._told_loss(peer, error)))
+
+    def _cut_off(self, server: int, cause: str) -> None:
+        self._listener.lines.warn(f"{cause}; the connection is closed")
+        with self._connections_lock:
+            connection = self._connections.get(server)
+        if connection is not None:
+            connection.close()
+
+    def _fail(self, error: VolsplatError) -> None:
+        with self._frames_lock:
+            self._failure = self._failure or error
+            waiting = list(self._frames.items())
+        for frame, answers in waiting:
+            answers.put(EndFrame(frame, error))
+        self._probe_answers.fail(error)
+        self._volume_known.set()
+
+
+class ServerIds:
+    """Gives ids to servers; nothing but servers may join a client, and no more of them than messages can name."""
+
+    def __init__(self, present: Callable[[], int]) -> None:
+        """`present`: how many servers there are."""
+        self._present = present
+        self._counter = IdCounter()
+
+    def __call__(self, hello: Hello) -> int:
+        if hello.role not in (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER):
+            raise BadInput(f"a {hello.role} cannot join a client")
+        if self._present() >= messages.MAX_SERVERS:
+            raise BadInput(f"{messages.MAX_SERVERS} servers have joined already, which is as many as there can be")
+        return self._counter(hello)
+
+
+def _published(image: PublishImage) -> PublishedImage:
+    return PublishedImage(image.pixels, image.width, image.height)

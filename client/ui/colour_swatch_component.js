@@ -1,9 +1,0 @@
-// The browser's own swatch, which opens its colour picker.
-import { handLed } from "/volsplat/static/hand_led.js";
-
-export default {
-  mixins: [handLed],
-  template: `<input type="color" class="vs-swatch" :aria-label="name" :value="value"
-    @input="move($event.target.value, false)" @change="move($event.target.value, true)" />`,
-  props: { name: String },
-};

@@ -1,0 +1,1 @@
+"""Widgets that follow the scene and that a hand may move."""

@@ -1,0 +1,123 @@
+"""What the panels' controls have in common: they show the one scene and change it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+from weakref import WeakSet
+
+from nicegui import Client, context, ui
+from nicegui.element import Element
+
+from volsplat.client.ui.controls.throttle import Throttle
+from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.frame_plan import plan_frame
+
+STYLE = STATIC / "controls" / "panels.css"
+# Colours that Quasar does not know, so that the style sheet alone decides.
+TOGGLE_PROPS = "dense no-caps unelevated toggle-color=vs toggle-text-color=vs"
+MOVING_INTERVAL = 0.25  # seconds between two updates of controls while the scene is not settled
+_styled: WeakSet[Client] = WeakSet()
+
+Edit = Callable[[Scene], Scene]
+
+
+def panel_style() -> None:
+    """Give the page the panels' style sheet, once."""
+    if context.client not in _styled:
+        _styled.add(context.client)
+        ui.add_css(STYLE)
+
+
+def show_prop(element: Element, name: str, value: Any) -> None:
+    """Set a property of an element, and tell the browser only where it is another."""
+    if element.props.get(name) != value:
+        element.props[name] = value
+
+
+def show_pressed(button: ui.button, on: bool) -> None:
+    """Show that what the button does is in force."""
+    button.classes(add="vs-on" if on else "", remove="" if on else "vs-on")
+    show_prop(button, "aria-pressed", "true" if on else "false")
+
+
+def pressable(text: str, action: Callable[[], object]) -> ui.button:
+    """A framed button that can show that what it does is in force."""
+    with ui.element("div").classes("vs-buttons vs-alone"):
+        return ui.button(text, color=None, on_click=action).props("dense flat no-caps")
+
+
+class SceneEditor:
+    """A panel's hold on the scene, within one tab."""
+
+    def __init__(self, model: SceneModel, geometry: Geometry, panel: str) -> None:
+        panel_style()
+        self._model = model
+        self._geometry = geometry
+        self._by = f"{panel} {context.client.id}"
+        self._followers: list[Callable[[Scene], object]] = []
+        self._throttle = Throttle(MOVING_INTERVAL, self._show)
+        context.client.on_delete(self._throttle.cancel)
+        context.client.on_delete(model.subscribe(self._on_change))
+
+    @property
+    def scene(self) -> Scene:
+        return self._model.scene
+
+    def change(self, edit: Edit, *, settled: bool = True, undoable: bool = True) -> None:
+        """Raises ValueError where the edit makes no scene, or none that the volume can be drawn with."""
+        self._model.change(lambda scene: self.tried(edit, scene), by=self._by, settled=settled, undoable=undoable)
+
+    def tried(self, edit: Edit, scene: Scene) -> Scene:
+        """The edited scene. Raises ValueError as `change` does."""
+        edited = edit(scene)
+        if self._fits(scene):  # else whatever else is wrong with it would be told at this field
+            plan_frame(edited, self._geometry, max(Step))
+        return edited
+
+    def _fits(self, scene: Scene) -> bool:
+        try:
+            plan_frame(scene, self._geometry, max(Step))
+        except ValueError:
+            return False
+        return True
+
+    def follow(self, show: Callable[[Scene], object]) -> None:
+        """Call `show` now and after every change, whoever made it, as long as the tab is there.
+
+        While a person is still at it (the scene is not settled) it is called now and then only: each time the whole
+        page is rendered anew, which the picture would have to wait for.
+        """
+        self._followers.append(show)
+        show(self.scene)
+
+    def _on_change(self, state: SceneState) -> None:
+        if state.settled:
+            self._throttle.cancel()
+            self._show()
+        else:
+            self._throttle()
+
+    def _show(self) -> None:
+        for show in self._followers:
+            show(self.scene)
+
+
+def choose(
+    editor: SceneEditor,
+    chooser: ui.toggle | ui.select | ui.switch,
+    get: Callable[[Scene], Any],
+    put: Callable[[Scene, Any], Scene],
+    undoable: bool = True,
+) -> None:
+    """Have a toggle, select or switch show and change the scene. `put` must take each of its values."""
+
+    def chosen(value: Any) -> None:
+        if value != get(editor.scene):
+            editor.change(lambda scene: put(scene, value), undoable=undoable)
+
+    chooser.on_value_change(lambda event: chosen(event.value))
+    editor.follow(lambda scene: chooser.set_value(get(scene)))

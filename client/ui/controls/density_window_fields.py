@@ -1,0 +1,58 @@
+"""The window of densities on the page: typed, or one of those that the data suggests."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+from nicegui import ui
+
+from volsplat.client.histogram.density_histogram import window_of_shares
+from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
+from volsplat.client.ui.controls.text_field import number_field
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import Scene
+
+Window = tuple[float, float]
+
+replace = msgspec.structs.replace
+
+
+def density_window_fields(editor: SceneEditor, volume: SurveyedVolume) -> None:
+    """Both ends, and buttons for the windows that hold all or most of the voxels."""
+    with ui.element("div").classes("vs-row vs-fields"):
+        label = ui.label("density").classes("vs-label vs-narrow")
+        label.tooltip("the window of densities, in the data's units, that becomes the 256 entries of a table")
+        for side, name in enumerate(("lowest density", "highest density")):
+            _end_field(editor, volume.automatic_window, side, name)
+    with ui.element("div").classes("vs-buttons"):
+        _button(editor, "automatic", "auto", "chosen from the data")
+        for text, low, high, meaning in (
+            ("all", 0.0, 1.0, "all that occurs"),
+            ("1–99 %", 0.01, 0.99, "without the lowest and the highest hundredth of the voxels"),
+            ("5–95 %", 0.05, 0.95, "without the lowest and the highest twentieth of the voxels"),
+        ):
+            window = window_of_shares(volume.survey, volume.density_counts, low, high)
+            _button(editor, text, window, meaning).set_enabled(window[0] < window[1])
+
+
+def _button(editor: SceneEditor, text: str, window: Window | Literal["auto"], meaning: str) -> ui.button:
+    button = ui.button(text, color=None, on_click=lambda: editor.change(lambda scene: _quantised(scene, window)))
+    button.props("dense flat no-caps").tooltip(meaning)
+    editor.follow(lambda scene: show_pressed(button, scene.quantise.window == window))
+    return button
+
+
+def _end_field(editor: SceneEditor, automatic: Window, side: int, name: str) -> None:
+    def window(scene: Scene) -> Window:
+        return automatic if scene.quantise.window == "auto" else scene.quantise.window
+
+    def put(scene: Scene, value: float) -> Scene:
+        low, high = window(scene)
+        return _quantised(scene, (value, high) if side == 0 else (low, value))
+
+    number_field(editor, name, lambda scene: window(scene)[side], put)
+
+
+def _quantised(scene: Scene, window: Window | Literal["auto"]) -> Scene:
+    return replace(scene, quantise=replace(scene.quantise, window=window))

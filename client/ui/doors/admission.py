@@ -1,0 +1,154 @@
+"""Who may see the page: decided here for the page, its sockets and uploads, and for the page that is waited on.
+
+A token opens the page: the one that the terminal shows as often as the person likes, one in a redirect file once. It
+becomes a cookie, another secret, so that it stays out of what the browser keeps and sends. Cookies do not know ports,
+and loopback knows no users, so a cookie alone opens nothing: what asks must also say that it is this very page
+(Host, Origin, Sec-Fetch-Site), and be a process of the same user.
+"""
+
+from __future__ import annotations
+
+import hmac
+import re
+import secrets
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from urllib.parse import parse_qsl, quote, urlencode
+
+from volsplat.client.ui.doors.peer_owner import PeerOwner, own_peers
+
+TOKEN_PARAMETER = "token"
+
+_SECRET_BYTES = 24
+_METHODS = ("GET", "HEAD", "POST")
+_HOST = re.compile(r"(?:localhost|127\.0\.0\.1|\[::1\])(?::([0-9]{1,5}))?", re.IGNORECASE)
+_HTTP_PORT = "80"
+_FROM_ELSEWHERE = ("cross-site", "same-site")  # the latter: another port of this host
+
+_STRANGER = "this page belongs to another user of this machine"
+_METHOD = "the page takes GET, HEAD and POST"
+_ADDRESS = "this page is reached as localhost or 127.0.0.1; from another machine, forward its port with ssh -L"
+_ANOTHER_PAGE = "another page asked for this; open the address yourself"
+_TOKEN = "this page needs the token of its address; use the whole address that `volsplat view` printed"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """A request as far as it decides who asks."""
+
+    method: str
+    path: str
+    query: str
+    headers: Sequence[tuple[str, str]]  # names in lower case
+    peer: tuple[str, int]
+    here: tuple[str, int]
+    is_socket: bool = False
+
+    def values(self, name: str) -> list[str]:
+        return [value for given, value in self.headers if given == name]
+
+    def cookies(self, name: str) -> Iterator[str]:
+        """Those of this name, whatever stands beside them: other programs of this host set any, well-formed or not."""
+        for header in self.values("cookie"):
+            for pair in header.split(";"):
+                given, _, value = pair.strip().partition("=")
+                if given == name:
+                    yield value
+
+    @property
+    def parameters(self) -> list[tuple[str, str]]:
+        return parse_qsl(self.query)
+
+    @property
+    def from_elsewhere(self) -> bool:
+        """Another site's page, or another port's, has asked for it, as the browser says."""
+        return any(value in _FROM_ELSEWHERE for value in self.values("sec-fetch-site"))
+
+
+@dataclass(frozen=True)
+class Admitted:
+    """It may pass."""
+
+    host: str  # as the browser names it, with its port
+
+
+@dataclass(frozen=True)
+class Welcomed:
+    """It came with a token, and is to go on to `location` with the cookie.
+
+    `steps_aside`: a redirection would still count as coming from elsewhere, and browsers then keep strict cookies back;
+    a page of our own has to lead on.
+    """
+
+    location: str
+    cookie: str
+    steps_aside: bool
+
+
+@dataclass(frozen=True)
+class Refused:
+    status: int
+    reason: str
+
+
+class Admission:
+    """One session's secrets, and what they open."""
+
+    def __init__(self, peers: PeerOwner | None = None) -> None:
+        self.token = secrets.token_urlsafe(_SECRET_BYTES)
+        self._cookie = secrets.token_urlsafe(_SECRET_BYTES)
+        self._once: dict[str, Callable[[], None]] = {}
+        self._peers = peers or own_peers()
+
+    def token_for_once(self, on_use: Callable[[], None]) -> str:
+        """A token that opens the page one time; `on_use` is called then."""
+        token = secrets.token_urlsafe(_SECRET_BYTES)
+        self._once[token] = on_use
+        return token
+
+    def judge(self, asked: Asked) -> Admitted | Welcomed | Refused:
+        """From any thread."""
+        if self._peers.is_stranger(asked.peer, asked.here):
+            return Refused(403, _STRANGER)
+        if asked.method not in _METHODS:
+            return Refused(405, _METHOD)
+        hosts = asked.values("host")
+        host = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
+        if host is None:
+            return Refused(403, _ADDRESS)
+        if any(origin.lower() != f"http://{host[0]}".lower() for origin in asked.values("origin")):
+            return Refused(403, _ANOTHER_PAGE)
+        cookie = f"volsplat-{host[1] or _HTTP_PORT}"  # by the browser's port: several sessions may be forwarded to it
+        if asked.method == "GET" and not asked.is_socket and (once := self._opens(asked)) is not None:
+            return Welcomed(
+                _without_token(asked),
+                f"{cookie}={self._cookie}; HttpOnly; Path=/; SameSite=strict",
+                once or asked.from_elsewhere,
+            )
+        if not any(_same(value, self._cookie) for value in asked.cookies(cookie)):
+            return Refused(403, _TOKEN)
+        if asked.from_elsewhere:
+            return Refused(403, _ANOTHER_PAGE)
+        return Admitted(host[0])
+
+    def _opens(self, asked: Asked) -> bool | None:
+        """Whether its token is one for once; None where it has none that opens anything."""
+        for name, given in asked.parameters:
+            if name == TOKEN_PARAMETER and _same(given, self.token):
+                return False
+            used = next((token for token in list(self._once) if name == TOKEN_PARAMETER and _same(given, token)), None)
+            on_use = None if used is None else self._once.pop(used, None)
+            if on_use is not None:
+                on_use()
+                return True
+        return None
+
+
+def _same(given: str, secret: str) -> bool:
+    return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), secret.encode())
+
+
+def _without_token(asked: Asked) -> str:
+    """What was asked for, on this very host whatever its path begins with."""
+    others = [(name, value) for name, value in asked.parameters if name != TOKEN_PARAMETER]
+    return "/" + quote(asked.path.lstrip("/")) + ("?" + urlencode(others) if others else "")

@@ -1,0 +1,93 @@
+"""The page's menu for saving: the image, the scene, a link to it, and a movie."""
+
+from __future__ import annotations
+
+import asyncio
+import re
+from functools import partial
+
+from nicegui import context, events, ui
+
+from volsplat.client.scene.scene_file import scene_from_toml
+from volsplat.client.ui.panels.movie_dialog import MovieDialog
+from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.saving import LARGEST_SCENE_FILE, ImageFormat, image_bytes, scene_bytes, scene_link
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.text.errors import VolsplatError
+
+
+def save_panel(viewing: Viewing) -> None:
+    movie = MovieDialog(viewing)
+    opening = _scene_upload(viewing)
+    with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
+        with ui.menu().props("auto-close"):
+            ui.menu_item("image as PNG", partial(_save_image, viewing, "png"))
+            ui.menu_item("image as EXR, with alpha", partial(_save_image, viewing, "exr"))
+            ui.separator()
+            ui.menu_item("scene as TOML", partial(_save_scene, viewing))
+            ui.menu_item("open a scene…", lambda: opening.run_method("pickFiles"))
+            ui.menu_item("copy a link to this scene", partial(_copy_link, viewing))
+            ui.separator()
+            ui.menu_item("movie…", movie.open)
+
+
+async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
+    """The image of step F, once it is there."""
+    picture = await finished_picture(viewing)
+    try:
+        description = viewing.volume.description
+        data = await asyncio.to_thread(image_bytes, picture.image, picture.state.scene, kind, description)
+    except VolsplatError as error:
+        ui.notify(str(error), type="negative")
+        return
+    ui.download(data, f"{file_stem(viewing)}.{kind}")
+
+
+async def finished_picture(viewing: Viewing) -> Picture:
+    """The newest picture if nothing finer will follow, else the next that is so."""
+    newest = viewing.pictures.newest
+    if newest is not None and newest.last and newest.state.revision == viewing.model.now.revision:
+        return newest
+    found: asyncio.Future[Picture] = asyncio.get_running_loop().create_future()
+
+    def look(picture: Picture) -> None:
+        if picture.last and not found.done():
+            found.set_result(picture)
+
+    leave = viewing.on_picture(look)
+    try:
+        return await found
+    finally:
+        leave()
+
+
+def file_stem(viewing: Viewing) -> str:
+    """A file name from the volume's, without its suffixes."""
+    return re.sub(r"\W+", "-", viewing.volume.description.name.split(".")[0]).strip("-") or "volume"
+
+
+def _save_scene(viewing: Viewing) -> None:
+    ui.download(scene_bytes(viewing.model.scene), f"{file_stem(viewing)}.toml")
+
+
+def _copy_link(viewing: Viewing) -> None:
+    """As the browser reaches the page, perhaps through a forwarded port, and without anything that opens it."""
+    page = str(context.client.request.base_url)
+    ui.clipboard.write(scene_link(page, viewing.model.scene, viewing.default_scene))
+    ui.notify("copied: the link restores this scene in a browser that may see this page; it opens the page to nobody")
+
+
+def _scene_upload(viewing: Viewing) -> ui.upload:
+    """An upload that is never seen; the menu opens its file picker."""
+
+    async def opened(event: events.UploadEventArguments) -> None:
+        upload.reset()
+        data = await event.file.read()
+        try:
+            scene = scene_from_toml(data.decode("utf-8"), viewing.model.scene, event.file.name)
+            viewing.model.change(lambda _: scene)
+        except (VolsplatError, ValueError) as error:
+            ui.notify(str(error), type="negative", timeout=0, close_button=True)
+
+    upload = ui.upload(on_upload=opened, auto_upload=True, max_file_size=LARGEST_SCENE_FILE)
+    return upload.props("accept=.toml").style("display: none")

@@ -1,0 +1,141 @@
+"""The servers: what each holds, what the last frame cost it, and who waited for whom."""
+
+from __future__ import annotations
+
+from html import escape
+
+from nicegui import context, ui
+
+from volsplat.client.coordinator.server_states import ServerState
+from volsplat.client.session.bottleneck import bottleneck
+from volsplat.client.session.frame_report import report_of
+from volsplat.client.session.renderer import StepOutcome
+from volsplat.client.ui.controls.controls import panel_style
+from volsplat.client.ui.controls.throttle import Throttle
+from volsplat.client.ui.panels.frame_timeline import STAGES, lanes_of, stage_class, stages_of, time_text, timeline_svg
+from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.running_step import progress
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
+from volsplat.protocol.messages.roles import Role
+
+INTERVAL = 0.25  # seconds between updates
+HEADS = (
+    "server",
+    "host",
+    "sub-cube",
+    "voxels",
+    "visible packets",
+    *(f"{name}, ms" for name in STAGES),
+    "MB/s",
+    "state",
+)
+
+ROLE_WORDS = {Role.MAPSHADE_SERVER: "map/shade", Role.SPLAT_SERVER: "splat server"}
+
+
+def servers_panel(viewing: Viewing) -> None:
+    """A panel at the page's foot, closed at first; while it is closed nothing is worked out for it."""
+    panel_style()
+    with ui.expansion("Servers").classes("vs-servers").props("dense dense-toggle") as expansion:
+        table = ui.html(sanitize=False).classes("vs-servers-table")
+        with ui.element("div").classes("vs-frame-head"):
+            said = ui.label().classes("vs-frame-said")
+            _legend()
+        timeline = ui.html(sanitize=False).classes("vs-frame-lanes")
+    finished: list[Picture] = []  # the newest whose step is finished
+
+    def note(picture: Picture) -> None:
+        if picture.outcome is not None:
+            finished[:] = [picture]
+        ask()
+
+    def show() -> None:
+        outcome = finished[0].outcome if finished else None
+        servers = viewing.session.servers
+        table.set_content(servers_table(servers, outcome, _drawing(viewing)))
+        if outcome is not None:
+            names = {server.id: server_name(server) for server in servers}
+            timeline.set_content(timeline_svg(lanes_of(outcome, names), outcome.wall_seconds))
+            said.set_text(frame_words(viewing, finished[0], outcome))
+
+    throttle = Throttle(INTERVAL, show)
+
+    def ask() -> None:
+        if expansion.value:
+            throttle()
+        else:
+            throttle.cancel()
+
+    expansion.on_value_change(ask)
+    context.client.on_delete(throttle.cancel)
+    for unsubscribe in (
+        viewing.on_picture(note),
+        viewing.model.subscribe(lambda _: ask()),
+        viewing.troubles.subscribe(lambda _: ask()),
+    ):
+        context.client.on_delete(unsubscribe)
+    newest = viewing.pictures.newest
+    if newest is not None:
+        note(newest)
+
+
+def _drawing(viewing: Viewing) -> bool:
+    moving = viewing.loop.pacing.step_while_moving()
+    return progress(viewing.pictures.newest, viewing.model.now, moving).running is not None
+
+
+def _legend() -> None:
+    with ui.element("div").classes("vs-legend"):
+        for stage in STAGES:
+            ui.element("span").classes(f"vs-key {stage_class(stage)}")
+            ui.label(stage)
+
+
+def frame_words(viewing: Viewing, picture: Picture, outcome: StepOutcome) -> str:
+    """What the last frame was, and what held it up."""
+    report = report_of(viewing.volume, picture.state.scene, [outcome])
+    cause = bottleneck(report.steps[0])
+    level = f" · {outcome.servers.why_level}" if outcome.servers.why_level else ""
+    return f"last frame: step {outcome.step}, {time_text(outcome.wall_seconds)} · bottleneck: {cause}{level}"
+
+
+def server_name(server: ServerState) -> str:
+    return f"{ROLE_WORDS[server.role]} {server.id}"
+
+
+def servers_table(servers: list[ServerState], outcome: StepOutcome | None, drawing: bool) -> str:
+    """A table in HTML, a row for each server."""
+    head = "".join(f"<th>{escape(name)}</th>" for name in HEADS)
+    rows = "".join(_row(server, outcome, drawing) for server in servers)
+    return f"<table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table>"
+
+
+def _row(server: ServerState, outcome: StepOutcome | None, drawing: bool) -> str:
+    cells = [server_name(server), server.host, "; ".join(box_text(box) for box in server.boxes)]
+    cells.append(f"{server.voxels:,}" if server.boxes else "")
+    cells += _figures(server, outcome) or [""] * (2 + len(STAGES))
+    state = f"lost: {server.cause}" if server.lost else "drawing" if drawing else "idle"
+    kind = "lost" if server.lost else state
+    data = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
+    return f'<tr class="vs-server-{kind}">{data}<td title="{escape(state)}">{escape(state)}</td></tr>'
+
+
+def _figures(server: ServerState, outcome: StepOutcome | None) -> list[str]:
+    """Packets, milliseconds of each stage and megabytes a second of the frame, or nothing where it took no part."""
+    if outcome is None or server.lost:
+        return []
+    stats: MapShadeStats | SplatStats | None = outcome.servers.splat
+    if server.role == Role.MAPSHADE_SERVER:
+        stats = outcome.servers.map_shade.get(server.id)
+    if stats is None:
+        return []
+    seconds = dict(stages_of(stats))
+    times = [f"{1000 * seconds[stage]:.1f}" if stage in seconds else "" for stage in STAGES]
+    return [f"{stats.packets:,}", *times, f"{stats.bytes / 1e6 / max(outcome.wall_seconds, 1e-9):,.1f}"]
+
+
+def box_text(box: Box) -> str:
+    """The first and the last voxel on every axis."""
+    return ", ".join(f"{axis} {low}–{high - 1}" for axis, low, high in zip("ijk", box.low, box.high, strict=True))

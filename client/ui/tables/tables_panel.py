@@ -1,0 +1,280 @@
+"""The four shading tables on the page: each over its histogram, with what can be done to one or to all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from functools import lru_cache, partial
+
+import msgspec
+from nicegui import context, ui
+
+from volsplat.client.ui.controls.controls import SceneEditor
+from volsplat.client.ui.controls.shift_slider import ShiftSlider
+from volsplat.client.ui.controls.slider import Slider
+from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.tables.field_histograms import field_axis, field_histogram
+from volsplat.client.ui.tables.preset_menu import OfferedPresets, PresetMenu
+from volsplat.client.ui.tables.table_editor import Field, TableEditor
+from volsplat.client.ui.tables.table_edits import (
+    Table,
+    constant,
+    inverted,
+    mirrored,
+    ramp,
+    shifted,
+    steps,
+    value_at,
+    with_greatest,
+)
+from volsplat.client.ui.tables.table_files import table_from_toml, table_toml
+from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import Field as PacketField
+from volsplat.protocol.description.scene import Scene, Tables
+
+STYLE = STATIC / "tables" / "table_editor.css"
+TITLES = {"emit": "Emitted", "refl": "Reflected", "opac": "Opacity", "modu": "Modulation"}
+LEAST_OPACITY = 0.001  # of the slider for all opacities, whose scale is logarithmic: fog needs the small ones
+STEPS = 5
+
+replace = msgspec.structs.replace
+
+
+def tables_panel(viewing: Viewing) -> None:
+    """The panel, within the page of one tab."""
+    TablesPanel(viewing.model, viewing.volume, viewing.default_scene)
+
+
+class TablesPanel:
+    """The four tables of one tab, in step with the scene."""
+
+    def __init__(self, model: SceneModel, volume: SurveyedVolume, default_scene: Scene) -> None:
+        ui.add_css(STYLE)
+        self._model = model
+        self._tab = context.client.id
+        self._volume = volume
+        self._presets = OfferedPresets(volume, default_scene)
+        self._unpushed = model.scene.tables  # what the tables were when the shift began
+        self._pushed: Tables | None = None  # what they are by it, while it lasts
+        self._histogram = lru_cache(maxsize=8)(partial(field_histogram, volume))
+        with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
+            self._build_head()
+            self._editors = {which: self._build_table(which) for which in TITLES}
+        context.client.on_delete(model.subscribe(self._follow))
+
+    # -- building
+
+    def _build_head(self) -> None:
+        with ui.element("div").classes("vs-row vs-tables-head"):
+            ui.label("Tables").classes("vs-title")
+            ui.element("div").classes("vs-spread")
+            self._undo = _icon_button("undo", "undo", lambda: self._model.undo(self._by("undo")))
+            self._redo = _icon_button("redo", "redo", lambda: self._model.redo(self._by("redo")))
+            with ui.button("Presets", icon="palette").props("flat dense no-caps").classes("vs-quiet-button"):
+                with ui.menu().classes("vs-menu"):
+                    self._preset_menu = PresetMenu(self._presets, self._take_whole)
+        with ui.element("div").classes("vs-row"):
+            ui.label("All opacities").classes("vs-label")
+            self._slider = Slider(
+                SceneEditor(self._model, self._volume.description.geometry, "opacities"),
+                "greatest opacity of the opacity table",
+                (math.log10(LEAST_OPACITY), 0.0),
+                0.01,
+                lambda scene: round(math.log10(max(scene.tables.opac.greatest, LEAST_OPACITY)), 2),
+                _with_opacities,
+            )
+            self._slider.tooltip("scales the opacity table: its greatest value")
+            self._greatest = ui.label().classes("vs-number")
+        with ui.element("div").classes("vs-row"):
+            label = ui.label("Shift").classes("vs-label")
+            label.tooltip("moves all that is indexed by density along it, in the data’s units")
+            self._shift_slider = ShiftSlider("shift of all tables by density", self._shift)
+        self._show_head()
+        self._preset_menu.show(self._model.scene)
+
+    def _build_table(self, which: str) -> TableEditor:
+        scene = self._model.scene
+        editor = TableEditor(
+            TITLES[which],
+            _table_of(scene, which),
+            self._field(scene, which),
+            on_change=lambda table, settled: self._change(which, lambda _: table, settled),
+            on_file=lambda name, text: self._load(which, name, text),
+        )
+        with editor, _icon_button("more_vert", f"{TITLES[which]}: more"), ui.menu().classes("vs-menu") as menu:
+            edits: dict[str, Callable[[Table], Table]] = {
+                "Ramp up": ramp,
+                "Ramp down": partial(ramp, rising=False),
+                "Constant": lambda table: constant(table, _chosen_value(table, editor.selected)),
+                "Invert": inverted,
+                "Mirror": mirrored,
+            }
+            for text, edit in edits.items():
+                caption = "the selected point’s value" if text == "Constant" else ""
+                _menu_item(text, partial(self._change, which, edit), caption)
+            self._build_steps(which)
+            ui.separator()
+            with ui.menu_item("From a preset", auto_close=False):
+                ui.icon("chevron_right")
+                with ui.menu().props('anchor="top start" self="top end"').classes("vs-menu") as presets:
+                    presets.on("hide", menu.close)
+                    for name in self._presets.names:
+                        _menu_item(name, partial(self._take_table, which, name))
+            ui.separator()
+            _menu_item("Load a file…", editor.pick_file)
+            _menu_item("Save as a file", lambda: self._save(which))
+        return editor
+
+    def _build_steps(self, which: str) -> None:
+        with ui.element("div").classes("vs-menu-row"):
+            bands = ui.input(value=str(STEPS)).props("dense outlined hide-bottom-space inputmode=numeric")
+            bands.classes("vs-field vs-short").props["aria-label"] = f"{TITLES[which]}: number of steps"
+
+            def make() -> None:
+                try:
+                    count = int(bands.value)
+                except ValueError:
+                    bands.error = "a whole number"
+                    return
+                try:
+                    self._change(which, lambda table: steps(table, count))
+                    bands.error = None
+                except ValueError as error:
+                    bands.error = str(error)
+
+            bands.on("keydown.enter", make)
+            ui.button("Make steps", on_click=make).props("flat dense no-caps").classes("vs-quiet-button")
+
+    # -- what a person does
+
+    def _change(self, which: str, edit: Callable[[Table], Table], settled: bool = True) -> None:
+        self._model.change(
+            lambda scene: _with_table(scene, which, edit(_table_of(scene, which))), by=self._by(which), settled=settled
+        )
+
+    def _shift(self, by: float, settled: bool) -> None:
+        """Move the tables by density from where they were when the push began, or when others last changed them."""
+        if self._model.scene.tables != self._pushed:
+            self._unpushed = self._model.scene.tables
+        begun = self._unpushed
+        self._model.change(lambda scene: _shifted(scene, begun, by), by=self._by("shift"), settled=settled)
+        self._pushed = None if settled else self._model.scene.tables
+
+    def _load(self, which: str, name: str, text: str) -> None:
+        table = table_from_toml(text, self._model.scene, which, name)
+        self._change(which, lambda _: table)
+
+    def _save(self, which: str) -> None:
+        ui.download.content(table_toml(self._model.scene, which), f"{which}.toml", "application/toml")
+
+    def _take_table(self, which: str, name: str) -> None:
+        """A preset's table, with the field that it is made for."""
+        preset = self._presets.scene(name, self._model.scene.quantise)
+
+        def taken(scene: Scene) -> Scene:
+            cross_bar = replace(scene.cross_bar, **{which: getattr(preset.cross_bar, which)})
+            return replace(_with_table(scene, which, _table_of(preset, which)), cross_bar=cross_bar)
+
+        self._model.change(taken, by=self._by(which))
+
+    def _take_whole(self, name: str) -> None:
+        """All that a preset sets, which is neither view, bounds nor picture."""
+        preset = self._presets.scene(name, self._model.scene.quantise)
+        self._model.change(
+            lambda scene: replace(
+                scene, tables=preset.tables, cross_bar=preset.cross_bar, shading=preset.shading, light=preset.light
+            ),
+            by=self._by("presets"),
+        )
+
+    def _by(self, what: str) -> str:
+        return f"tables {what} {self._tab}"
+
+    # -- following the scene
+
+    def _follow(self, state: SceneState) -> None:
+        for which, editor in self._editors.items():
+            table = _table_of(state.scene, which)
+            # What a person drags here is on the screen already; what becomes of it is told when it is settled.
+            if state.settled if state.by == self._by(which) else table != editor.table:
+                editor.show_table(table)
+            editor.show_field(self._field(state.scene, which))
+        self._show_head()
+        if state.settled:
+            self._preset_menu.show(state.scene)
+
+    def _field(self, scene: Scene, which: str) -> Field:
+        field = getattr(scene.cross_bar, which)
+        axis = field_axis(self._volume, field, scene.quantise)
+        return Field(axis, self._histogram(field, scene.quantise), _why_unused(scene, which), _tint(scene, which))
+
+    def _show_head(self) -> None:
+        self._undo.set_enabled(self._model.can_undo)
+        self._redo.set_enabled(self._model.can_redo)
+        scene = self._model.scene
+        greatest = scene.tables.opac.greatest
+        self._greatest.set_text(f"{greatest:.3g}")
+        self._slider.props.set_bool("disable", greatest == 0)
+        low, high = self._volume.quantisation(scene.quantise).window
+        self._shift_slider.show(high - low, bool(_by_density(scene)))
+
+
+def _with_table(scene: Scene, which: str, table: Table) -> Scene:
+    return replace(scene, tables=replace(scene.tables, **{which: table}))
+
+
+def _with_opacities(scene: Scene, logarithm: float) -> Scene:
+    """All opacities scaled to a greatest of 10**logarithm, to three digits."""
+    return _with_table(scene, "opac", with_greatest(scene.tables.opac, float(f"{10**logarithm:.3g}")))
+
+
+def _by_density(scene: Scene) -> list[str]:
+    return [which for which in TITLES if getattr(scene.cross_bar, which) is PacketField.DENSITY]
+
+
+def _shifted(scene: Scene, tables: Tables, by: float) -> Scene:
+    """The scene with those of the tables that density indexes moved along it."""
+    moved = {which: shifted(getattr(tables, which), by) for which in _by_density(scene)}
+    return replace(scene, tables=replace(scene.tables, **moved))
+
+
+def _table_of(scene: Scene, which: str) -> Table:
+    table: Table = getattr(scene.tables, which)
+    return table
+
+
+def _chosen_value(table: Table, selected: int) -> tuple[float, ...]:
+    """The value of the point that is selected, or else of the middle."""
+    return value_at(table, table.points[selected][0] if 0 <= selected < len(table.points) else 0.5)
+
+
+def _why_unused(scene: Scene, which: str) -> str:
+    shading = scene.shading
+    if which == "emit" and not shading.emitted:
+        return "emitted light is off"
+    if which == "refl" and not (shading.diffuse or shading.specular):
+        return "reflected light is off"
+    if which == "modu" and not shading.modulation:
+        return "modulation is off"
+    return ""
+
+
+def _tint(scene: Scene, which: str) -> str:
+    """Opacity tells how much is seen of which colour, where both are by the same field."""
+    alike = which == "opac" and scene.cross_bar.opac is scene.cross_bar.refl
+    return TITLES["refl"] if alike and not _why_unused(scene, "refl") else ""
+
+
+def _icon_button(icon: str, label: str, on_click: Callable[[], object] | None = None) -> ui.button:
+    button = ui.button(icon=icon, on_click=on_click, color=None).props("flat dense round").classes("vs-icon-button")
+    button.props["aria-label"] = button.props["title"] = label
+    return button
+
+
+def _menu_item(text: str, on_click: Callable[[], object], caption: str = "") -> None:
+    with ui.menu_item(on_click=on_click), ui.item_section():
+        ui.item_label(text)
+        if caption:
+            ui.item_label(caption).props("caption")

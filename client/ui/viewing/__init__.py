@@ -1,0 +1,1 @@
+"""One viewer's scene and pictures, and the loop that draws them."""

@@ -1,0 +1,164 @@
+"""Draws the newest scene, again and again, on a thread of its own.
+
+While a person is at it (the scene is not settled) each picture is one step, the finest that holds the rate. Once it is
+settled, the image refines from there to step F. A newer scene takes the place of whatever is being refined.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+import time
+from collections.abc import Callable
+
+from volsplat.client.coordinator.server_states import VolumeIncomplete
+from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_over
+from volsplat.client.session.session import Session
+from volsplat.client.ui.viewing.pacing import StepPacing
+from volsplat.client.ui.viewing.picture import Picture, nothing_finer
+from volsplat.client.ui.viewing.picture_encoding import encoded
+from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.rules.refinement import finer
+from volsplat.protocol.text.errors import VolsplatError
+
+log = logging.getLogger(__name__)
+
+LONGEST_ABORT_SECONDS = 0.5  # that the end is held up by a frame that is aborted
+NO_PARTIAL_IMAGES = threading.TIMEOUT_MAX  # seconds between them
+
+
+class DrawingLoop:
+    """Watches `model` and hands pictures to `show` and troubles, in words, to `tell`, both on its own thread."""
+
+    def __init__(
+        self,
+        session: Session,
+        model: SceneModel,
+        show: Callable[[Picture], None],
+        tell: Callable[[VolsplatError], None],
+    ) -> None:
+        self.pacing = StepPacing()
+        self._session = session
+        self._model = model
+        self._show = show
+        self._tell = tell
+        self._shown: Picture | None = None  # the newest whose step is finished
+        self._number = 0
+        self._drawn_revision = 0
+        self._refining = False
+        self._paused = False
+        self._closed = False
+        self._changed = threading.Condition()  # guards the three above, and tells of a newer scene
+        self._unsubscribe = model.subscribe(self._on_change)
+        self._thread = threading.Thread(target=self._run, name="draw", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def close(self) -> None:
+        """End what is drawn and the thread; a frame whose server answers no more ends with the session."""
+        self._unsubscribe()
+        with self._changed:
+            self._closed = True
+            self._changed.notify()
+            self._abort_refinement()
+        if self._thread.is_alive():
+            self._thread.join(LONGEST_ABORT_SECONDS)
+
+    def pause(self) -> None:
+        """Draw nothing until `resume`, so that others may draw."""
+        with self._changed:
+            self._paused = True
+            self._abort_refinement()
+
+    def resume(self) -> None:
+        """Draw again, the present scene from its first step on."""
+        self._paused = False
+        self.draw_again()
+
+    def draw_again(self) -> None:
+        """Draw the scene anew although it is the same, since what holds the volume has changed."""
+        with self._changed:
+            self._drawn_revision = 0
+            self._shown = None
+            self._changed.notify()
+            self._abort_refinement()
+
+    def _on_change(self, state: SceneState) -> None:
+        with self._changed:
+            self._changed.notify()
+            self._abort_refinement()
+
+    def _abort_refinement(self) -> None:
+        # A picture of a moving scene is finished, however many changes come meanwhile: else none would ever be.
+        if self._refining:
+            self._session.abort()
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(self._something_to_do)
+                if self._closed:
+                    return
+                state = self._model.now
+                self._drawn_revision = state.revision
+                self._refining = state.settled
+            try:
+                if state.settled:
+                    self._refine(state)
+                else:
+                    self._draw_moving(state)
+            except VolumeIncomplete:
+                log.info("a server was lost amid this picture")  # loss_watch tells of it, and has it drawn again
+            except VolsplatError as error:
+                self._tell(error)
+            except Exception as error:  # a mistake of ours: the person must hear of it, and the page must live on
+                log.exception("this scene could not be drawn")
+                self._tell(VolsplatError(f"this scene could not be drawn: {type(error).__name__}: {error}"))
+            finally:
+                with self._changed:
+                    self._refining = False
+
+    def _something_to_do(self) -> bool:
+        return self._closed or (not self._paused and self._model.now.revision != self._drawn_revision)
+
+    def _draw_moving(self, state: SceneState) -> None:
+        step = self.pacing.step_while_moving()
+        for refinement in self._session.refine(state.scene, step, NO_PARTIAL_IMAGES, first=step):
+            self._publish(state, refinement)
+
+    def _refine(self, state: SceneState) -> None:
+        shown = self._shown
+        first: Step | None = Step.A
+        if shown is not None and shown.state.scene == state.scene:
+            first = finer(shown.step)
+        if first is None:
+            assert shown is not None
+            self._publish(state, Refinement(shown.step, shown.published, shown.outcome), measured=False)
+            return
+        for refinement in self._session.refine(state.scene, max(Step), PARTIAL_INTERVAL, first=first):
+            if self._model.now.revision != state.revision:
+                return
+            # What a drag has left on the screen stays there until the step after it is finished.
+            if refinement.step == first != Step.A and not refinement.complete and _is_laid_over(state.scene):
+                assert shown is not None
+                refinement = Refinement(first, laid_over(refinement.published, shown.published), None)
+            self._publish(state, refinement)
+
+    def _publish(self, state: SceneState, refinement: Refinement, measured: bool = True) -> None:
+        began = time.perf_counter()
+        last = nothing_finer(state, refinement.step, refinement.complete)
+        data = encoded(refinement.published, state.scene.image.background, lossless=last)
+        if refinement.outcome is not None and measured:
+            encoding_seconds = time.perf_counter() - began
+            self.pacing.measured(refinement.step, refinement.outcome.wall_seconds + encoding_seconds)
+        self._number += 1
+        picture = Picture(self._number, state, refinement.step, refinement.published, refinement.outcome, data)
+        if refinement.complete:
+            self._shown = picture
+        self._show(picture)
+
+
+def _is_laid_over(scene: Scene) -> bool:
+    return not scene.refine.bare_buffer

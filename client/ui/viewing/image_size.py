@@ -1,0 +1,29 @@
+"""The image's size: as large as a window, or fixed; and a scene that gets another one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import msgspec
+
+from volsplat.protocol.description.scene import GREATEST_ZOOM, LEAST_ZOOM, Scene
+
+
+@dataclass
+class ImageSize:
+    """Whether the image is as large as the window of whoever used it last, or what the scene says."""
+
+    follows_window: bool = True
+    window: tuple[int, int] | None = None  # width and height of the viewport that was sized last, in pixels
+
+
+def sized(scene: Scene, *, width: int | None = None, height: int | None = None) -> Scene:
+    """The scene with an image of another size, in pixels, and as much of the volume in it as before."""
+    old, view = scene.image, scene.view
+    image = msgspec.structs.replace(
+        old, width=old.width if width is None else width, height=old.height if height is None else height
+    )
+    if view.zoom != "fit":
+        zoom = view.zoom * min(image.width, image.height) / min(old.width, old.height)
+        view = msgspec.structs.replace(view, zoom=min(max(zoom, LEAST_ZOOM), GREATEST_ZOOM))
+    return msgspec.structs.replace(scene, image=image, view=view)

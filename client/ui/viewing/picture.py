@@ -1,0 +1,45 @@
+"""What the drawing loop gives to the tabs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.session.renderer import StepOutcome
+from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.protocol.description.scene import Step
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One image for the page, and what is to be told with it."""
+
+    number: int  # rises with every picture; an older one never follows a newer one
+    state: SceneState  # what it shows
+    step: Step
+    published: PublishedImage
+    outcome: StepOutcome | None  # None while the step is still being drawn
+    data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
+
+    @property
+    def image(self) -> Tensor:
+        """(H, W, 4) float32, associated, without the background."""
+        return self.published.tensor
+
+    @property
+    def complete(self) -> bool:
+        return self.outcome is not None
+
+    @property
+    def last(self) -> bool:
+        """Nothing finer will follow for this scene."""
+        return nothing_finer(self.state, self.step, self.complete)
+
+
+def nothing_finer(state: SceneState, step: Step, complete: bool) -> bool:
+    """Whether an image of this step, complete or not, is the last that is drawn of the scene."""
+    return complete and state.settled and step == max(Step)

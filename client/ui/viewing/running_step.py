@@ -1,0 +1,29 @@
+"""Which step is being drawn, and which are finished, as far as pictures tell."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.rules.refinement import coarser, finer
+
+
+@dataclass(frozen=True)
+class Progress:
+    """`running` is None where all is done that the scene asks for; `finished` is the finest step that is."""
+
+    running: Step | None
+    finished: Step | None
+
+
+def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> Progress:
+    """How far the refinement of `state` is, by the newest picture. `while_moving` is drawn of a scene not settled."""
+    if picture is None or picture.state.scene != state.scene:
+        return Progress(running=Step.A if state.settled else while_moving, finished=None)
+    if not picture.complete:
+        return Progress(running=picture.step, finished=coarser(picture.step))
+    if not state.settled:
+        return Progress(running=None, finished=picture.step)
+    return Progress(running=finer(picture.step), finished=picture.step)

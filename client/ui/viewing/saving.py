@@ -1,0 +1,169 @@
+"""What the page's panel for saving calls: images and scenes as bytes, scenes as links, movies on a thread.
+
+Knows nothing of pages, so that it can be tested, and used, without one.
+"""
+
+from __future__ import annotations
+
+import base64
+import logging
+import tempfile
+import threading
+import time
+import zlib
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
+
+import msgspec
+
+from volsplat.client.image.image_properties import image_properties
+from volsplat.client.movie.movie_formats import check_movie_writable
+from volsplat.client.scene.scene_file import scene_toml
+from volsplat.client.session.renderer import Renderer
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.text.printable import printable
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+log = logging.getLogger(__name__)
+
+ImageFormat = Literal["png", "exr"]
+SCENE_PARAMETER = "scene"  # of a link, in its query
+LARGEST_SCENE_FILE = 1 << 20  # bytes
+
+_LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to
+
+
+def image_bytes(image: Tensor, scene: Scene, kind: ImageFormat, description: VolumeDescription) -> bytes:
+    """An (H, W, 4) float32 image with associated alpha as a file that holds its scene and tells of the volume.
+
+    PNG has 8 bits and the scene's background under the image, EXR floats and alpha without it. Raises BadInput.
+    """
+    from volsplat.client.image.image_file import write_image
+
+    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
+        path = Path(folder) / f"image.{kind}"
+        write_image(path, image, scene, image_properties(description, scene))
+        return path.read_bytes()
+
+
+def scene_bytes(scene: Scene) -> bytes:
+    """The whole scene as commented TOML."""
+    return scene_toml(scene).encode()
+
+
+def scene_link(base_url: str, scene: Scene, default_scene: Scene) -> str:
+    """`base_url` with what differs from the default scene in its query, as text that a URL may hold."""
+    changed = _changed(msgspec.to_builtins(default_scene), msgspec.to_builtins(scene))
+    packed = zlib.compress(msgspec.json.encode(changed), 9)
+    text = base64.urlsafe_b64encode(packed).decode().rstrip("=")
+    parts = urlsplit(base_url)
+    kept = [(name, value) for name, value in parse_qsl(parts.query) if name != SCENE_PARAMETER]
+    return urlunsplit(parts._replace(query=urlencode([*kept, (SCENE_PARAMETER, text)])))
+
+
+def scene_from_link(text: str, base: Scene) -> Scene:
+    """The scene of a link, or of the text after its `scene=`; what it leaves out is taken from `base`.
+
+    Raises BadInput for anything that scene_link did not make.
+    """
+    try:
+        text = dict(parse_qsl(urlsplit(text).query)).get(SCENE_PARAMETER, text)
+        packed = base64.b64decode(text.encode("ascii") + b"=" * (-len(text) % 4), altchars=b"-_", validate=True)
+        unpacking = zlib.decompressobj()
+        content = unpacking.decompress(packed, _LARGEST_SCENE)
+        if not unpacking.eof:
+            raise BadInput("this link holds no whole scene; copy all of it")
+        return msgspec.convert(_merged(msgspec.to_builtins(base), msgspec.json.decode(content)), Scene)
+    except msgspec.ValidationError as error:
+        raise BadInput(f"the scene in this link cannot be used: {printable(str(error))}") from error
+    except (ValueError, zlib.error, msgspec.DecodeError, RecursionError) as error:
+        raise BadInput("this link holds no scene; copy all of it") from error
+
+
+def _changed(base: dict[str, Any], scene: dict[str, Any]) -> dict[str, Any]:
+    """The keys whose values differ, and of the parts of a scene only such keys."""
+    return {
+        key: _changed(base[key], value) if isinstance(value, dict) else value
+        for key, value in scene.items()
+        if value != base[key]
+    }
+
+
+def _merged(base: Any, changed: Any) -> Any:
+    """The inverse of _changed; what does not fit is left for the scene's own checks."""
+    if not (isinstance(base, dict) and isinstance(changed, dict)):
+        return changed
+    return {**base, **{key: _merged(base.get(key), value) for key, value in changed.items()}}
+
+
+class MovieJob:
+    """A movie being made on a thread of its own. All that is told of it may be read from any thread, at any time.
+
+    `renderer` must take turns with whatever else draws with it: a frame that is pushed aside is drawn again, but one
+    that pushes aside leaves the other with nothing.
+    """
+
+    def __init__(
+        self, renderer: Renderer, scenes: Sequence[Scene], path: Path, rate: int = 30, step: Step = Step.F
+    ) -> None:
+        """Start making it. Raises BadInput where it could not be written to `path`."""
+        check_movie_writable(path)
+        self.path = path
+        self.error: str | None = None  # one line, where it failed; known before it is done
+        self.line = "starting"  # how it goes, in words
+        self.whole = False  # whether the movie lies at its path
+        self._frames = len(scenes)
+        self._drawn = 0
+        self._began = time.monotonic()
+        self._cancelled = threading.Event()
+        self._done = threading.Event()
+        self._thread = threading.Thread(
+            target=self._run, args=(renderer, scenes, rate, step), name="movie", daemon=True
+        )
+        self._thread.start()
+
+    @property
+    def progress(self) -> float:
+        """0 to 1; 1 only when the movie is whole."""
+        return 1.0 if self.whole else self._drawn / (self._frames + 1)
+
+    @property
+    def done(self) -> bool:
+        """Nothing more will happen: it is whole, cancelled or failed."""
+        return self._done.is_set()
+
+    def cancel(self) -> None:
+        """Have it end within one frame, with nothing left of it. Without effect once it is whole."""
+        self._cancelled.set()
+
+    def join(self) -> None:
+        """Wait until it is done."""
+        self._thread.join()
+
+    def _run(self, renderer: Renderer, scenes: Sequence[Scene], rate: int, step: Step) -> None:
+        from volsplat.client.movie.movie import MovieCancelled, write_movie
+
+        try:
+            write_movie(renderer, scenes, self.path, rate, self._on_progress, self._cancelled.is_set, step)
+            self.whole = True
+            self.line = f"{self._frames} images in {self.path}"
+        except MovieCancelled:
+            self.line = "cancelled"
+        except VolsplatError as error:
+            self.error = self.line = str(error)
+        except Exception as error:  # a mistake of ours: whoever waits must hear of it
+            log.exception("the movie cannot be made")
+            self.error = self.line = f"the movie cannot be made: {type(error).__name__}: {error}"
+        finally:
+            self._done.set()
+
+    def _on_progress(self, drawn: int) -> None:
+        self._drawn = drawn
+        left = (self._frames - drawn) * (time.monotonic() - self._began) / drawn
+        self.line = f"image {drawn} of {self._frames}" + (f", {left:.0f} s left" if left >= 1 else "")

@@ -1,0 +1,116 @@
+"""The one scene of a session, which every tab, widget and drawing loop shares, with undo.
+
+It knows nothing of pages, sockets or drawing. All calls come from one thread, the event loop's; `now` may be read
+from any.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import msgspec
+
+from volsplat.protocol.description.scene import Scene
+
+MOST_UNDONE = 200  # changes that can be taken back
+
+
+@dataclass(frozen=True)
+class SceneState:
+    """The scene at one moment.
+
+    `settled` is false while a person is still at it (dragging): then a coarser step will do. `by` names the tab or
+    panel that changed it last. `events` tells for each tab the last of its pointer events that is in the scene.
+    """
+
+    scene: Scene
+    revision: int
+    settled: bool = True
+    by: str = ""
+    events: dict[str, int] = field(default_factory=dict)
+
+
+Subscriber = Callable[[SceneState], None]
+
+
+class SceneModel:
+    """Takes changes, remembers what can be undone, and tells its subscribers."""
+
+    def __init__(self, scene: Scene, fitted: Callable[[Scene], Scene] = lambda scene: scene) -> None:
+        """`fitted` gives a scene that asks for a fit its numbers: they stay, whatever is done to the tables then."""
+        self._fitted = fitted
+        self._state = SceneState(fitted(scene), 1)
+        self._before: list[Scene] = []  # for undo, oldest first
+        self._after: list[Scene] = []  # for redo
+        self._gesture: Scene | None = None  # the scene before the change that is not yet settled
+        self._subscribers: list[Subscriber] = []
+
+    @property
+    def now(self) -> SceneState:
+        return self._state
+
+    @property
+    def scene(self) -> Scene:
+        return self._state.scene
+
+    def change(
+        self,
+        edit: Callable[[Scene], Scene],
+        *,
+        by: str = "",
+        settled: bool = True,
+        undoable: bool = True,
+        event: int | None = None,
+    ) -> None:
+        """Replace the scene by `edit(scene)`.
+
+        A row of changes that are not settled, and the settled one that ends it, are undone as one. Raises ValueError
+        where the edit makes no valid scene; the last good one stays in force.
+        """
+        scene = self._fitted(edit(self.scene))
+        if undoable and scene != self.scene:
+            if self._gesture is None:
+                self._gesture = self.scene
+            self._after.clear()
+        if settled and self._gesture is not None:
+            if self._gesture != scene:
+                self._before = [*self._before, self._gesture][-MOST_UNDONE:]
+            self._gesture = None
+        self._publish(scene, by, settled, event)
+
+    @property
+    def can_undo(self) -> bool:
+        return bool(self._before)
+
+    @property
+    def can_redo(self) -> bool:
+        return bool(self._after)
+
+    def undo(self, by: str = "") -> None:
+        """Take the last change back, but for the view and the image's size."""
+        if self._before:
+            self._after.append(self.scene)
+            self._publish(self._seen_as_now(self._before.pop()), by)
+
+    def redo(self, by: str = "") -> None:
+        """Make the last undone change again."""
+        if self._after:
+            self._before.append(self.scene)
+            self._publish(self._seen_as_now(self._after.pop()), by)
+
+    def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
+        """Have `subscriber` called after every change, in the thread that made it. Returns what ends that."""
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
+
+    def _seen_as_now(self, scene: Scene) -> Scene:
+        now = self.scene
+        image = msgspec.structs.replace(scene.image, width=now.image.width, height=now.image.height)
+        return msgspec.structs.replace(scene, view=now.view, image=image)
+
+    def _publish(self, scene: Scene, by: str, settled: bool = True, event: int | None = None) -> None:
+        events = self._state.events if event is None else {**self._state.events, by: event}
+        self._state = SceneState(scene, self._state.revision + 1, settled, by, events)
+        for subscriber in list(self._subscribers):
+            subscriber(self._state)

@@ -1,0 +1,69 @@
+"""What a page and its panels are given: the session, its one scene, and the pictures as they come."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from volsplat.client.session.session import Session
+from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
+from volsplat.client.ui.viewing.image_size import ImageSize
+from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.scene_model import SceneModel
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import VolsplatError
+
+Unsubscribe = Callable[[], None]
+
+
+News = TypeVar("News")
+
+
+class Feed(Generic[News]):
+    """Passes on what a thread tells, newest known, to subscribers in the event loop's thread."""
+
+    def __init__(self) -> None:
+        self.newest: News | None = None
+        self._loop: asyncio.AbstractEventLoop | None = None
+        self._subscribers: list[Callable[[News], None]] = []
+
+    def attach(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Tell subscribers in this loop's thread from now on."""
+        self._loop = loop
+
+    def tell(self, news: News) -> None:
+        """From any thread."""
+        if self._loop is not None:
+            with suppress(RuntimeError):  # the loop is closed, at any moment: nobody looks any more
+                self._loop.call_soon_threadsafe(self._pass_on, news)
+
+    def subscribe(self, subscriber: Callable[[News], None]) -> Unsubscribe:
+        self._subscribers.append(subscriber)
+        return lambda: self._subscribers.remove(subscriber)
+
+    def _pass_on(self, news: News) -> None:
+        self.newest = news
+        for subscriber in list(self._subscribers):
+            subscriber(news)
+
+
+@dataclass(frozen=True)
+class Viewing:
+    """One volume being looked at, by any number of tabs."""
+
+    session: Session
+    model: SceneModel
+    loop: DrawingLoop
+    volume: SurveyedVolume
+    default_scene: Scene
+    pictures: Feed[Picture]
+    troubles: Feed[VolsplatError]
+    image_size: ImageSize = field(default_factory=ImageSize)
+
+    def on_picture(self, subscriber: Callable[[Picture], None]) -> Unsubscribe:
+        """Have `subscriber` called with every picture, in the event loop's thread."""
+        return self.pictures.subscribe(subscriber)

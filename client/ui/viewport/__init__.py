@@ -1,0 +1,1 @@
+"""The picture in the page, and what the page and the server say about it."""

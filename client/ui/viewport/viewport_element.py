@@ -1,0 +1,24 @@
+"""The viewport as an element of the page; all that it does is in static/viewport/."""
+
+from __future__ import annotations
+
+from nicegui import context, ui
+from nicegui.element import Element
+
+from volsplat.client.scene.view_rotation import Quaternion, named_view
+from volsplat.client.ui.doors.static_files import STATIC
+
+
+class ViewportElement(Element, component="viewport_component.js", esm={"volsplat": "../static/viewport"}):
+    """Fills its parent. `home` is the rotation that reset goes to; `tab` names the tab to the process."""
+
+    def __init__(self, tab: str, home: Quaternion) -> None:
+        super().__init__()
+        ui.add_css(STATIC / "viewport" / "viewport.css")
+        self._props["tab"] = tab
+        self._props["home"] = list(home)
+
+
+def viewport_element(home: Quaternion | None = None) -> ViewportElement:
+    """The viewport of the tab that is being built; reset goes to `home`, or to the front."""
+    return ViewportElement(context.client.id, home or named_view("front"))

@@ -1,0 +1,168 @@
+"""What is said between one viewport and the client's process, whatever carries it.
+
+The page gets the newest picture only, and no more than two that it has not shown yet: on a slow line the rate falls
+and the lag does not grow.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import json
+import logging
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+import msgspec
+
+from volsplat.client.ui.viewing.image_size import sized
+from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.ui.viewport import viewport_messages as said
+from volsplat.client.volume.surveyed_volume import asking_for_fit
+from volsplat.protocol.description.scene import Bounds, Scene
+from volsplat.protocol.geometry.upright import Up
+from volsplat.protocol.rules.frame_plan import resolved_bounds
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+
+log = logging.getLogger(__name__)
+
+MOST_UNDER_WAY = 2  # pictures sent and not yet shown
+
+
+class ViewportTalk:
+    """One open viewport. `send` is given what to tell it: text (JSON) or bytes (a picture)."""
+
+    def __init__(self, viewing: Viewing, tab: str, send: Callable[[str | bytes], None]) -> None:
+        self._viewing = viewing
+        self._geometry = viewing.volume.description.geometry
+        self._tab = tab
+        self._send = send
+        self._up: Up | None = None  # as the page was told
+        self._sent = 0  # number of the last picture that was sent
+        self._under_way: set[int] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._subscriptions = contextlib.ExitStack()
+
+    def begin(self) -> None:
+        """Tell all that there is, and from now on what changes."""
+        self._on_scene(self._viewing.model.now)
+        if isinstance(self._viewing.troubles.newest, PeerLost):
+            self._on_trouble(self._viewing.troubles.newest)
+        self._subscriptions.callback(self._viewing.model.subscribe(self._on_scene))
+        self._subscriptions.callback(self._viewing.pictures.subscribe(lambda picture: self._give_picture()))
+        self._subscriptions.callback(self._viewing.troubles.subscribe(self._on_trouble))
+        self._give_picture()
+
+    def end(self) -> None:
+        self._subscriptions.close()
+        for task in self._tasks:
+            task.cancel()
+
+    # -- to the page
+
+    def _say(self, message: dict[str, Any]) -> None:
+        self._send(json.dumps(message))
+
+    def _on_scene(self, state: SceneState) -> None:
+        """Tell of the scene, and before it of the volume where that stands otherwise than was told."""
+        volume = self._viewing.volume
+        up = volume.up_in(state.scene)
+        if up != self._up:
+            self._up = up
+            self._say(said.volume_message(volume.description, up))
+        # Found out anew at every movement of the hand, the fit would delay the picture.
+        fit = volume.fitted(asking_for_fit(state.scene)).view if state.settled else None
+        try:
+            self._say(said.scene_message(state, self._geometry, fit))
+        except ValueError as error:  # bounds or a centre that the volume does not have
+            self._say(said.trouble_message(str(error)))
+
+    def _on_trouble(self, trouble: VolsplatError) -> None:
+        self._say(said.trouble_message(str(trouble), lasting=isinstance(trouble, PeerLost)))
+
+    def _give_picture(self) -> None:
+        picture: Picture | None = self._viewing.pictures.newest
+        if picture is not None and picture.number > self._sent and len(self._under_way) < MOST_UNDER_WAY:
+            self._sent = picture.number
+            self._under_way.add(picture.number)
+            self._send(said.picture_message(picture, self._tab, self._geometry, self._viewing.loop.pacing))
+
+    # -- from the page
+
+    def heard(self, text: str) -> None:
+        """Do what the page says."""
+        try:
+            self._obey(said.page_message(text))
+        except msgspec.MsgspecError as error:
+            self._say(said.trouble_message(f"the page said what cannot be understood: {error}"))
+        except ValueError as error:
+            self._say(said.trouble_message(str(error)))
+
+    def _obey(self, message: said.PageMessage) -> None:
+        model, replace = self._viewing.model, msgspec.structs.replace
+        match message:
+            case said.PictureShown(number=number):
+                self._under_way = {sent for sent in self._under_way if sent > number}
+                self._give_picture()
+            case said.Size(width=width, height=height):
+                self._viewing.image_size.window = (width, height)
+                if self._viewing.image_size.follows_window:
+                    model.change(lambda s: sized(s, width=width, height=height), by=self._tab, undoable=False)
+            case said.ViewTurned(settled=settled, event=event):
+                turned = {"rotation": message.rotation, "zoom": message.zoom, "center": message.center}
+                model.change(
+                    lambda s: replace(s, view=replace(s.view, **turned)),
+                    by=self._tab,
+                    settled=settled,
+                    undoable=False,
+                    event=event,
+                )
+            case said.BoundsMoved(settled=settled, event=event):
+                bounds = Bounds(low=message.low, high=message.high)
+                model.change(lambda s: self._cut(s, bounds), by=self._tab, settled=settled, event=event)
+            case said.UndoAsked():
+                model.undo(self._tab)
+            case said.RedoAsked():
+                model.redo(self._tab)
+            case said.ProbeAsked(x=x, y=y):
+                self._in_background(self._probe(x, y))
+            case said.CenterAsked(x=x, y=y):
+                self._in_background(self._center(x, y))
+
+    def _cut(self, scene: Scene, bounds: Bounds) -> Scene:
+        """Raises ValueError where the volume has no such bounds."""
+        cut = msgspec.structs.replace(scene, bounds=bounds)
+        resolved_bounds(cut, self._geometry)
+        return cut
+
+    def _in_background(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    async def _probe(self, x: float, y: float) -> None:
+        scene = self._viewing.model.scene
+        try:
+            found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
+        except VolsplatError as error:
+            log.info("no value under the pointer: %s", error)
+            return
+        value = {"index": None} if found is None else msgspec.to_builtins(found)
+        self._say({"type": "probe", "x": x, "y": y, **value})
+
+    async def _center(self, x: float, y: float) -> None:
+        scene = self._viewing.model.scene
+        try:
+            found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
+        except VolsplatError as error:
+            self._say(said.trouble_message(str(error)))
+            return
+        if found is None:
+            return
+        i, j, k = found.index
+        center = (float(i), float(j), float(k))
+        self._viewing.model.change(
+            lambda s: msgspec.structs.replace(s, view=msgspec.structs.replace(s.view, center=center)), undoable=False
+        )

@@ -1,0 +1,41 @@
+"""What a server says of its sub-cubes' values, checked before anything is decided by it."""
+
+import math
+from array import array
+
+from volsplat.protocol.description.block_extremes import BLOCK_BYTES, block_dims
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
+from volsplat.protocol.text.errors import RemoteProtocolError
+
+
+def check_survey(survey: Survey, voxels: int) -> None:
+    """Raises RemoteProtocolError for a survey that cannot be one of so many voxels."""
+    if survey.voxels != voxels or not 0 <= survey.no_data <= voxels:
+        raise RemoteProtocolError(
+            f"it surveyed {survey.voxels} voxels, {survey.no_data} of them without data, but its boxes have {voxels}"
+        )
+    if math.isnan(survey.low) or math.isnan(survey.high) or not survey.max_gradient >= 0.0:
+        raise RemoteProtocolError(
+            f"its values go from {survey.low} to {survey.high} and their gradients to {survey.max_gradient}"
+        )
+
+
+def check_counts(payload: memoryview, voxels: int) -> None:
+    """Raises RemoteProtocolError for histograms that cannot be those of so many voxels."""
+    counts = array("q", payload.tobytes())
+    for scalar, counted in (("density", counts[:HISTOGRAM_BINS]), ("strength", counts[HISTOGRAM_BINS:])):
+        if min(counted) < 0 or sum(counted) > voxels:
+            raise RemoteProtocolError(
+                f"its histogram of {scalar} counts {sum(counted)} voxels, the least bin {min(counted)}, but its boxes "
+                f"have {voxels}"
+            )
+
+
+def check_extremes(payload: memoryview, dims: Index) -> None:
+    """Raises RemoteProtocolError for what cannot be the extremes of the blocks of a volume of these dimensions."""
+    blocks = math.prod(block_dims(dims))
+    if payload.nbytes != BLOCK_BYTES * blocks:
+        raise RemoteProtocolError(f"it told of {payload.nbytes // BLOCK_BYTES} blocks, but the volume has {blocks}")
+    if any(map(math.isnan, array("d", payload.tobytes()))):
+        raise RemoteProtocolError("it told of a block whose least or greatest value is not a number")

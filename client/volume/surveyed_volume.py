@@ -1,0 +1,150 @@
+"""The volume as the client knows it; scenes and quantisation follow from it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import msgspec
+
+from volsplat.client.histogram.density_histogram import DensityHistogram, density_histogram
+from volsplat.client.histogram.subject import Subject, subject_of
+from volsplat.client.scene.default_scene import default_scene
+from volsplat.client.volume.enclosing_ball import Ball
+from volsplat.client.volume.up_guess import StandsUp, stands_up
+from volsplat.client.volume.visible_part import fitting_view, visible_ball
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.scene import ColourTable, Quantise, Scene
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.geometry.upright import Up
+from volsplat.protocol.rules import index_rules
+from volsplat.protocol.rules.index_rules import Quantisation, Survey
+from volsplat.protocol.rules.levels import Prepared
+from volsplat.protocol.text.errors import BadInput
+
+REMEMBERED = 16  # scenes
+NO_COLOUR = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
+
+
+@dataclass(frozen=True)
+class SurveyedVolume:
+    """What is known of a volume once every server has read its sub-cube."""
+
+    description: VolumeDescription
+    survey: Survey
+    density_counts: list[int]  # over survey.low..survey.high
+    strength_counts: list[int]  # over strength_range
+    extremes: BlockExtremes
+    prepared: Prepared | None = None  # where its packets were made before
+
+    @cached_property
+    def automatic_window(self) -> tuple[float, float]:
+        """The density window that the data chooses, in its own units; or with which it was prepared."""
+        if self.prepared is not None:
+            return self.prepared.quantisation.window
+        told = self.description
+        return index_rules.density_window(self.survey, self.density_counts, told.scalar_type, told.kind)
+
+    @property
+    def strength_range(self) -> tuple[float, float]:
+        """What the packets' second byte may hold: |gradient|, or a second scalar."""
+        return self.description.second_scalar or (0.0, self.survey.max_gradient)
+
+    @cached_property
+    def strength_scale(self) -> float:
+        """Bytes per unit of |gradient|, or of the second scalar."""
+        if self.prepared is not None:
+            return self.prepared.quantisation.strength_scale
+        if self.description.second_scalar is not None:
+            return index_rules.second_scalar_scale(self.description.second_scalar)
+        return index_rules.strength_scale(self.survey, self.strength_counts)
+
+    def quantisation(self, quantise: Quantise) -> Quantisation:
+        """The rules by which the whole volume becomes 8 bits."""
+        return Quantisation(
+            window=self.automatic_window if quantise.window == "auto" else quantise.window,
+            strength_scale=self.strength_scale,
+            directions=quantise.directions,
+            strength_low=self.strength_range[0],
+        )
+
+    def density_histogram(self) -> DensityHistogram:
+        """The histogram of density bytes under the window that the data chooses."""
+        return density_histogram(self.survey, self.density_counts, self.automatic_window)
+
+    @cached_property
+    def stands_up(self) -> StandsUp:
+        """Which physical axis is up where the scene leaves it open."""
+        return stands_up(self.description, self.extremes)
+
+    def settled(self, scene: Scene) -> Scene:
+        """The scene with numbers for all that its view leaves to the volume: up, and zoom and centre of a fit.
+
+        What does not fit the volume is left for whoever plans the frame.
+        """
+        view = msgspec.structs.replace(scene.view, up=self.up_in(scene))
+        return self.fitted(msgspec.structs.replace(scene, view=view))
+
+    def up_in(self, scene: Scene) -> Up:
+        """The physical axis that the scene has up."""
+        return self.stands_up.up if scene.view.up == "auto" else scene.view.up
+
+    def fitted(self, scene: Scene) -> Scene:
+        """The scene with numbers for the zoom and centre of a fit, which hold however it is turned."""
+        if scene.view.zoom != "fit":
+            return scene
+        try:
+            ball = self._visible_ball(_deciding_visibility(scene))
+        except ValueError:  # bounds that the volume does not have
+            return scene
+        zoom, center = fitting_view(scene, self.description.geometry, ball)
+        return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom, center=center))
+
+    @cached_property
+    def _visible_ball(self) -> Callable[[Scene], Ball]:
+        """Remembered, since the frames of a refinement, and a scene that is turned, have the same."""
+
+        def found(scene: Scene) -> Ball:
+            return visible_ball(scene, self.description.geometry, self.quantisation(scene.quantise), self.extremes)
+
+        return lru_cache(REMEMBERED)(found)
+
+    def check_has_values(self) -> None:
+        """Raises BadInput where there is nothing to draw."""
+        if self.survey.low > self.survey.high:
+            name = self.description.name
+            raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")
+
+    def notes(self) -> list[str]:
+        """What is unusual about the values, for a person to know."""
+        if self.survey.low == self.survey.high:
+            return [f"every voxel has the value {self.survey.low:.7g}: the volume is a block without structure"]
+        return []
+
+    def subject(self, quantise: Quantise = Quantise()) -> Subject:  # noqa: B008 - immutable
+        """What scenes are made for, under the scene's window. Raises BadInput for one without a scale."""
+        window = self.quantisation(quantise).window
+        return subject_of(self.description, self.survey, self.density_counts, window, self.stands_up.up)
+
+    def default_scene(self) -> Scene:
+        """A scene chosen from the data, so that the first picture is never empty."""
+        return default_scene(self.subject())
+
+
+def asking_for_fit(scene: Scene) -> Scene:
+    """The scene from the same side, with zoom and centre left to what is visible."""
+    return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom="fit", center="middle"))
+
+
+def _deciding_visibility(scene: Scene) -> Scene:
+    """The scene with whatever does not decide what is visible left as it is in every scene."""
+    plain = Scene(tables=scene.tables)
+    return msgspec.structs.replace(
+        plain,
+        tables=msgspec.structs.replace(scene.tables, emit=NO_COLOUR, refl=NO_COLOUR),
+        cross_bar=msgspec.structs.replace(plain.cross_bar, opac=scene.cross_bar.opac, modu=scene.cross_bar.modu),
+        shading=msgspec.structs.replace(plain.shading, modulation=scene.shading.modulation),
+        view=msgspec.structs.replace(plain.view, center=scene.view.center),
+        bounds=scene.bounds,
+        image=msgspec.structs.replace(plain.image, edges=scene.image.edges),
+        quantise=scene.quantise,
+    )

@@ -1,0 +1,137 @@
+"""What of a volume can be seen under a scene's tables and bounds, and the view that fits it into the image.
+
+Known by blocks (protocol/description/block_extremes.py): one is visible if the opacities of the densities between its
+least and its greatest value are. That part fits by a ball about its middle, so that it stays in the image however it
+is turned.
+"""
+
+from itertools import accumulate, product
+
+from volsplat.client.volume.enclosing_ball import Ball, enclosing_ball, squared_distances
+from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
+from volsplat.protocol.description.scene import GREATEST_ZOOM, LEAST_ZOOM, TABLE_ENTRIES, Field, Scene
+from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS
+from volsplat.protocol.rules.frame_plan import FIT_FRACTION, resolved_bounds
+from volsplat.protocol.rules.index_rules import Quantisation
+
+FAINT = 0.01  # opacity: less is hardly seen
+FAINT_SHARE = 0.1  # of the greatest opacity: nor is less than that, in a scene that is faint altogether
+STRAY = 0.01  # of the visible blocks: so many that have no visible neighbour may be noise, and are left out
+
+Row = tuple[int, int]  # blocks j, k
+
+
+def fitting_view(scene: Scene, geometry: Geometry, ball: Ball) -> tuple[float, Vector]:
+    """Zoom and centre at which a ball of voxel centres, with their footprints, just fits into the scene's image."""
+    half = FIT_FRACTION * min(scene.image.width, scene.image.height) / 2
+    radius = scene.reconstruction.radius
+    footprint = DEFAULT_RADIUS[scene.reconstruction.kernel] if radius == "default" else radius
+    voxel = _longest_step(geometry)
+    scale = half / (ball.radius + footprint * voxel)  # pixels per unit of length
+    if scale * voxel < 1.0 and half > footprint and ball.radius > 0.0:  # footprints are then widened to pixels
+        scale = min(scale, (half - footprint) / ball.radius)
+    zoom = min(max(scale * geometry.reference_spacing, LEAST_ZOOM), GREATEST_ZOOM)
+    place = matrices.minus(ball.centre, geometry.origin)
+    return zoom, matrices.applied(matrices.inverse(geometry.index_to_physical), place)
+
+
+def visible_ball(scene: Scene, geometry: Geometry, quantisation: Quantisation, extremes: BlockExtremes) -> Ball:
+    """The smallest ball of the visible voxels' centres, physical; about the view's centre where that is given.
+
+    Where nothing is visible, of all within the bounds; white edges are visible, too. Raises ValueError for bounds
+    that the volume does not have.
+    """
+    bounds = resolved_bounds(scene, geometry)
+    rows = _without_strays(_visible_rows(scene, geometry.dims, bounds, quantisation, extremes))
+    corners = _corners(rows, geometry.dims, bounds) or _corners_of(bounds)
+    if scene.image.edges:
+        corners += _corners_of(geometry.box)
+    points = [geometry.physical(corner) for corner in corners]
+    if scene.view.center == "middle":
+        return enclosing_ball(points)
+    centre = geometry.physical(scene.view.center)
+    return Ball(centre, max(squared_distances(centre, points)) ** 0.5)
+
+
+def _longest_step(geometry: Geometry) -> float:
+    """No unit step of the grid, in whichever direction, is longer: the norm of the matrix is at most this."""
+    m = geometry.index_to_physical
+    by_rows = max(sum(abs(part) for part in row) for row in m)
+    by_columns = max(sum(abs(part) for part in row) for row in matrices.transposed(m))
+    return float((by_rows * by_columns) ** 0.5)
+
+
+def _visible_rows(
+    scene: Scene, dims: Index, bounds: Box, quantisation: Quantisation, extremes: BlockExtremes
+) -> dict[Row, int]:
+    """The visible blocks of each row along i as the bits of a number, block 0 lowest; rows without any are left out."""
+    ni, nj, nk = block_dims(dims)
+    ranges = [range(low // step, -(-high // step)) for low, high, step in zip(*bounds, block_size(dims), strict=True)]
+    seen = _seen_up_to(scene)
+    low, scale = quantisation.window[0], quantisation.density_scale
+
+    def entry(value: float) -> int:
+        return int(min(max((value - low) * scale, 0.0), TABLE_ENTRIES - 1) + 0.5)
+
+    rows: dict[Row, int] = {}
+    for k, j in product(ranges[2], ranges[1]):
+        bits, first = 0, ni * (j + nj * k)
+        for i in ranges[0]:
+            least, greatest = extremes.least[first + i], extremes.greatest[first + i]
+            if least <= greatest and seen[entry(greatest) + 1] > seen[entry(least)]:
+                bits |= 1 << i
+        if bits:
+            rows[j, k] = bits
+    return rows
+
+
+def _seen_up_to(scene: Scene) -> list[int]:
+    """For each density byte, how many below it are seen. Indexed by another field, opacity may be anywhere."""
+    if scene.cross_bar.opac != Field.DENSITY:
+        return list(range(TABLE_ENTRIES + 1))
+    opacities = scene.tables.opac.entries()
+    if scene.shading.modulation and scene.cross_bar.modu == Field.DENSITY:
+        opacities = [a * b for a, b in zip(opacities, scene.tables.modu.entries(), strict=True)]
+    least = min(FAINT, FAINT_SHARE * max(opacities))
+    return list(accumulate((int(opacity > least) for opacity in opacities), initial=0))
+
+
+def _without_strays(rows: dict[Row, int]) -> dict[Row, int]:
+    """The rows without blocks that stand alone, unless such make up more of the picture than noise does."""
+    around = [(dj, dk) for dj, dk in product((-1, 0, 1), repeat=2) if (dj, dk) != (0, 0)]
+    kept = {}
+    for (j, k), bits in rows.items():
+        near = 0
+        for dj, dk in around:
+            near |= rows.get((j + dj, k + dk), 0)
+        kept[j, k] = bits & (near | near << 1 | near >> 1 | bits << 1 | bits >> 1)
+    visible = sum(bits.bit_count() for bits in rows.values())
+    strays = visible - sum(bits.bit_count() for bits in kept.values())
+    return {row: bits for row, bits in kept.items() if bits} if strays <= STRAY * visible else rows
+
+
+def _corners(rows: dict[Row, int], dims: Index, bounds: Box) -> list[Vector]:
+    """Grid points about all voxel centres of the blocks within the bounds."""
+    corners: list[Vector] = []
+    for (j, k), bits in rows.items():
+        first, last = (bits & -bits).bit_length() - 1, bits.bit_length() - 1
+        blocks = ((first, j, k), (last, j, k))
+        box = _voxels(blocks[0], dims, bounds).low, _voxels(blocks[1], dims, bounds).high
+        corners += _corners_of(Box(*box))
+    return corners
+
+
+def _voxels(block: Index, dims: Index, bounds: Box) -> Box:
+    low, high = [], []
+    for axis, step in enumerate(block_size(dims)):
+        low.append(max(block[axis] * step, bounds.low[axis]))
+        high.append(min((block[axis] + 1) * step, bounds.high[axis]))
+    return Box((low[0], low[1], low[2]), (high[0], high[1], high[2]))
+
+
+def _corners_of(box: Box) -> list[Vector]:
+    sides = [(float(low), float(high - 1)) for low, high in zip(*box, strict=True)]
+    return [(i, j, k) for i, j, k in product(*sides)]

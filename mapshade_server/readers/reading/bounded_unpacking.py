@@ -1,0 +1,104 @@
+"""Unpacking that ends at the size that a header promises: what goes on is refused, never held.
+
+A few kilobytes may unpack to more than any memory. Nothing here knows a file format.
+"""
+
+import bz2
+import lzma
+import zlib
+from typing import Protocol
+
+from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.protocol.text.errors import BadInput
+
+LZMA_MEMORY = 1 << 28
+LARGE_CHUNK, MOST_BEYOND = 1 << 26, 8  # bytes; times the whole, which a chunk at the edge may exceed
+
+
+Packed = bytes | memoryview
+
+
+class TooMuch(ValueError):
+    """What is packed is more than was promised."""
+
+    def __init__(self, most: int) -> None:
+        super().__init__(f"it unpacks to more than the {most} bytes that are promised")
+
+
+class Damaged(ValueError):
+    """What is packed cannot be unpacked, or ends too early."""
+
+
+class _Decompressor(Protocol):
+    @property
+    def eof(self) -> bool: ...
+    @property
+    def unused_data(self) -> bytes: ...
+
+
+def check_promise(source: object, chunk_bytes: int, whole_bytes: int) -> None:
+    """Raises BadInput where one chunk, strip or tile is promised to be far more than the whole that it is a part of."""
+    if chunk_bytes > max(LARGE_CHUNK, MOST_BEYOND * whole_bytes):
+        raise BadInput(
+            f"{source}: is stored in chunks of {chunk_bytes} bytes, though it has {whole_bytes} in all; "
+            "the file is damaged or made to do harm"
+        )
+
+
+def inflated(packed: Packed, most: int) -> bytes:
+    """Zlib or gzip streams, told apart by their first bytes, several after each other as one. Raises ValueError."""
+    parts: list[bytes] = []
+    left = most
+    rest: Packed = packed
+    while rest:
+        stream = zlib.decompressobj(zlib.MAX_WBITS | 32)
+        try:
+            part = stream.decompress(rest, left + 1)
+        except zlib.error as error:
+            raise Damaged(f"its deflated bytes are damaged ({error})") from None
+        left -= len(part)
+        if left < 0:
+            raise TooMuch(most)
+        if not stream.eof:
+            raise Damaged("its deflated bytes are truncated")
+        parts.append(part)
+        rest = stream.unused_data.lstrip(b"\0")  # by which gzip may be padded
+    return b"".join(parts)
+
+
+def unpacked_bzip2(packed: Packed, most: int) -> bytes:
+    """Raises ValueError."""
+    try:
+        stream = bz2.BZ2Decompressor()
+        return _whole(stream, stream.decompress(packed, most + 1), most)
+    except OSError as error:
+        raise Damaged(f"its bzip2 bytes are damaged ({error})") from None
+
+
+def unpacked_lzma(packed: Packed, most: int) -> bytes:
+    """The xz or old LZMA format. Raises ValueError."""
+    try:
+        stream = lzma.LZMADecompressor(memlimit=LZMA_MEMORY)
+        return _whole(stream, stream.decompress(packed, most + 1), most)
+    except lzma.LZMAError as error:
+        raise Damaged(f"its LZMA bytes are damaged ({error})") from None
+
+
+def unpacked_by_imagecodecs(codec: str, packed: Packed, most: int) -> bytes:
+    """By its decoder of that name, as lzw, packbits or zstd, into a room of that size. Raises ValueError."""
+    decode = getattr(library("imagecodecs", f"what is packed by {codec}"), f"{codec}_decode")
+    try:
+        unpacked = bytes(decode(packed, out=most + 1))
+    except RuntimeError as error:  # which does not tell a room too small from damage
+        raise Damaged(f"it unpacks to more than the {most} bytes that are promised, or is damaged: {error}") from None
+    if len(unpacked) > most:
+        raise TooMuch(most)
+    return unpacked
+
+
+def _whole(stream: _Decompressor, unpacked: bytes, most: int) -> bytes:
+    if len(unpacked) > most:
+        raise TooMuch(most)
+    if not stream.eof:
+        raise Damaged("its packed bytes are truncated")
+    return unpacked

@@ -1,0 +1,16 @@
+"""The libraries of the extra [formats]: imported on first use, and asked for by name where they are missing."""
+
+import importlib
+from types import ModuleType
+
+from volsplat.protocol.text.errors import BadInput
+
+
+def library(name: str, what: str) -> ModuleType:
+    """The module `name`. Raises BadInput, with the cure, where it is not installed; `what` cannot be read then."""
+    try:
+        return importlib.import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name is None or error.name.partition(".")[0] != name.partition(".")[0]:
+            raise
+        raise BadInput(f"{what} needs {name}, which is not installed: pip install 'volsplat[formats]'") from None

@@ -1,0 +1,98 @@
+"""What files are that no reader takes, by the marks that they begin with: so that a person is told in one line.
+
+Also what stands in the file system under a name but is no file.
+"""
+
+import stat
+from pathlib import Path
+from typing import NamedTuple
+
+from volsplat.protocol.text.errors import BadInput
+
+UNPACK = "unpack it first"
+ONE_PICTURE = "give the folder of all its slices"
+MESH = "volsplat draws voxels; sample it on a grid first"
+SHOWN_BYTES = 16
+
+
+class Mark(NamedTuple):
+    """Bytes at a place of a file, in any case of letters; what such a file is, and what to do with it."""
+
+    mark: bytes
+    what: str
+    cure: str
+    at: int = 0
+
+
+MARKS = (
+    Mark(b"\x89PNG\r\n\x1a\n", "one PNG picture", ONE_PICTURE),
+    Mark(b"\xff\xd8\xff", "one JPEG picture", ONE_PICTURE),
+    Mark(b"\0\0\0\x0cjP  \r\n", "one JPEG 2000 picture", ONE_PICTURE),
+    Mark(b"\xff\x4f\xff\x51", "one JPEG 2000 picture", ONE_PICTURE),
+    Mark(b"GIF8", "a GIF picture", "save its frames as a TIFF stack"),
+    Mark(b"WEBP", "one WebP picture", ONE_PICTURE, 8),
+    Mark(b"\x76\x2f\x31\x01", "one OpenEXR picture", "save its slices as a TIFF stack"),
+    Mark(b"PK\x03\x04", "a ZIP archive", UNPACK),
+    Mark(b"PK\x05\x06", "an empty ZIP archive", "fetch it again"),
+    Mark(b"7z\xbc\xaf\x27\x1c", "a 7z archive", UNPACK),
+    Mark(b"Rar!", "a RAR archive", UNPACK),
+    Mark(b"\xfd7zXZ\0", "packed by xz", UNPACK),
+    Mark(b"\x28\xb5\x2f\xfd", "packed by zstd", UNPACK),
+    Mark(b"\x04\x22\x4d\x18", "packed by lz4", UNPACK),
+    Mark(b"BZh", "packed by bzip2", UNPACK),
+    Mark(b"ustar", "a tar archive", UNPACK, 257),
+    Mark(b"%PDF", "a PDF document", "give the volume itself"),
+    Mark(b"<!DOCTYPE html", "a web page, likely of a download that failed", "fetch the volume again"),
+    Mark(b"<html", "a web page, likely of a download that failed", "fetch the volume again"),
+    Mark(b"version https://git-lfs", "a pointer of Git LFS, not the file itself", "fetch that by git lfs pull"),
+    Mark(b"\0\x05\x16\x07", "what macOS keeps beside a file", "give the file itself, without ._ before its name"),
+    Mark(b" BDV", "an OpenVDB grid", "save it as a dense grid, as in NRRD or .vti"),
+    Mark(b"ply\n", "a PLY mesh", MESH),
+    Mark(b"ply\r", "a PLY mesh", MESH),
+    Mark(b"glTF", "a glTF mesh", MESH),
+    Mark(b"solid ", "an STL mesh", MESH),
+    Mark(b"MATLAB 5.0 MAT-file", "a MATLAB file before version 7.3", "save it with -v7.3"),
+    Mark(b"\x0e\x03\x13\x01", "HDF4", "convert it, as with h4toh5"),
+    Mark(b"GRIB", "GRIB", "convert it to NetCDF, as with cdo -f nc4 copy"),
+    Mark(b"PAR1", "a Parquet table", "save the volume as NumPy or Zarr"),
+    Mark(b"ARROW1", "an Arrow table", "save the volume as NumPy or Zarr"),
+    Mark(b"SQLite format 3\0", "an SQLite database", "export the volume from it"),
+    Mark(b"\x80\x04\x95", "a Python pickle, which could run any program", "save the array by numpy.save"),
+    Mark(b"ZISRAWFILE", "Zeiss CZI", "convert it to OME-TIFF, as with bfconvert"),
+    Mark(b"\xda\xce\xbe\x0a", "Nikon ND2", "convert it to OME-TIFF, as with bfconvert"),
+    Mark(b"p\0\0\0", "Leica LIF", "convert it to OME-TIFF, as with bfconvert"),
+    Mark(b"\xd0\xcf\x11\xe0", "an OLE file, as Olympus OIB", "convert it to OME-TIFF, as with bfconvert"),
+    Mark(b"# AmiraMesh", "an Amira mesh", "save it as NRRD"),
+    Mark(b"# Avizo", "an Avizo mesh", "save it as NRRD"),
+    Mark(b"# === DATA DESCRIPTION FILE", "a Philips PAR header", "convert it to NIfTI, as with dcm2niix"),
+    Mark(b"##TITLE=", "a Bruker parameter file", "convert the study to NIfTI or DICOM"),
+    Mark(b"object 1 class gridpositions", "an OpenDX map", "save it as CCP4 or .vti"),
+    Mark(b"\x7fELF", "a program", "give a volume"),
+    Mark(b"BM", "one BMP picture", ONE_PICTURE),
+)
+
+NO_FILES = (
+    (stat.S_ISFIFO, "a FIFO"),
+    (stat.S_ISSOCK, "a socket"),
+    (stat.S_ISCHR, "a device"),
+    (stat.S_ISBLK, "a disk"),
+)
+
+
+def mark_of(head: bytes) -> Mark | None:
+    """What a file with these first bytes is, None where they are no mark that is known."""
+    return next((one for one in MARKS if head[one.at :][: len(one.mark)].lower() == one.mark.lower()), None)
+
+
+def told_head(head: bytes) -> str:
+    """How a file begins, for a person: as text where it is text."""
+    first = head[:SHOWN_BYTES].splitlines()[0] if head[:SHOWN_BYTES].splitlines() else b""
+    return f"“{first.decode()}”" if first.isascii() and first.decode().isprintable() else head[:8].hex(" ")
+
+
+def check_is_file(path: Path) -> None:
+    """Raises BadInput where `path` is neither file nor folder, OSError where it is not there: a FIFO would hang."""
+    mode = path.stat().st_mode
+    what = next((name for kind, name in NO_FILES if kind(mode)), "")
+    if what:
+        raise BadInput(f"{path}: is {what}, which cannot be read in parts; copy it into a file and give that")

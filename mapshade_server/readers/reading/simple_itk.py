@@ -1,0 +1,119 @@
+"""SimpleITK for the readers: imported on first use, silent, its exceptions turned into one line."""
+
+import importlib
+import math
+import re
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.text.errors import BadInput
+
+
+@cache
+def simple_itk() -> ModuleType:
+    """The SimpleITK module. It takes a quarter of a second to import, which only its formats should pay."""
+    module = importlib.import_module("SimpleITK")
+    module.ProcessObject_SetGlobalWarningDisplay(False)
+    return module
+
+
+@contextmanager
+def one_line_errors(path: Path) -> Iterator[None]:
+    """Turns SimpleITK's exceptions, of several lines and source positions, into BadInput."""
+    try:
+        yield
+    except RuntimeError as error:
+        raise BadInput(f"{path}: cannot be read: {_reason(str(error))}; check or export the volume again") from None
+
+
+def _reason(text: str) -> str:
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    told = [line for line in lines if not line.startswith("Exception thrown")] or lines
+    reason = re.sub(r"^(sitk|ITK) ?::ERROR: |^ITK ERROR: ", "", " ".join(told))
+    reason = re.sub(r"\w+\(0x[0-9a-f]+\): ", "", reason)
+    return reason.rstrip(".!; ")
+
+
+def header_of(path: Path, image_io: str) -> Any:
+    """SimpleITK's ImageFileReader for `path` with the image information read. Raises BadInput."""
+    reader = simple_itk().ImageFileReader()
+    reader.SetImageIO(image_io)
+    reader.SetFileName(str(path))
+    with one_line_errors(path):
+        reader.ReadImageInformation()
+    return reader
+
+
+def check_is_volume(path: Path, reader: Any) -> None:
+    """Raises BadInput unless the image has three axes, and more only if they are 1 long, of single numbers."""
+    size = tuple(reader.GetSize())
+    refuse_other_dimensions(path, size)
+    if reader.GetNumberOfComponents() != 1:
+        refuse_vectors(path, f"{reader.GetNumberOfComponents()} components a voxel")
+
+
+def refuse_other_dimensions(path: Path, size: tuple[int, ...]) -> None:
+    """Raises BadInput unless `size` is that of one volume: three axes, and more only if they are 1 long."""
+    shown = " x ".join(str(n) for n in size)
+    if len(size) < 3:
+        kind = "a 1-D list" if len(size) == 1 else "a 2-D image"
+        raise BadInput(f"{path}: {kind}, volsplat needs a volume: its size is {shown}; give a file with several slices")
+    if max(size[3:], default=1) > 1:
+        raise BadInput(f"{path}: a series of {shown} voxels, volsplat needs one volume; export one frame of it")
+
+
+def refuse_vectors(path: Path, what: str) -> None:
+    raise BadInput(f"{path}: has {what}, volsplat needs one number a voxel; export one component or its magnitude")
+
+
+def scalar_type_of(path: Path, reader: Any) -> str:
+    """The torch name of the image's scalar type. Raises BadInput for types that are no plain number."""
+    name = simple_itk().GetPixelIDValueAsString(reader.GetPixelID())
+    match = re.fullmatch(r"(\d+)-bit (unsigned integer|signed integer|float)", name)
+    kinds = {"unsigned integer": "uint", "signed integer": "int", "float": "float"}
+    torch_name = kinds[match[2]] + match[1] if match else ""
+    if torch_name not in SCALAR_TYPES:
+        refuse_vectors(path, f"voxels of type {name}")
+    return torch_name
+
+
+def geometry_of(path: Path, reader: Any) -> Geometry:
+    """Spacing, direction and origin of the first three axes; physical axes are LPS, as SimpleITK has it."""
+    size, spacing, origin = reader.GetSize(), reader.GetSpacing(), reader.GetOrigin()
+    direction, n = reader.GetDirection(), len(reader.GetSize())
+    rows = [tuple(direction[n * row + axis] * spacing[axis] for axis in range(3)) for row in range(3)]
+    matrix: Matrix = tuple(rows)  # type: ignore[assignment]
+    return checked_geometry(path, tuple(size[:3]), matrix, tuple(origin[:3]))
+
+
+def checked_geometry(path: Path, dims: tuple[int, ...], matrix: Matrix, origin: tuple[float, ...]) -> Geometry:
+    """The Geometry of header values. Raises BadInput where they span no space."""
+    zero: Vector = (0.0, 0.0, 0.0)  # added to turn -0.0 into 0.0
+    try:
+        if not all(math.isfinite(x) for x in origin):
+            raise ValueError("the origin is not finite")
+        return Geometry(
+            dims=(dims[0], dims[1], dims[2]),
+            index_to_physical=tuple(matrices.plus(row, zero) for row in matrix),  # type: ignore[arg-type]
+            origin=matrices.plus((origin[0], origin[1], origin[2]), zero),
+        )
+    except ValueError as error:
+        raise BadInput(f"{path}: its spacing and directions cannot be used: {error}; correct the header") from None
+
+
+def extracted(path: Path, reader: Any, box: Box) -> Voxels:
+    """The voxels of `box` by SimpleITK's extract, which reads more than them."""
+    more_axes = len(reader.GetSize()) - 3
+    reader.SetExtractIndex([*box.low, *[0] * more_axes])
+    reader.SetExtractSize([*box.size, *[0] * more_axes])
+    with one_line_errors(path):
+        voxels: Voxels = simple_itk().GetArrayFromImage(reader.Execute())
+    return voxels

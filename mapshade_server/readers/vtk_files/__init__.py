@@ -1,0 +1,1 @@
+"""VTK's own image and grid files."""

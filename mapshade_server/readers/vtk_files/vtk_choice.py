@@ -1,0 +1,69 @@
+"""Which array of a VTK file is drawn: the one that the name's part names, else the active or only one of scalars."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+from volsplat.protocol.text.errors import BadInput
+
+ASSOCIATIONS = ("PointData", "CellData")  # as VTK calls what arrays belong to
+
+
+class NamedArray(Protocol):
+    @property
+    def name(self) -> str: ...
+    @property
+    def components(self) -> int: ...
+    @property
+    def of_cells(self) -> bool: ...
+
+
+AnyArray = TypeVar("AnyArray", bound=NamedArray)
+
+
+def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapping[str, str]) -> AnyArray:
+    """The array that `part` names, as `density` or `CellData/density`; points go before cells where none is named.
+
+    `active` has the names of the scalars that VTK would take, by association. Raises BadInput where one must be named.
+    """
+    if part:
+        return _named(path, part, arrays)
+    scalars = [one for one in arrays if one.components == 1]
+    for association in ASSOCIATIONS:
+        found = [one for one in scalars if _association(one) == association]
+        taken = [one for one in found if one.name == active.get(association)]
+        if taken or len(found) == 1:
+            return (taken or found)[0]
+        if found:
+            raise BadInput(f"{path}: holds {_listed(found)}; choose one, as in {path}#{found[0].name}")
+    if arrays:
+        raise BadInput(
+            f"{path}: has only {_listed(arrays)}, volsplat needs one number a voxel; save a component or the magnitude"
+        )
+    raise BadInput(f"{path}: has no data of its points or cells; save the grid again")
+
+
+def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> AnyArray:
+    named = [one for one in arrays if part in (one.name, f"{_association(one)}/{one.name}")]
+    if not named:
+        raise BadInput(f"{path}: has no array “{part}”; it has {_listed(arrays) or 'none'}")
+    if named[0].components != 1:
+        raise BadInput(
+            f"{path}: “{part}” has {named[0].components} components, volsplat needs one number a voxel; "
+            "save one component or the magnitude"
+        )
+    return named[0]
+
+
+def _association(array: NamedArray) -> str:
+    return ASSOCIATIONS[array.of_cells]
+
+
+def _listed(arrays: Sequence[NamedArray]) -> str:
+    """The names, with what is unusual of each."""
+    told = []
+    for one in arrays:
+        unusual = [f"{one.components} components"] if one.components != 1 else []
+        unusual += ["of cells"] if one.of_cells else []
+        told.append(f"{one.name} ({', '.join(unusual)})" if unusual else one.name)
+    return ", ".join(told)

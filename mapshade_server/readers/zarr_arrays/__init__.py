@@ -1,0 +1,1 @@
+"""Zarr arrays, in folders, archives and on the web."""

@@ -1,0 +1,152 @@
+"""Which array of a Zarr hierarchy is meant: by path, as a level of an image's pyramid, or the only one there is."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
+from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Multiscale, multiscale_of
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, ZarrPlace
+from volsplat.protocol.text.errors import BadInput
+
+MOST_ABOVE = 3  # groups between an image and the array of one of its levels
+MOST_NODES = 200  # that are looked at for volumes
+MOST_LISTED = 12
+
+
+class FoundArray(NamedTuple):
+    """The array that is meant. `part` has the array's own path; `image` is that of OME-Zarr, None for others."""
+
+    part: ArrayPart
+    place: ZarrPlace
+    array: Any
+    image: Multiscale | None = None
+    level: int = 0
+
+
+def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:
+    """The array that the part means. Raises BadInput where there is none, or several and none is named."""
+    node = place.node(part.path)
+    if node is None:
+        return _level_by_number(part, place)
+    if not place.is_array(node):
+        return _in_group(part, place, node)
+    return _level_of_image(part, place) or _level_from_above(part, place) or FoundArray(part, place, node)
+
+
+def _level_by_number(part: ArrayPart, place: ZarrPlace) -> FoundArray:
+    """The level that the part's last word numbers, where it is no array's name."""
+    path, _, number = part.path.rpartition("/")
+    group = place.node(path)
+    if group is None and not part.path:
+        raise BadInput(
+            f"{part.place}: there is no Zarr here, none of {', '.join(METADATA[:3])}; "
+            "check the place, and download what is not Zarr first"
+        )
+    image = None if group is None else multiscale_of(part.whole, group.attrs)
+    if image is not None and number.isdecimal() and int(number) < len(image.paths):
+        return _level(part, place, path, image, int(number))
+    held = f"its levels are 0 to {len(image.paths) - 1}" if image else f"it holds {_listed(_volumes(place, '', None))}"
+    raise BadInput(f"{part.place}: has no “{part.path}”; {held}")
+
+
+def _in_group(part: ArrayPart, place: ZarrPlace, group: Any) -> FoundArray:
+    """The finest level of the image that the group is, or the only volume in it."""
+    image = multiscale_of(part.whole, group.attrs)
+    if image is not None:
+        return _level(part, place, part.path, image, 0)
+    volumes = _volumes(place, part.path, group)
+    if not volumes:
+        raise BadInput(
+            f"{part.whole}: no array with three axes is found in this group; name one, as in {part.place}#PATH"
+        )
+    if len(volumes) > 1:
+        example = f"{part.place}#{volumes[0].path}"
+        raise BadInput(f"{part.whole}: holds {_listed(volumes)}; choose one, as in {example}")
+    return found_array(part._replace(path=volumes[0].path), place)
+
+
+def _level(part: ArrayPart, place: ZarrPlace, group: str, image: Multiscale, level: int) -> FoundArray:
+    chosen = part._replace(path=f"{group}/{image.paths[level]}".strip("/"))
+    array = place.node(chosen.path)
+    if not place.is_array(array):
+        raise BadInput(f"{part.place}: its level {level}, the array “{chosen.path}”, is missing; fetch it again")
+    return FoundArray(chosen, place, array, image, level)
+
+
+def _level_of_image(part: ArrayPart, place: ZarrPlace) -> FoundArray | None:
+    """The array that the part names, as a level of the image that one of the groups around it is."""
+    words = part.path.split("/") if part.path else []
+    for depth in range(len(words) - 1, max(len(words) - 1 - MOST_ABOVE, -1), -1):
+        group, path = "/".join(words[:depth]), "/".join(words[depth:])
+        if (found := _as_level(part, place, group, path)) is not None:
+            return found
+    return None
+
+
+def _level_from_above(part: ArrayPart, place: ZarrPlace) -> FoundArray | None:
+    """The array that the place itself is, as a level of an image that begins above the place."""
+    name, path = part.place, ""
+    if place.above is None or part.path:
+        return None
+    for _ in range(MOST_ABOVE):
+        name, _, last = name.rpartition("/")
+        if not name or name.endswith("/"):
+            return None
+        path = f"{last}/{path}".strip("/")
+        try:
+            found = _as_level(ArrayPart(name, path, part.options), place.above(name), "", path)
+        except Exception:  # whatever: what is above need not be Zarr, nor be open to this person
+            return None
+        if found is not None:
+            return found
+    return None
+
+
+def _as_level(part: ArrayPart, place: ZarrPlace, group: str, path: str) -> FoundArray | None:
+    """The array at `path` from the group, where the group is an image that has it as a level."""
+    node = place.node(group)
+    image = None if node is None else multiscale_of(part.whole, node.attrs)
+    level = None if image is None else image.level_at(path)
+    return None if image is None or level is None else _level(part, place, group, image, level)
+
+
+class _Volume(NamedTuple):
+    """What might be meant: an array, or a group that is an image."""
+
+    path: str
+    shown: str
+
+
+def _volumes(place: ZarrPlace, path: str, group: Any) -> list[_Volume]:
+    """The images, and the arrays with three axes or more, in a group and its groups, level by level."""
+    found: list[_Volume] = []
+    waiting = [(path, place.node(path) if group is None else group)]
+    for _ in range(MOST_NODES):
+        if not waiting:
+            break
+        path, node = waiting.pop(0)
+        if place.is_array(node):
+            if len(node.shape) >= 3:
+                found.append(
+                    _Volume(path, f"{path or 'an array'} ({' x '.join(str(length) for length in node.shape)})")
+                )
+        elif node is not None and multiscale_of(path, node.attrs) is not None:
+            found.append(_Volume(path, f"{path} (an image)"))
+        elif node is not None:
+            waiting += sorted((f"{path}/{name}".strip("/"), member) for name, member in _members(node))
+    return found
+
+
+def _members(group: Any) -> Iterable[tuple[str, Any]]:
+    """What is in a group; nothing where its store cannot list it."""
+    try:
+        return list(group.members())
+    except (NotImplementedError, OSError, ValueError):
+        return []
+
+
+def _listed(volumes: list[_Volume]) -> str:
+    shown = [volume.shown for volume in volumes[:MOST_LISTED]]
+    if len(volumes) > MOST_LISTED:
+        shown.append(f"and {len(volumes) - MOST_LISTED} more")
+    return ", ".join(shown) or "no volume that could be listed"

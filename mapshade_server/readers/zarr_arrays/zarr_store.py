@@ -1,0 +1,171 @@
+"""Zarr arrays of version 2 and 3: in folders, zip files and, through fsspec, at URLs; read by chunks.
+
+Images of OME-Zarr are placed by their metadata, one level of their pyramid at a time; arrays that xarray wrote by
+their coordinate arrays. Other arrays are named by their path.
+"""
+
+import base64
+import zipfile
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
+from volsplat.mapshade_server.readers.arrays.array_part import array_part
+from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plain_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
+from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
+from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.zarr_arrays import zarr_place
+from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Json, level_axes
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import at_most, check_codecs
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_files import fetched_files, files_of_arrays
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, one_line_errors
+from volsplat.mapshade_server.readers.zarr_arrays.zarr_search import FoundArray, found_array
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
+
+ZIP_EXTENSIONS = (".zip", ".ozx")
+ZIP_MAGIC = b"PK\3\4"
+
+
+def recognises_folder(folder: Path) -> bool:
+    return folder.name.endswith(".zarr") or any((folder / name).exists() for name in METADATA)
+
+
+def recognises_zip(head: bytes) -> bool:
+    return head.startswith(ZIP_MAGIC) and any(name.encode() in head for name in METADATA)
+
+
+def open_folder(path: Path, part: str) -> OpenedVolume:
+    """The reader for an array in a folder. Raises BadInput where none is a volume or one must be chosen."""
+    with one_line_errors(str(path)):
+        found = found_array(array_part(path, part), zarr_place.folder(str(path)))
+        folder = Path(found.place.name) / found.array.path
+        _check_has_chunks(found, (entry.name for entry in folder.rglob("*") if entry.is_file()))
+        root = Path(found.place.name)
+        return _reader(found, lambda: files_of_arrays(root, [found.array]))
+
+
+def open_zip(path: Path, part: str) -> OpenedVolume:
+    """The reader for an array in a zip file. Raises BadInput as open_folder does, and for zip bombs."""
+    with one_line_errors(str(path)):
+        found = found_array(array_part(path, part), zarr_place.zip_file(str(path)))
+        with zipfile.ZipFile(path) as archive:
+            members = [one for one in archive.infolist() if one.filename.startswith(found.array.path)]
+        together = np.prod(found.array.shards or found.array.chunks, dtype=object) * found.array.dtype.itemsize
+        zarr_place.check_sizes(str(path), members, 2 * int(together))
+        _check_has_chunks(found, (Path(one.filename).name for one in members if not one.is_dir()))
+        return _reader(found)
+
+
+def open_url(url: str, part: str) -> OpenedVolume:
+    """The reader for an array at a URL. Raises BadInput as open_folder does, and where nothing answers there."""
+    place = url.rstrip("/")
+
+    def files() -> Sequence[VolumeFile]:
+        with one_line_errors(place):
+            return fetched_files(found.place.name, found.array, lambda: zarr_place.file_system(place))
+
+    with one_line_errors(place):
+        found = found_array(array_part(place, part), zarr_place.remote(place))
+        return _reader(found, files)
+
+
+def _check_has_chunks(found: FoundArray, names: Iterable[str]) -> None:
+    """Raises BadInput where no chunk at all is stored, and all voxels would be the fill value."""
+    if all(name in METADATA for name in names):
+        raise BadInput(f"{found.part.whole}: not one of its chunks is there; copy or fetch the whole Zarr again")
+
+
+def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple) -> OpenedVolume:
+    part, array = found.part, found.array
+    check_codecs(part.whole, array)
+    check_promise(part.whole, int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize, array.nbytes)
+    attributes: Json = dict(array.attrs)
+    if found.image is None:
+        values = cf_values(part.whole, array.dtype, {**attributes, **_fill_value(array, attributes)})
+        coordinates = _coordinates(found)
+        text = f"Zarr version {array.metadata.zarr_format}"
+    else:
+        values = plain_values(part.whole, array.dtype)
+        coordinates = [Coordinates(axis) for axis in level_axes(part, found.image, found.level, array.shape)]
+        text = f"OME-Zarr {found.image.version}, level {found.level} of 0 to {len(found.image.paths) - 1}"
+    grid = array_grid(part, [one.axis for one in coordinates])
+    warnings = [one.warning for one in coordinates if one.warning]
+    if found.image is not None and found.image.others:
+        warnings.append(f"the first of the {1 + found.image.others} images that its metadata describes is taken")
+    one_chunk = _is_one_chunk(array, grid)
+    description = VolumeDescription(
+        name=part.place.rpartition("/")[2],
+        format=text,
+        geometry=grid.geometry,
+        scalar_type=values.scalar_type,
+        unit=grid.unit,
+        value_unit=text_attribute(attributes, "units"),
+        axes=grid.axes,
+        up=grid.up,
+        warnings=(*warnings, *grid.warnings),
+        density_name=_density_name(found, [one.axis for one in coordinates], grid, attributes),
+        reads_sub_cubes=not one_chunk,
+        chunk=grid.chunk(array.chunks),
+        why_whole="all its voxels are in one chunk" if one_chunk else "",
+    )
+
+    chunk_bytes = int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize
+
+    def read(box: Box) -> Voxels:
+        with one_line_errors(part.place), at_most(chunk_bytes):
+            return values.of(np.asarray(array[grid.selection(box)]))
+
+    return OpenedVolume(description, read, files)
+
+
+def _is_one_chunk(array: Any, grid: ArrayGrid) -> bool:
+    axes = zip(array.chunks, array.shape, grid.indices, strict=True)
+    return all(chunk >= length for chunk, length, index in axes if index is None)
+
+
+def _density_name(found: FoundArray, axes: list[ArrayAxis], grid: ArrayGrid, attributes: Json) -> str:
+    """What an image's channel or an array is called."""
+    if found.image is None:
+        return text_attribute(attributes, "long_name") or found.part.path.rpartition("/")[2] or "density"
+    channels = [n for axis, n in zip(axes, grid.indices, strict=True) if axis.name == "c" and n is not None]
+    names = [name for n in channels for name in found.image.channels[n : n + 1] if name]
+    return names[0] if names else "density"
+
+
+def _coordinates(found: FoundArray) -> list[Coordinates]:
+    """The axes by their dimensions' names, and the arrays of these names beside the array, as xarray writes them."""
+    array = found.array
+    names = getattr(array.metadata, "dimension_names", None) or array.attrs.get("_ARRAY_DIMENSIONS")
+    if not isinstance(names, list | tuple) or len(names) != len(array.shape):
+        names = [None] * len(array.shape)
+    return [
+        _coordinate(found, length, name if isinstance(name, str) else "")
+        for length, name in zip(array.shape, names, strict=True)
+    ]
+
+
+def _coordinate(found: FoundArray, length: int, name: str) -> Coordinates:
+    group, _, own_name = found.part.path.rpartition("/")
+    beside: Any = found.place.node(f"{group}/{name}") if name and own_name else None
+    if found.place.is_array(beside) and beside.shape == (length,):
+        check_codecs(found.part.whole, beside)
+        with at_most(beside.nbytes):
+            return coordinates_of(length, name, np.asarray(beside[:]), dict(beside.attrs))
+    return coordinates_of(length, name, None, {})
+
+
+def _fill_value(array: Any, attributes: Json) -> dict[str, Any]:
+    """What xarray stores for values that are not known, where it does not say so as NetCDF does."""
+    fill = attributes.get("_FillValue")
+    if isinstance(fill, str) and array.dtype.kind == "f":  # in version 3 the bytes of a double, in base64
+        return {"_FillValue": float(np.frombuffer(base64.b64decode(fill), "<f8")[0])}
+    in_version_2 = array.fill_value is not None and "_ARRAY_DIMENSIONS" in attributes
+    if fill is None and in_version_2 and array.dtype.kind in "iuf":
+        return {"_FillValue": array.fill_value.item()}
+    return {}

@@ -1,0 +1,58 @@
+"""The console of every command: what is printed is data, and never a way of writing.
+
+Names of files, words of a volume and texts of other programs may hold brackets, colons and control characters. Rich
+would take the first for its markup, the second for emoji, and hand the third to the terminal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+from rich.console import Console, ConsoleOptions, RenderableType
+from rich.progress import TextColumn
+from rich.segment import Segment
+from rich.status import Status
+from rich.text import Text
+
+from volsplat.protocol.text.printable import printable
+
+
+class PlainConsole(Console):
+    """Prints to stdout or stderr. Markup, emoji and highlighting are off; nothing can steer the terminal."""
+
+    def __init__(self, *, stderr: bool = False) -> None:
+        super().__init__(stderr=stderr, markup=False, emoji=False, highlight=False)
+
+    def say(self, line: str) -> None:
+        """Print one line, whatever its length: only the terminal breaks it, so that a path can be copied."""
+        self.print(Text(printable(line)), soft_wrap=True)
+
+    def status(self, status: RenderableType, **options: Any) -> PlainStatus:
+        """What is being done, while it is. Its `update` takes plain words, too."""
+        return PlainStatus(_plain(status), console=self, **options)
+
+    def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
+        """All that is printed passes here."""
+        for segment in super().render(renderable, options):
+            if segment.control or segment.text.isprintable():
+                yield segment
+            else:
+                text = "\n".join(printable(line) for line in segment.text.split("\n"))
+                yield Segment(text, segment.style)
+
+
+class PlainStatus(Status):
+    """A status whose words are no markup."""
+
+    def update(self, status: RenderableType | None = None, **options: Any) -> None:
+        super().update(None if status is None else _plain(status), **options)
+
+
+def task_words() -> TextColumn:
+    """The column of a progress bar that tells what is being done."""
+    return TextColumn("{task.description}", markup=False)
+
+
+def _plain(words: RenderableType) -> RenderableType:
+    return Text(printable(words)) if isinstance(words, str) else words

@@ -1,0 +1,50 @@
+"""What the two server programs share as processes: their options, their name, how errors end them."""
+
+import os
+import socket
+import sys
+from importlib import import_module
+from typing import NoReturn
+
+import click
+
+from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+from volsplat.program.load_failures import load_failure
+from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.text.printable import one_line
+from volsplat.protocol.wire.addresses import Address, parse_address
+
+
+def address_option(context: click.Context, parameter: click.Parameter, value: str) -> Address:
+    """Click's callback for an option HOST:PORT."""
+    return parse_address(value)
+
+
+def process_name() -> str:
+    """What other processes call this one in messages: its host and process id."""
+    return f"{socket.gethostname()}, process {os.getpid()}"
+
+
+def run_server(module: str, name: str, title: str) -> NoReturn:
+    """Run the command `name` of a module; an error is one line on stderr, exit status 2 where a person must act."""
+    try:
+        command: click.Command = getattr(import_module(module), name)
+        command.main(prog_name=command.name, standalone_mode=False)
+    except click.ClickException as error:
+        _end(title, error.format_message(), EXIT_BAD_INPUT)
+    except BadInput as error:
+        _end(title, str(error), EXIT_BAD_INPUT)
+    except VolsplatError as error:
+        _end(title, str(error), EXIT_FAILED)
+    except (KeyboardInterrupt, click.Abort):
+        _end(title, "interrupted", EXIT_INTERRUPTED)
+    except Exception as error:
+        if (line := load_failure(error)) is None:
+            raise
+        _end(title, line, EXIT_BAD_INPUT)
+    sys.exit(0)
+
+
+def _end(title: str, line: str, status: int) -> NoReturn:
+    print(f"{title}: {one_line(line)}", file=sys.stderr)
+    sys.exit(status)

@@ -1,0 +1,33 @@
+"""The machine that this process runs on, for reports."""
+
+import os
+import platform
+import socket
+from functools import cache
+from pathlib import Path
+
+from volsplat.protocol.description.machine import LONGEST_TEXT, Machine
+
+CPUS = Path("/proc/cpuinfo")
+
+
+@cache
+def this_machine() -> Machine:
+    host, system = socket.gethostname(), platform.platform(terse=True)
+    return Machine(host[:LONGEST_TEXT], system[:LONGEST_TEXT], _cpu_name()[:LONGEST_TEXT], usable_cores())
+
+
+def usable_cores() -> int:
+    """The cores that this process may use: a job of a cluster seldom has all of its machine's."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+def _cpu_name() -> str:
+    try:
+        lines = CPUS.read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

@@ -1,0 +1,1 @@
+"""What is drawn: the volume, its kind and name, and the scene."""

@@ -1,0 +1,171 @@
+"""What a volume is to everybody but its reader: its grid, its place in physical space, and boxes of its grid."""
+
+import math
+from typing import NamedTuple
+
+import msgspec
+
+from volsplat.protocol.description.kind import Band, Kind
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.geometry.upright import Up
+from volsplat.protocol.text.printable import printable
+
+Index = tuple[int, int, int]  # always grid (i, j, k)
+
+LONGEST_AXIS = 2**31 - 1  # voxels
+MOST_VOXELS = 2**48  # of a volume: their bytes are counted in 64 bits, and so is what is kept of each
+
+HALO = 1  # voxels around a sub-cube that its gradients need
+
+# The types that values may have, by their torch names, and the bytes of each.
+SCALAR_BYTES = {
+    "uint8": 1,
+    "int8": 1,
+    "uint16": 2,
+    "int16": 2,
+    "uint32": 4,
+    "int32": 4,
+    "uint64": 8,
+    "int64": 8,
+    "float32": 4,
+    "float64": 8,
+}
+
+
+class Box(NamedTuple):
+    """A half-open box of the grid: low <= (i, j, k) < high."""
+
+    low: Index
+    high: Index
+
+    @property
+    def size(self) -> Index:
+        return (self.high[0] - self.low[0], self.high[1] - self.low[1], self.high[2] - self.low[2])
+
+    @property
+    def voxels(self) -> int:
+        ni, nj, nk = self.size
+        return ni * nj * nk
+
+    def grown(self, margin: int, dims: Index) -> "Box":
+        """The box with `margin` more voxels on every side, clipped to a grid of `dims`."""
+        low = (max(self.low[0] - margin, 0), max(self.low[1] - margin, 0), max(self.low[2] - margin, 0))
+        high = (
+            min(self.high[0] + margin, dims[0]),
+            min(self.high[1] + margin, dims[1]),
+            min(self.high[2] + margin, dims[2]),
+        )
+        return Box(low, high)
+
+
+class Geometry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A volume's grid and its place in space.
+
+    `index_to_physical` has the physical step of i, j, k as its *columns* (spacing times direction; handedness
+    kept, skew allowed). `origin` is the physical position of the centre of voxel (0, 0, 0).
+    """
+
+    dims: Index
+    index_to_physical: Matrix = matrices.IDENTITY
+    origin: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        if min(self.dims) < 1:
+            raise ValueError(f"a volume needs at least one voxel on each axis, not {self.dims}")
+        if max(self.dims) > LONGEST_AXIS or self.box.voxels > MOST_VOXELS:
+            raise ValueError(
+                f"a volume has at most {LONGEST_AXIS} voxels on each axis and {MOST_VOXELS} in all, not {self.dims}"
+            )
+        inverse = matrices.inverse(self.index_to_physical)
+        numbers = (*self.origin, *self.spacing, *(entry for row in inverse for entry in row))
+        if not all(map(math.isfinite, numbers)) or min(self.spacing) <= 0.0 or not self.reference_spacing > 0.0:
+            raise ValueError(
+                f"a volume's place in space must be of a size that float64 can compute with; index_to_physical is "
+                f"{self.index_to_physical}, origin {self.origin}"
+            )
+
+    @property
+    def box(self) -> Box:
+        return Box((0, 0, 0), self.dims)
+
+    @property
+    def spacing(self) -> Vector:
+        """Physical length of one step along i, j and k."""
+        m = self.index_to_physical
+        return tuple(matrices.length(matrices.column(m, axis)) for axis in range(3))  # type: ignore[return-value]
+
+    @property
+    def reference_spacing(self) -> float:
+        """The cube root of a voxel's volume, in physical units."""
+        return matrices.cube_root(abs(matrices.determinant(self.index_to_physical)))
+
+    def physical(self, index: Vector) -> Vector:
+        """The physical position of a grid point."""
+        return matrices.plus(matrices.applied(self.index_to_physical, index), self.origin)
+
+
+class GridAxis(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What the indices of one grid axis stand for, where that is more than a length: inlines, time, velocity, ...
+
+    Index n stands for first + n * step, in `unit`.
+    """
+
+    name: str
+    unit: str
+    first: float
+    step: float
+
+    def __post_init__(self) -> None:
+        for field in ("name", "unit"):
+            msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
+
+
+class VolumeDescription(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a reader tells of a volume without reading its voxels; texts are made printable, for they are shown."""
+
+    name: str
+    format: str
+    geometry: Geometry
+    scalar_type: str  # a torch name: uint8, int16, float32, ...
+    unit: str = ""  # of lengths: "mm", or "" where the file states none
+    value_unit: str = ""  # of the voxels' values: "HU", or "" where the file states none
+    axes: tuple[GridAxis, GridAxis, GridAxis] | None = None  # of i, j, k, where the file names them
+    warnings: tuple[str, ...] = ()  # what the reader had to change, for the person to know
+    anatomical: bool = False  # physical axes are left, posterior, superior
+    kind: Kind = Kind.UNKNOWN
+    kind_from: str = ""  # what in the file states the kind; "" where nothing does
+    bands: tuple[Band, ...] = ()  # what the values mean, where they are classes; they do not overlap
+    up: Up | None = None  # the physical axis that points up, None where the file does not tell; superior of a patient
+    density_name: str = "density"  # what the packet's first byte holds
+    strength_name: str = "gradient strength"  # what its second byte holds
+    second_scalar: tuple[float, float] | None = None  # the range of what it holds in place of gradient strength
+    reads_sub_cubes: bool = True  # False: one server reads the whole file, and the others get theirs from it
+    why_whole: str = ""  # the reason, when it does; or what else of the file each server must read
+    chunk: Index = (1, 1, 1)  # voxels along i, j, k that only come together: a file's rows, its sheets, its chunks
+
+    def __post_init__(self) -> None:
+        for field in _TEXTS:
+            msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
+        msgspec.structs.force_setattr(self, "warnings", tuple(printable(warning) for warning in self.warnings))
+        if min(self.chunk) < 1:
+            raise ValueError(f"a chunk needs at least one voxel on each axis, not {self.chunk}")
+        if self.anatomical and self.up is None:
+            msgspec.structs.force_setattr(self, "up", "+z")
+        if self.second_scalar is not None:
+            low, high = self.second_scalar
+            if not (low < high and math.isfinite(1.0 / (high - low)) and math.isfinite(high - low)):
+                raise ValueError(f"the second scalar needs a range, not {low} to {high}")
+
+
+_TEXTS = (
+    "name",
+    "format",
+    "scalar_type",
+    "unit",
+    "value_unit",
+    "kind_from",
+    "density_name",
+    "strength_name",
+    "why_whole",
+)

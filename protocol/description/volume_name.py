@@ -1,0 +1,46 @@
+"""How a person names a volume: a path or URL and, after `#`, the part of it that is meant.
+
+head.nrrd            scans/#1.2.840.113619.2      run.h5#/entry/density      s3://bucket/brain.zarr#2
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+from volsplat.protocol.text.errors import BadInput
+
+
+class VolumeName(NamedTuple):
+    """`part` is "" where none is named; what it means is the format's matter."""
+
+    place: str
+    part: str
+
+    @property
+    def is_url(self) -> bool:
+        return "://" in self.place
+
+    def __str__(self) -> str:
+        return f"{self.place}#{self.part}" if self.part else self.place
+
+
+def volume_name(text: str) -> VolumeName:
+    """What `text` names. A file whose own name has a `#` is taken whole."""
+    place, _, part = text.partition("#")
+    if "://" not in text and part and not Path(place).exists() and Path(text).exists():
+        return VolumeName(text, "")
+    return VolumeName(place, part)
+
+
+def absolute_name(text: str) -> str:
+    """The name as another process of this machine, in another folder, must be told it."""
+    name = volume_name(text)
+    return text if name.is_url else str(name._replace(place=str(Path(name.place).absolute())))
+
+
+def check_is_there(text: str) -> None:
+    """Raises BadInput where this machine has no such file or folder; a URL is tried when it is opened."""
+    name = volume_name(text)
+    if not name.is_url and not Path(name.place).exists():
+        raise BadInput(f"{name.place}: no such file or folder")

@@ -1,0 +1,1 @@
+"""Rotations and which way is up."""

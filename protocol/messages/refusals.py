@@ -1,0 +1,35 @@
+"""How a server answers a request that failed: one clear line to the client, whatever went wrong."""
+
+import logging
+
+from volsplat.protocol.messages.messages import LONGEST_LINE, Message, Refused
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+
+log = logging.getLogger(__name__)
+
+OUT_OF_MEMORY = (
+    "the memory of a server does not suffice; ask for a smaller image (--size) or divide the volume among more "
+    "map/shade servers (--workers)"
+)
+
+
+def refusal(request: Message, error: Exception) -> Refused:
+    """The answer to `request`, which ended in `error`. What is a mistake of ours is logged with its traceback."""
+    return Refused(
+        request=type(request).__name__,
+        cause=_cause(error)[:LONGEST_LINE],
+        frame=getattr(request, "frame", 0),
+        assignment=getattr(request, "assignment", 0),
+        peer_lost=isinstance(error, PeerLost),
+        probe=getattr(request, "probe", 0),
+    )
+
+
+def _cause(error: Exception) -> str:
+    if isinstance(error, MemoryError):
+        return OUT_OF_MEMORY
+    line = " ".join(str(error).split())
+    if line and isinstance(error, VolsplatError | ValueError | OSError):
+        return line
+    log.error("an error in volsplat itself", exc_info=error)
+    return f"an error in volsplat itself, please report it: {type(error).__name__}: {line}"

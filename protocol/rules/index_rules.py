@@ -1,0 +1,152 @@
+"""What becomes 8 bits, by one rule for the whole volume (design, section 3.7). Arithmetic is IEEE float64.
+
+density     byte = floor(min(max((v - low) * scale, 0), 255) + 0.5), scale = 255 / (high - low)
+strength    byte = floor(min(max((s - strength_low) * strength_scale, 0), 255) + 0.5), s = |gradient| per unit of
+            physical length and strength_low = 0, or s the volume's second scalar, over its range; 0 where s is NaN
+gradient i, j, k
+            byte = floor(128.5 + 127 * c), c the component of the unit direction along the physical direction
+            of that grid axis; 128 where there is no gradient
+grid        byte = floor(256 * index / dims)
+screen      byte = floor(256 * (s + r) / (2 r)), s measured from the centre of the volume's bounding sphere of
+            radius r, x to the right, y up, z towards the viewer (see frame_plan for the fixed-point form)
+
+The direction code is 15 bits. Octahedral: with p = (x, y, z) / (|x| + |y| + |z|), and for z < 0 the fold
+(x, y) -> ((1 - |y|) sign x, (1 - |x|) sign y) where sign 0 is +1, u = floor((x + 1) * 90 + 0.5) and likewise v;
+code = 181 v + u. Paper: code = (x + 16) | (y + 16) << 5 | (z + 16) << 10 with the components scaled so that the
+largest is 15, rounded half away from zero. Directions are in physical space and point to rising density.
+"""
+
+import math
+from typing import Literal
+
+import msgspec
+
+from volsplat.protocol.description.kind import CLASS_KINDS, Kind
+from volsplat.protocol.description.scene import TABLE_ENTRIES
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix
+
+OCTAHEDRAL_SIDE = 181
+OCTAHEDRAL_NO_GRADIENT = OCTAHEDRAL_SIDE * OCTAHEDRAL_SIDE  # 32761
+PAPER_NO_GRADIENT = 16 | 16 << 5 | 16 << 10
+DIRECTION_CODES = 32768
+
+HISTOGRAM_BINS = 65536
+STRENGTH_PERCENTILE = 0.995  # of the voxels that have a gradient; above it, strength is 255
+
+
+class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The numbers that every server of a session quantises with."""
+
+    window: tuple[float, float]
+    strength_scale: float  # bytes per unit of |gradient|, or of the second scalar
+    directions: Literal["octahedral", "paper"] = "octahedral"
+    strength_low: float = 0.0  # what becomes byte 0
+
+    def __post_init__(self) -> None:
+        low, high = self.window
+        if not low < high or not math.isfinite(low) or not math.isfinite(self.density_scale) or self.density_scale <= 0:
+            raise ValueError(
+                f"the density window must be finite and rise, by no more than float64 can divide, not {low} to {high}"
+            )
+        if not 0.0 <= self.strength_scale < math.inf or not math.isfinite(self.strength_low):
+            strengths = f"{self.strength_scale} from {self.strength_low} on"
+            raise ValueError(
+                f"strength must have a finite scale, not below 0, and a finite least value, not {strengths}"
+            )
+
+    @property
+    def density_scale(self) -> float:
+        return (TABLE_ENTRIES - 1) / (self.window[1] - self.window[0])
+
+    def density_of_byte(self, byte: int) -> float:
+        """The middle of the values that become this byte; of those beyond the window its end."""
+        return self.window[0] + byte / self.density_scale
+
+    def strength_of_byte(self, byte: int) -> float:
+        """Likewise, |gradient| per unit of physical length, 0 in a volume without gradients; or the second scalar."""
+        return self.strength_low + byte / self.strength_scale if self.strength_scale else self.strength_low
+
+
+class Survey(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Counts over voxels, from which the rules of the whole volume are made. Those of boxes add up."""
+
+    low: float  # least and greatest value that is not NaN; low > high where there is none
+    high: float
+    max_gradient: float  # greatest |gradient|
+    voxels: int
+    no_data: int  # voxels that are NaN
+
+    def joined(self, other: "Survey") -> "Survey":
+        return Survey(
+            low=min(self.low, other.low),
+            high=max(self.high, other.high),
+            max_gradient=max(self.max_gradient, other.max_gradient),
+            voxels=self.voxels + other.voxels,
+            no_data=self.no_data + other.no_data,
+        )
+
+
+def percentile(counts: list[int], low: float, high: float, fraction: float) -> float:
+    """The value below which `fraction` of the counts lie; bins split low..high evenly, the upper edge is returned."""
+    wanted = fraction * sum(counts)
+    seen = 0
+    for n, count in enumerate(counts):
+        seen += count
+        if count and seen >= wanted:
+            return low + (high - low) * ((n + 1) / len(counts))
+    return high
+
+
+def density_window(
+    survey: Survey, counts: list[int], scalar_type: str, kind: Kind = Kind.UNKNOWN
+) -> tuple[float, float]:
+    """The one density window of a volume, where the scene does not set it.
+
+    8-bit data keeps its values (0..255, or -128..127). Classes, of which the rare ones count as well, have their full
+    range. Everything else is cut at its 0.05 and 99.95 percentiles, unless those meet, where the full range is taken.
+    A constant volume gets a window of width 1, or more where its value is so great that 1 would be lost.
+    """
+    if scalar_type == "uint8":
+        return (0.0, 255.0)
+    if scalar_type == "int8":
+        return (-128.0, 127.0)
+    if survey.low > survey.high:
+        return (0.0, 1.0)
+    bin_width = (survey.high - survey.low) / len(counts)
+    low = percentile(counts, survey.low, survey.high, 0.0005) - bin_width
+    high = percentile(counts, survey.low, survey.high, 0.9995)
+    if not low < high or kind in CLASS_KINDS:
+        low, high = survey.low, survey.high
+    # Values too close for a scale in float64 are a constant.
+    constant = not low < high or math.isinf((TABLE_ENTRIES - 1) / (high - low))
+    return (low, low + max(1.0, abs(low) * 2.0**-20)) if constant else (low, high)
+
+
+def strength_scale(survey: Survey, counts: list[int]) -> float:
+    """Bytes per unit of |gradient|: the percentile of the voxels that have a gradient becomes 255."""
+    if survey.max_gradient <= 0.0:
+        return 0.0
+    with_gradient = list(counts)
+    with_gradient[0] = 0
+    if not any(with_gradient):
+        with_gradient = counts
+    top = percentile(with_gradient, 0.0, survey.max_gradient, STRENGTH_PERCENTILE)
+    scale = 255.0 / top
+    return scale if math.isfinite(scale) else 0.0  # gradients so weak are none
+
+
+def second_scalar_scale(values: tuple[float, float]) -> float:
+    """Bytes per unit of a second scalar: the whole of its range is told apart."""
+    return (TABLE_ENTRIES - 1) / (values[1] - values[0])
+
+
+def physical_gradient(geometry: Geometry) -> Matrix:
+    """The matrix that turns differences per index step into a gradient per unit of physical length."""
+    return matrices.transposed(matrices.inverse(geometry.index_to_physical))
+
+
+def grid_index_bytes(size: int, factor: int = 1) -> list[int]:
+    """The byte of each grid index of an axis of `size` voxels; at a level, of each `factor` of them (see levels)."""
+    return [256 * min(first + factor // 2, size - 1) // size for first in range(0, size, factor)]

@@ -1,0 +1,127 @@
+"""Drawing a volume that was prepared at several resolutions: which of them a step takes, and where its grid lies.
+
+Level 0 is the volume itself. Each further level halves the grid (an axis of one voxel stays): voxel n of a level stands
+for the voxels f n to f (n + 1) - 1 of level 0, f being its factor on that axis, so its middle lies at level 0's
+f (n + 1/2) - 1/2. A scene always speaks of level 0's grid and spacing, whatever level is drawn.
+"""
+
+import math
+from collections.abc import Sequence
+
+import msgspec
+
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.index_rules import Quantisation, Survey
+from volsplat.protocol.rules.refinement import STEP_RULES
+
+# What lists of the voxels that can be seen may take, of the bytes of packets that come from a store. With what is held
+# while bricks are unpacked instead, a server never takes more than 1.5 times its packets.
+LISTS_PER_STORED_PACKET = 0.4
+
+
+GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
+
+
+class Prepared(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What was decided of a volume when it was prepared."""
+
+    survey: Survey
+    quantisation: Quantisation
+    levels: tuple[Geometry, ...]  # finest first; the first is the volume's own
+
+
+class Resolution(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a frame is drawn from: a level, and every how many of its samples on each axis."""
+
+    level: int
+    geometry: Geometry  # the level's
+    stride: int
+
+    def __post_init__(self) -> None:
+        if self.level < 0:
+            raise ValueError(f"a resolution needs a level from 0 on, not {self.level}")
+        if not 1 <= self.stride <= GREATEST_STRIDE:
+            raise ValueError(f"a resolution's stride must be 1 to {GREATEST_STRIDE}, not {self.stride}")
+
+
+def own_resolution(geometry: Geometry, step: Step) -> Resolution:
+    """A volume without further levels: it is strided, as in the paper."""
+    return Resolution(level=0, geometry=geometry, stride=STEP_RULES[step].stride)
+
+
+def resolution_of(step: Step, levels: Sequence[Geometry], base: int, striding: bool) -> Resolution:
+    """What `step` is drawn from where the finest step takes level `base`.
+
+    Coarser steps take coarser levels, whose voxels are means, unless `striding`; where there are no more, they stride.
+    """
+    coarser = 0 if striding else min(STEP_RULES[step].octaves, len(levels) - 1 - base)
+    stride = STEP_RULES[step].stride >> coarser
+    return Resolution(level=base + coarser, geometry=levels[base + coarser], stride=stride)
+
+
+def levels_drawn(levels: Sequence[Geometry], base: int) -> range:
+    """The levels that the steps of a frame take."""
+    return range(base, min(base + max(rule.octaves for rule in STEP_RULES.values()), len(levels) - 1) + 1)
+
+
+def factors_of(geometry: Geometry, level: Geometry) -> Index:
+    """How many voxels of the volume each voxel of a level stands for along i, j, k.
+
+    Raises ValueError where it is no level of the volume.
+    """
+    ratios = [coarse / fine for coarse, fine in zip(level.spacing, geometry.spacing, strict=True)]
+    if not all(math.isfinite(ratio) for ratio in ratios):
+        raise ValueError(f"spacing {level.spacing} is that of no level of a volume whose spacing is {geometry.spacing}")
+    i, j, k = (round(ratio) for ratio in ratios)
+    if min(i, j, k) < 1 or level.dims != tuple(
+        -(-size // factor) for size, factor in zip(geometry.dims, (i, j, k), strict=True)
+    ):
+        raise ValueError(
+            f"{level.dims} voxels, each of {i} x {j} x {k}, are no level of a volume of {geometry.dims} voxels"
+        )
+    return (i, j, k)
+
+
+def thickness_of(geometry: Geometry, level: Geometry) -> float:
+    """The level's reference spacing in those of the volume."""
+    return level.reference_spacing / geometry.reference_spacing
+
+
+def point_at_level(point: Vector, factors: Index) -> Vector:
+    """Where a point of the volume's grid lies in a level's."""
+    i, j, k = (x if f == 1 else (x + 0.5) / f - 0.5 for x, f in zip(point, factors, strict=True))
+    return (i, j, k)
+
+
+def bounds_at_level(box: Box, factors: Index) -> Box:
+    """The voxels of a level that hold any of a box of the volume."""
+    i0, j0, k0 = (n // f for n, f in zip(box.low, factors, strict=True))
+    i1, j1, k1 = (-(-n // f) for n, f in zip(box.high, factors, strict=True))
+    return Box((i0, j0, k0), (i1, j1, k1))
+
+
+def share_at_level(box: Box, factors: Index) -> Box:
+    """The part of a level for who holds this box of the volume: parts of a partition partition every level.
+
+    It may be empty.
+    """
+    i0, j0, k0 = (-(-n // f) for n, f in zip(box.low, factors, strict=True))
+    i1, j1, k1 = (-(-n // f) for n, f in zip(box.high, factors, strict=True))
+    return Box((i0, j0, k0), (i1, j1, k1))
+
+
+def index_in_volume(index: Index, factors: Index, dims: Index) -> Index:
+    """The voxel of the volume in the middle of a level's voxel, the upper one of two."""
+    i, j, k = (min(n * f + f // 2, size - 1) for n, f, size in zip(index, factors, dims, strict=True))
+    return (i, j, k)
+
+
+def finest_needed(levels: Sequence[Geometry], zoom: float) -> int:
+    """The coarsest level whose voxels are no larger than a pixel; level 0 where none is.
+
+    `zoom` is pixels per reference spacing of the volume.
+    """
+    sizes = (zoom * thickness_of(levels[0], level) for level in levels)
+    return max((n for n, size in enumerate(sizes) if size <= 1.0 or math.isclose(size, 1.0)), default=0)

@@ -1,0 +1,68 @@
+"""The six steps of successive refinement, as a table (paper: "Successive Refinement"; design, section 6)."""
+
+from dataclasses import dataclass
+
+from volsplat.protocol.description.scene import Scene, Step
+
+
+@dataclass(frozen=True)
+class StepRule:
+    stride: int  # every n-th sample on each axis is visited
+    footprint: bool  # False: nearest pixel
+
+    @property
+    def octaves(self) -> int:
+        """How often the grid is halved by that."""
+        return self.stride.bit_length() - 1
+
+
+STEP_RULES = {
+    Step.A: StepRule(stride=4, footprint=False),
+    Step.B: StepRule(stride=2, footprint=False),
+    Step.C: StepRule(stride=1, footprint=False),
+    Step.D: StepRule(stride=1, footprint=True),
+    Step.E: StepRule(stride=1, footprint=True),
+    Step.F: StepRule(stride=1, footprint=True),
+}
+
+
+def finer(step: Step) -> Step | None:
+    """The step that follows; None after F."""
+    return _neighbour(step, 1)
+
+
+def coarser(step: Step) -> Step | None:
+    """The step before; None before A."""
+    return _neighbour(step, -1)
+
+
+def _neighbour(step: Step, by: int) -> Step | None:
+    steps = list(Step)
+    n = steps.index(step) + by
+    return steps[n] if 0 <= n < len(steps) else None
+
+
+@dataclass(frozen=True)
+class ActiveShading:
+    """Which intensities a step adds up."""
+
+    emitted: bool
+    diffuse: bool
+    specular: bool
+
+
+def active_shading(scene: Scene, step: Step) -> ActiveShading:
+    """The parts of the shading rules in force at `step`.
+
+    Diffuse joins at `refine.lit_from`, specular one step later but never before F unless lighting was asked for
+    earlier; a scene with no emission is lit from A.
+    """
+    shading = scene.shading
+    dark = not shading.emitted or all(max(colour) == 0.0 for _, colour in scene.tables.emit.points)
+    diffuse_from = Step.A if dark else scene.refine.lit_from
+    specular_from = Step.F if diffuse_from == Step.E else diffuse_from
+    return ActiveShading(
+        emitted=shading.emitted,
+        diffuse=shading.diffuse and step >= diffuse_from,
+        specular=shading.specular and step >= specular_from,
+    )

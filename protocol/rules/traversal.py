@@ -1,0 +1,77 @@
+"""The order in which samples are visited (paper: "Screen Mapping").
+
+A ray to the viewer changes i, j and k at constant rates. The axis that changes most is the outermost loop (sheet),
+the one that changes least the innermost (sample). A zero delta counts as positive; of equal magnitudes k comes
+before j before i.
+"""
+
+from dataclasses import dataclass
+
+from volsplat.protocol.description.scene import Order
+from volsplat.protocol.description.volume import Index
+
+
+@dataclass(frozen=True)
+class Traversal:
+    """Nested loops over (sheet, row, sample): grid axis numbers (0 = i) and whether each runs upwards."""
+
+    axes: Index
+    ascending: tuple[bool, bool, bool]
+
+
+def traversal_of(ray: Index, order: Order) -> Traversal:
+    """The traversal for a ray that runs to the viewer by `ray` in i, j and k (any unit).
+
+    With equal spacings the ray's deltas are those of depth, dz/di, dz/dj and dz/dk, that the paper inspects. With
+    unequal ones or skew they are not: rays cross the grid's cells by the rule here, whatever the spacings.
+    """
+    axes = sorted((2, 1, 0), key=lambda axis: -abs(ray[axis]))
+    back_to_front = order == Order.BACK_TO_FRONT
+    sheet, row, sample = axes
+    return Traversal(
+        axes=(sheet, row, sample),
+        ascending=(
+            (ray[sheet] >= 0) == back_to_front,
+            (ray[row] >= 0) == back_to_front,
+            (ray[sample] >= 0) == back_to_front,
+        ),
+    )
+
+
+@dataclass(frozen=True)
+class AxisVisits:
+    """The indices that a step visits on one axis, and the block of voxels that each of them stands for.
+
+    Visited are `first`, `first + stride`, …: `count` of them. Their blocks partition low..high: a block reaches
+    from `index - stride // 2` over `stride` voxels, but the outermost ones reach to the bounds.
+    """
+
+    low: int
+    high: int
+    stride: int
+    first: int
+    count: int
+
+    def index(self, ordinal: int) -> int:
+        return self.first + self.stride * ordinal
+
+    def block(self, ordinal: int) -> tuple[int, int]:
+        start = self.index(ordinal) - self.stride // 2
+        return (
+            self.low if ordinal == 0 else start,
+            self.high if ordinal == self.count - 1 else start + self.stride,
+        )
+
+    def block_sizes(self) -> tuple[int, int, int]:
+        """How many voxels the first block, those between, and the last one have."""
+        first, last = self.block(0), self.block(self.count - 1)
+        return (first[1] - first[0], self.stride, last[1] - last[0])
+
+
+def visits_of(low: int, high: int, stride: int) -> AxisVisits:
+    """The visits to low..high: indices congruent to stride // 2, or the middle where there is none."""
+    phase = stride // 2
+    first = low + (phase - low) % stride
+    if first >= high:
+        return AxisVisits(low=low, high=high, stride=stride, first=(low + high) // 2, count=1)
+    return AxisVisits(low=low, high=high, stride=stride, first=first, count=(high - 1 - first) // stride + 1)

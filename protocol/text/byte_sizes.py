@@ -1,0 +1,15 @@
+"""Numbers of bytes as people write them."""
+
+import re
+
+from volsplat.protocol.text.errors import BadInput
+
+UNITS = {"": 1, "K": 1 << 10, "M": 1 << 20, "G": 1 << 30, "T": 1 << 40}
+
+
+def bytes_from_option(option: str, text: str) -> int:
+    """A number of bytes with an optional K, M, G or T. Raises BadInput."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([KMGT]?)B?", text.strip().upper())
+    if match is None:
+        raise BadInput(f"{option} {text}: give a size such as 800M or 4G")
+    return int(float(match[1]) * UNITS[match[2]])

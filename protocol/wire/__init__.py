@@ -1,0 +1,1 @@
+"""How messages travel: sockets, frames of bytes, handshakes and tokens."""

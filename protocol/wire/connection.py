@@ -1,0 +1,291 @@
+"""One authenticated connection: the protocol over a blocking stdlib socket. Knows nothing of who dialled whom.
+
+One thread receives, any threads send. Back-pressure is the socket's: a peer that does not read makes send() wait.
+"""
+
+import errno
+import os
+import socket
+import struct
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from volsplat.protocol.messages.exchanges import EXCHANGES, Exchanges
+from volsplat.protocol.messages.message_rules import Speech
+from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.roles import Role, Way
+from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
+
+KEEPALIVE_IDLE_SECONDS = 10  # a silent peer is asked after this; one whose machine is gone is noticed …
+KEEPALIVE_INTERVAL_SECONDS = 5
+KEEPALIVE_PROBES = 3  # … this many unanswered questions later
+TIMEVAL = struct.Struct("@ll")  # seconds and microseconds, as SO_SNDTIMEO takes them
+OWN_OUTPUT = "its own output tells why"  # of a peer that is gone
+ON_THE_WAY = 2 << 20  # bytes by the local door, if the system allows: with more, too much is hidden when it arrives
+MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
+
+
+class ConnectionClosed(VolsplatError):
+    """This side has closed the connection."""
+
+
+@dataclass(frozen=True)
+class Peer:
+    """Who is at the other end. `id` is its id in the session (0 for the client), `host` and `port` its address;
+    a caller by the local door has no port (see local_door).
+
+    `data_host` and `data_port`: where a splat server takes data links; 0 for all others.
+    """
+
+    role: Role
+    host: str
+    port: int
+    id: int = 0
+    version: int = 0
+    name: str = ""
+    data_host: str = ""
+    data_port: int = 0
+
+    def __str__(self) -> str:
+        number = f" {self.id}" if self.id else ""
+        name = f" ({self.name})" if self.name else ""
+        place = f"at {self.host}:{self.port}" if self.port else "on this machine"
+        return f"{self.role}{number}{name} {place}"
+
+
+@dataclass
+class Counters:
+    bytes_in: int = 0
+    bytes_out: int = 0
+    messages_in: int = 0
+    messages_out: int = 0
+    seconds_in_send: float = 0.0  # blocked, because the peer did not read fast enough
+
+
+class Connection:
+    """Sends and receives messages over a connected socket, which it owns.
+
+    A new one is in the handshake (see dialling and listener); open() ends that.
+    """
+
+    def __init__(self, connected: socket.socket, place: str) -> None:
+        """`place` names the other end in errors until open() tells who is there."""
+        self._socket = connected
+        self._place = place
+        self._peer: Peer | None = None
+        self.id = 0  # ours in the session, 0 for the client
+        self.counters = Counters()
+        self._decoder = Decoder()
+        self._outgoing = Speech()
+        self._deadline: float | None = None
+        self._sending = threading.Lock()  # guards the outgoing stream: one message at a time
+        self._gate = threading.Lock()  # guards _closed and _users
+        self._closed = False
+        self._loss = ""  # why, where it was not this side that wished it
+        self._users = 0  # calls that are inside the socket; the last one out of a closed connection frees it
+        with suppress(OSError):  # macOS sets none where the peer has gone already; receive() will tell
+            _set_options(connected)
+
+    @property
+    def peer(self) -> Peer:
+        assert self._peer is not None, "the handshake is not over"
+        return self._peer
+
+    @property
+    def opened(self) -> bool:
+        """True once the handshake is over."""
+        return self._peer is not None
+
+    @property
+    def closed(self) -> bool:
+        return self._closed
+
+    def __str__(self) -> str:
+        return str(self._peer) if self._peer is not None else self._place
+
+    def open(self, peer: Peer, own_role: Role, own_id: int, allocate: Allocate = new_buffer) -> None:
+        """The handshake is over: `peer` is who it says it is. Lifts the deadline and the handshake's limits.
+
+        Raises ConnectionClosed where this side has closed it meanwhile.
+        """
+        there, back = Way(own_role, peer.role), Way(peer.role, own_role)
+        exchanges = next((Exchanges(way) for way in (there, back) if way in EXCHANGES), None)
+        incoming = Speech(back, server=peer.id if peer.role == Role.DATA_LINK else 0, exchanges=exchanges)
+        with self._inside():
+            self._decoder = Decoder(incoming, allocate)
+            self._outgoing = Speech(there, exchanges=exchanges)
+            self._peer, self.id = peer, own_id
+            self._deadline = None
+            self._socket.settimeout(None)
+
+    def limit(self, seconds: float) -> None:
+        """From now until open(), sends and receives fail with PeerLost once this much time has passed."""
+        self._deadline = time.monotonic() + seconds
+
+    def lose_after(self, seconds: float) -> None:
+        """From now on, a peer that has not taken what was sent for so long is gone: for one that always reads.
+
+        Over TCP the system asks for no sign of life while something is on its way, and would wait for a quarter of an
+        hour; by the local door a send would wait without end.
+        """
+        with suppress(OSError):  # it is closed already
+            if self._socket.family == socket.AF_UNIX:
+                self._socket.setsockopt(
+                    socket.SOL_SOCKET, socket.SO_SNDTIMEO, TIMEVAL.pack(int(seconds), int(seconds % 1 * 1e6))
+                )
+            elif hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
+                self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * seconds))
+
+    def send(self, message: Message, *payload: "Buffer") -> None:
+        """Send a message and its payload, whose memory is free again on return. Any thread may call it.
+
+        Raises PeerLost, ConnectionClosed, or LocalProtocolError for what the rules forbid.
+        """
+        with self._sending, self._inside():
+            buffers = encode(message, *payload, speech=self._outgoing)
+            try:
+                self._send_all(buffers)
+            except OSError as error:
+                raise self._lost(error) from error
+            except BaseException:  # half a message has gone out: the stream has no more meaning
+                self.close()
+                raise
+            self.counters.messages_out += 1
+
+    def receive(self) -> Received | None:
+        """The next message, or None once this side has called close(). One thread only.
+
+        Raises PeerLost where the stream ends or fails, RemoteProtocolError where it breaks the protocol; the
+        connection is closed then.
+        """
+        try:
+            with self._inside():
+                while True:
+                    self._keep_deadline()
+                    count = self._socket.recv_into(self._decoder.wanted())
+                    if count == 0:
+                        raise self._ended()
+                    self.counters.bytes_in += count
+                    received = self._decoder.advance(count)
+                    if received is not None:
+                        self.counters.messages_in += 1
+                        return received
+        except ConnectionClosed:
+            return None
+        except RemoteProtocolError as error:
+            self.close()
+            raise RemoteProtocolError(f"{self} broke the protocol: {error}") from error
+        except OSError as error:
+            lost = self._lost(error)
+            if isinstance(lost, ConnectionClosed):
+                return None
+            raise lost from error
+
+    def close(self) -> None:
+        """Close both directions and wake whoever is blocked in send() or receive(). May be called again."""
+        with self._gate:
+            if self._closed:
+                return
+            self._closed = True
+            with suppress(OSError):  # the peer may have been faster
+                self._socket.shutdown(socket.SHUT_RDWR)
+            if self._users == 0:
+                self._socket.close()
+
+    def __enter__(self) -> "Connection":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @contextmanager
+    def _inside(self) -> Iterator[None]:
+        # A socket must not be freed under a blocked call: its number could be another connection's by then.
+        with self._gate:
+            if self._closed:
+                raise self._why_closed()
+            self._users += 1
+        try:
+            yield
+        finally:
+            with self._gate:
+                self._users -= 1
+                if self._closed and self._users == 0:
+                    self._socket.close()
+
+    def _send_all(self, buffers: list[memoryview]) -> None:
+        self._keep_deadline()
+        blocked_since = None
+        flags: int = socket.MSG_DONTWAIT  # the first try, so that only time spent blocked is counted
+        while buffers:
+            try:
+                count = self._socket.sendmsg(buffers[:MOST_BUFFERS], [], flags)
+            except BlockingIOError as error:
+                if not flags:  # it was waited for, as long as lose_after() has it
+                    raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT)) from error
+                count = 0
+            self.counters.bytes_out += count
+            buffers = _after(buffers, count)
+            if buffers and flags:
+                flags, blocked_since = 0, time.perf_counter()
+        if blocked_since is not None:
+            self.counters.seconds_in_send += time.perf_counter() - blocked_since
+
+    def _keep_deadline(self) -> None:
+        if self._deadline is not None:
+            left = self._deadline - time.monotonic()
+            if left <= 0:
+                raise TimeoutError
+            self._socket.settimeout(left)
+
+    def _ended(self) -> VolsplatError:
+        place = "" if self._decoder.between_messages else " in the middle of a message"
+        return self._closed_for(f"{self} is gone: it closed the connection{place}; {OWN_OUTPUT}")
+
+    def _lost(self, error: OSError) -> VolsplatError:
+        if isinstance(error, TimeoutError) and self._deadline is not None:
+            return self._closed_for(f"{self} did not finish the handshake in time")
+        return self._closed_for(f"{self} is gone: {error.strerror or error}; {OWN_OUTPUT}")
+
+    def _closed_for(self, loss: str) -> VolsplatError:
+        """Close it for this loss, and say why it is closed: whichever thread finds a loss first, both tell that one."""
+        with self._gate:
+            if not self._closed:
+                self._loss = loss
+        self.close()
+        return self._why_closed()
+
+    def _why_closed(self) -> VolsplatError:
+        return PeerLost(self._loss) if self._loss else ConnectionClosed(f"the connection to {self} is closed")
+
+
+def _after(buffers: list[memoryview], count: int) -> list[memoryview]:
+    """What is left of `buffers` when `count` bytes have gone."""
+    for n, buffer in enumerate(buffers):
+        if count < len(buffer):
+            return [buffer[count:], *buffers[n + 1 :]]
+        count -= len(buffer)
+    return []
+
+
+def _set_options(connected: socket.socket) -> None:
+    if connected.family == socket.AF_UNIX:  # it delays nothing, and tells at once of a peer that is gone
+        connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ON_THE_WAY // 2)  # Linux gives twice what is asked
+        return
+    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for name, value in (
+        ("TCP_KEEPIDLE", KEEPALIVE_IDLE_SECONDS),
+        ("TCP_KEEPINTVL", KEEPALIVE_INTERVAL_SECONDS),
+        ("TCP_KEEPCNT", KEEPALIVE_PROBES),
+    ):
+        if hasattr(socket, name):  # macOS has no TCP_KEEPIDLE
+            connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)

@@ -1,0 +1,112 @@
+"""Dialling a listener: connect, with patience for one that is not up yet, and shake hands."""
+
+import errno
+import secrets
+import socket
+import time
+from collections.abc import Callable
+
+import msgspec
+
+from volsplat.protocol.messages.greetings import NONCE_BYTES, Hello
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.connection import Connection, Peer
+from volsplat.protocol.wire.framing import Allocate, new_buffer
+from volsplat.protocol.wire.handshake import DiallerHandshake, State
+from volsplat.protocol.wire.tokens import Token
+from volsplat.protocol.wire.unix_socket import entered_door
+
+FIRST_PAUSE_SECONDS = 0.05  # between two tries; doubled after each
+LONGEST_PAUSE_SECONDS = 1.0
+CONNECT_SECONDS = 5.0  # for one try
+HANDSHAKE_SECONDS = 10.0
+PATIENCE_SECONDS = 30.0
+
+# Worth another try: the other end may be starting, or its network.
+PASSING = {errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT, errno.ECONNRESET}
+
+
+def connect(
+    address: Address,
+    hello: Hello,
+    token: Token,
+    expected: Role,
+    *,
+    server: int = 0,
+    patience: float = PATIENCE_SECONDS,
+    handshake_seconds: float = HANDSHAKE_SECONDS,
+    allocate: Allocate = new_buffer,
+    given_up: Callable[[], bool] = lambda: False,
+) -> Connection:
+    """An open connection to the `expected` role at `address`.
+
+    `hello` (see handshake.new_hello) says who dials; `server` is the id of a splat server that is dialled. For
+    `patience` seconds it is tried again while nobody listens there, unless it is `given_up` meanwhile.
+    Raises PeerLost where nobody answers in time, BadInput where a person must put it right (unknown name, another
+    token or version, another kind of server), RemoteProtocolError where something else than volsplat listens.
+    """
+    place = f"{expected} at {address}"
+    give_up_at = time.monotonic() + patience
+    pause = FIRST_PAUSE_SECONDS
+    while True:
+        try:
+            fresh = msgspec.structs.replace(hello, nonce=secrets.token_bytes(NONCE_BYTES))  # one nonce for each try
+            handshake = DiallerHandshake(token, fresh, expected)
+            return _try_once(address, place, handshake, server, handshake_seconds, allocate)
+        except PeerLost as error:
+            if given_up():
+                raise PeerLost(f"{error} (given up)") from error
+            if time.monotonic() + pause > give_up_at:
+                raise PeerLost(f"{error} (tried for {patience:g} s)") from error
+        time.sleep(pause)
+        pause = min(2 * pause, LONGEST_PAUSE_SECONDS)
+
+
+def _try_once(
+    address: Address, place: str, handshake: DiallerHandshake, server: int, seconds: float, allocate: Allocate
+) -> Connection:
+    connection = Connection(_dial(address, place), place)
+    try:
+        connection.limit(seconds)
+        _shake_hands(connection, handshake)
+        peer = Peer(handshake.expected, address.host, address.port, id=server, version=handshake.version)
+        connection.open(peer, handshake.hello.role, handshake.id, allocate)
+    except BadInput as error:
+        connection.close()
+        raise BadInput(f"cannot join the {place}: {error}") from error
+    except BaseException:
+        connection.close()
+        raise
+    return connection
+
+
+def _dial(address: Address, place: str) -> socket.socket:
+    try:
+        by_door = entered_door(address, CONNECT_SECONDS)
+        return by_door or socket.create_connection(address, timeout=CONNECT_SECONDS)
+    except socket.gaierror as error:
+        raise BadInput(f"cannot find the {place}: the name {address.host} is unknown; check it") from error
+    except TimeoutError as error:
+        raise PeerLost(f"cannot reach the {place}: no answer; check the address and the firewalls between") from error
+    except OSError as error:
+        if error.errno == errno.ECONNREFUSED:
+            raise PeerLost(f"cannot reach the {place}: nobody listens there; start it or check the port") from error
+        if error.errno in PASSING:
+            raise PeerLost(f"cannot reach the {place}: {error.strerror}; check the network between") from error
+        raise BadInput(f"cannot reach the {place}: {error.strerror or error}; check the address") from error
+
+
+def _shake_hands(connection: Connection, handshake: DiallerHandshake) -> None:
+    connection.send(handshake.start())
+    while handshake.state is not State.OPEN:
+        received = connection.receive()
+        if received is None:
+            raise PeerLost(f"the connection to {connection} was closed during the handshake")
+        try:
+            answer = handshake.receive(received.message)
+        except RemoteProtocolError as error:
+            raise RemoteProtocolError(f"{connection} broke the protocol: {error}") from error
+        if answer is not None:
+            connection.send(answer)

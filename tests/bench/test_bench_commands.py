@@ -1,0 +1,274 @@
+"""The benchmarks as a person meets them: real runs on tiny volumes, their files, and one line for each mistake."""
+
+import re
+import signal
+import time
+from importlib.util import find_spec
+from pathlib import Path
+
+import click
+import msgspec
+import pytest
+
+from support.programs.programs import TIME_LIMIT, Person
+from volsplat.bench.commands.command import SUMMARIES, bench
+from volsplat.bench.tables import extra
+from volsplat.bench.tables.record import Record, read_record
+from volsplat.client.image.image_file import read_image
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session.bottleneck import bottleneck
+from volsplat.client.session.frame_report import PAPER_SECONDS, StepReport, report_of
+from volsplat.client.session.single import SingleProcess
+from volsplat.program.this_machine import this_machine
+from volsplat.protocol.description.machine import Machine
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.text.errors import BadInput
+
+INTERRUPTED = 130
+PHANTOM = ("--phantom", "shells:24")
+
+
+@pytest.fixture
+def person(tmp_path: Path) -> Person:
+    return Person(tmp_path)
+
+
+def measured(person: Person, command: str, *options: str, plot: bool = False) -> tuple[Record, str, str]:
+    """The record, the Markdown and what was printed."""
+    files = ["--json", "found.json", "--markdown", "found.md", *(["--plot", "found.png"] if plot else [])]
+    done = person.runs("bench", command, *options, *files)
+    assert done.returncode == 0, done.stderr
+    if plot:
+        assert read_image(person.folder / "found.png").shape[2] >= 3
+    assert person.servers() == []
+    assert not [path for path in person.folder.iterdir() if path.name.startswith(".")]
+    return read_record(person.folder / "found.json"), (person.folder / "found.md").read_text(), done.stdout
+
+
+needs_matplotlib = pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
+needs_vtk = pytest.mark.skipif(find_spec("vtkmodules") is None, reason="VTK is not installed")
+
+
+@needs_matplotlib
+def test_the_paper_s_table_stands_beside_this_machine_s(person: Person) -> None:
+    options = ("--size", "64x48", "--workers", "1,2", "--repeats", "2")
+    found, markdown, printed = measured(person, "paper", *PHANTOM, *options, plot=True)
+    rows = ("1 thread", "1 server", "2 servers")
+    assert {one.name for one in found.figures} == {f"{row}, step {step}" for row in rows for step in Step}
+    assert all(len(one.samples) == 2 and one.low > 0 for one in found.figures)
+    for machine, seconds in PAPER_SECONDS.items():
+        assert f"| 1989, {machine} | {' | '.join(map(str, seconds))} |" in markdown
+    assert "24 x 24 x 24 voxels" in printed and "visible" in printed
+    assert "1989, 4 Sun-3 over 1 Sun-3 | 6.67 | 2.86 | 2.57 | 4.26 | 4.11 | 4.03" in markdown
+
+
+@needs_matplotlib
+def test_scaling_grows_one_thing_at_a_time_and_names_what_limits(person: Person) -> None:
+    options = ("--workers", "1,2", "--sizes", "0.5,1", "--images", "32,48", "--repeats", "2")
+    found, markdown, printed = measured(person, "scaling", *PHANTOM, *options, plot=True)
+    frames = [one.name for one in found.figures if one.name.endswith(": frame")]
+    assert len(frames) == len(set(frames)) == 3 * (2 + 2 + 4)
+    assert "what limits 2 servers: " in printed
+    assert "efficiency" in markdown and "MB into the splat server" in markdown and "| M packets |" in markdown
+    assert f"machines of 2 servers: {this_machine().host} (" in printed
+    assert "link of 2 servers: " in printed and "MB of image out of it" in printed
+
+
+def test_scaling_measures_a_cluster_that_is_already_up(person: Person) -> None:
+    volume = person.folder / "shells.nrrd"
+    write_volume(volume, *make_phantom("shells", size=(24, 24, 24)))
+    address = "127.0.0.1:47391"
+    servers = [person.starts("splat-server", "--connect", address)]
+    servers += [person.starts("mapshade-server", "--connect", address) for _ in range(2)]
+    options = ("--listen", address, "--workers", "2", "--sizes", "1", "--images", "32", "--repeats", "1")
+    found, _, _ = measured(person, "scaling", str(volume), *options)
+    assert {one.name.split(", ")[1].split(":")[0] for one in found.figures} == {"1 thread", "2 servers"}
+    for server in servers:
+        server.communicate(timeout=TIME_LIMIT)
+
+
+@needs_matplotlib
+def test_kernels_are_measured_on_every_path_beside_their_floors(person: Person) -> None:
+    from volsplat.bench import _kernels
+
+    options = ("--size", "16", "--splats", "1000", "--rounds", "2")
+    found, markdown, _ = measured(person, "kernels", *options, plot=True)
+    names = {one.name for one in found.figures}
+    for path in _kernels.cpu_paths():
+        for rows in ("level", "lean"):
+            assert {f"splat {side}x{side}, {rows}, {path}, bare loop" for side in (4, 8, 12, 16)} <= names
+            assert {f"splat 8x8, {rows}, {path}, {order} over bare" for order in ("btf", "ftb")} <= names
+        assert f"map/shade noise, {path}, every voxel along k" in names
+    assert "memory copy" in names and "| 8x8 |" in markdown
+
+
+@needs_vtk
+def test_peers_draw_the_same_pictures_and_leave_them_side_by_side(person: Person) -> None:
+    options = ("--images", "64", "--views", "2", "--threads", "1,2", "--distances", "1,0.5", "--pictures", "pictures")
+    found, markdown, printed = measured(person, "peers", *PHANTOM, *options)
+    by_name = {one.name: one for one in found.figures}
+    assert len([name for name in by_name if name.endswith("threads")]) == 1 + 2 + 2 * 2
+    assert by_name["64x64, SSIM of volsplat and VTK at 0.5 voxel"].median > 0
+    assert 0.05 < by_name["64x64, share of voxels visible"].median < 0.3
+    assert "hidden" in printed and "volsplat, servers" in markdown
+    pictures = sorted((person.folder / "pictures").iterdir())
+    assert [path.name for path in pictures] == ["64-view-00.png", "64-view-01.png"]
+    assert read_image(pictures[0]).shape[:2] == (64, 3 * 64)
+
+
+def test_aborts_are_timed(person: Person) -> None:
+    found, _, _ = measured(person, "aborts", *PHANTOM, "--aborts", "2", "--image", "200", "--workers", "1")
+    assert len(found.figures) == 4
+
+
+def test_sizes_of_a_cluster_come_into_one_file(person: Person) -> None:
+    options = ("--sizes", "1", "--images", "32", "--repeats", "2")
+    for count in ("1", "2", "3"):
+        measured(person, "scaling", *PHANTOM, *options, "--workers", count)
+        (person.folder / "found.json").rename(person.folder / f"{count}.json")
+    done = person.runs("bench", "compare", "1.json", "2.json", "3.json", "--json", "all.json")
+    assert done.returncode == 0
+    assert re.search(r"setting +1 server +2 servers +3 servers", done.stdout)
+    joined = read_record(person.folder / "all.json")
+    assert {one.servers for one in joined.figures} == {0, 1, 2, 3}
+    names = [one.name for one in joined.figures]
+    assert len(names) == len(set(names))
+    one_thread = next(one for one in joined.figures if one.servers == 0 and one.name.endswith(": frame"))
+    assert len(one_thread.samples) == 3 * 2
+    assert "link of 3 servers" in joined.facts
+
+
+@needs_matplotlib
+def test_two_records_are_compared(person: Person) -> None:
+    measured(person, "kernels", "--size", "16", "--splats", "1000", "--rounds", "1")
+    done = person.runs("bench", "compare", "found.json", "found.json")
+    assert done.returncode == 0 and "1.00" in done.stdout and "moved" not in done.stdout
+    done = person.runs("bench", "compare", "found.json", "found.md")
+    assert done.returncode == 2 and done.stderr.count("\n") == 1 and "no record" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cause"),
+    [
+        (("paper",), "give a VOLUME"),
+        (("paper", "missing.nrrd"), "no such file"),
+        (("paper", "--phantom", "shells"), "NAME:SIZE"),
+        (("paper", "--phantom", "cube:8"), "NAME:SIZE"),
+        (("paper", *PHANTOM, "--workers", "0"), "--workers 0"),
+        (("paper", *PHANTOM, "--size", "big"), "--size big"),
+        (("paper", *PHANTOM, "--plot", "a.jpg"), "PNG"),
+        (("paper", *PHANTOM, "--json", "no/where.json"), "cannot write"),
+        (("paper", *PHANTOM, "--tables", "skin", "--preset", "ct-bone"), "--tables skin"),
+        (("scaling", *PHANTOM, "--sizes", "2"), "--sizes 2"),
+        (("scaling", *PHANTOM, "--spawn", "none"), "--listen"),
+        (("scaling", "a.nrrd", "--listen", "127.0.0.1:0", "--workers", "1,2"), "one number"),
+        (("peers", *PHANTOM, "--distances", "0"), "--distances 0"),
+        (("peers", *PHANTOM, "--images", "-4"), "--images -4"),
+        (("peers", *PHANTOM, "--preset", "depth-cue", "--threads", "1"), "VTK cannot look"),
+        (("aborts", "--phantom", "shells:0"), "NAME:SIZE"),
+        (("compare", "a.json", "b.json"), "cannot read"),
+        (("compare", "a.json"), "two records or more"),
+        (("nothing",), "No such command"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, tuple) else None,
+)
+def test_a_mistake_is_one_line_and_exit_status_2(person: Person, arguments: tuple[str, ...], cause: str) -> None:
+    done = person.runs("bench", *arguments)
+    assert done.returncode == 2
+    assert cause in done.stderr and done.stderr.strip().count("\n") == 0
+
+
+@pytest.mark.parametrize(
+    ("missing", "arguments"),
+    [("vtkmodules", ["peers", *PHANTOM]), ("matplotlib", ["kernels", "--plot", "a.png"])],
+)
+def test_a_missing_extra_is_one_line_with_the_cure(
+    monkeypatch: pytest.MonkeyPatch, missing: str, arguments: list[str]
+) -> None:
+    monkeypatch.setattr(extra, "find_spec", lambda name: None if name == missing else find_spec(name))
+    with pytest.raises(BadInput, match=r"pip install 'volsplat\[bench\]'") as raised:
+        bench.main(arguments, standalone_mode=False)
+    assert "\n" not in str(raised.value)
+
+
+def test_every_benchmark_that_is_listed_is_there() -> None:
+    context = click.Context(bench)
+    assert bench.list_commands(context) == list(SUMMARIES)
+    for name in SUMMARIES:
+        command = bench.get_command(context, name)
+        assert command is not None and command.name == name and command.help
+
+
+@pytest.mark.parametrize("command", ["paper", "scaling"])
+def test_ctrl_c_leaves_no_process(person: Person, command: str) -> None:
+    run = person.starts("bench", command, *PHANTOM, "--workers", "2", "--repeats", "100000")
+    deadline = time.monotonic() + TIME_LIMIT
+    while len(person.servers()) < 3 and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert len(person.servers()) == 3
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=TIME_LIMIT)
+    assert run.returncode == INTERRUPTED and "Traceback" not in said, said
+    while person.servers() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert person.servers() == []
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> StepReport:
+    """Of a frame."""
+    path = tmp_path_factory.mktemp("volumes") / "shells.nrrd"
+    write_volume(path, *make_phantom("shells", size=(16, 16, 16)))
+    with SingleProcess(path) as single:
+        scene = single.volume.default_scene()
+        outcome = single.finish(scene).outcome
+        assert outcome is not None
+        return report_of(single.volume, scene, [outcome]).steps[0]
+
+
+NODES = [Machine(f"node-{n}", "Linux", "a processor", 2) for n in range(4)]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "named"),
+    [
+        (
+            {"map_shade_seconds_slowest": 0.8, "map_shade_seconds": 0.9, "splat_waiting_seconds": 0.8},
+            "slowest map/shade",
+        ),
+        ({"splat_seconds": 0.7, "merge_seconds": 0.2, "splat_waiting_seconds": 0.1}, "splat server"),
+        ({"splat_waiting_seconds": 0.9, "map_shade_waiting_seconds_slowest": 0.8}, "links"),
+        ({"splat_seconds": 0.2, "splat_waiting_seconds": 0.1, "image_seconds": 0.7}, "image"),
+        ({"splat_seconds": 0.2, "image_seconds": 0.3, "accounted_share": 0.5}, "client"),
+        ({"splat_seconds": 0.2, "image_seconds": 0.2, "messages_seconds": 0.6}, "client"),
+    ],
+)
+def test_the_bottleneck_is_where_most_of_the_frame_went(
+    report: StepReport, seconds: dict[str, float], named: str
+) -> None:
+    assert bottleneck(_frame(report, {}, **seconds)).name == named
+
+
+def test_the_cores_of_one_machine_are_the_bottleneck_if_its_servers_fill_them(report: StepReport) -> None:
+    seconds = {"splat_seconds": 0.9, "splat_waiting_seconds": 0.1, "map_shade_seconds_slowest": 0.5}
+    shared = _frame(report, {2: NODES[0], 3: NODES[0]}, **seconds)
+    assert bottleneck(shared).name == "all 2 cores, most by splat server"
+    crowded = _frame(report, {2: NODES[0], 3: NODES[0], 4: NODES[1]}, **seconds)
+    assert bottleneck(crowded).name == "all 2 cores of node-0, most by splat server"
+
+
+def test_as_much_work_on_machines_of_their_own_fills_none(report: StepReport) -> None:
+    waiting = {"splat_seconds": 0.3, "splat_waiting_seconds": 0.6, "map_shade_seconds_slowest": 0.5}
+    frame = _frame(report, {2: NODES[1], 3: NODES[2], 4: NODES[3]}, **waiting)
+    assert bottleneck(frame).name == "slowest map/shade"
+
+
+def _frame(report: StepReport, machines: dict[int, Machine], **seconds: float) -> StepReport:
+    """A frame of a second with the splat server on node 0, and map/shade servers that each worked half of it."""
+    nothing = {field: 0.0 for field in report.__struct_fields__ if field.endswith(("_seconds", "_slowest"))}
+    stats = next(iter(report.workers.values()))
+    workers = {n: msgspec.structs.replace(stats, machine=on, map_shade_seconds=0.5) for n, on in machines.items()}
+    splat = msgspec.structs.replace(report.splat_server, machine=NODES[0], answering_seconds=0.0)
+    whole = {"wall_seconds": 1.0, "accounted_share": 1.0, "workers": workers, "splat_server": splat}
+    return msgspec.structs.replace(report, **{**nothing, **whole, **seconds})

@@ -1,0 +1,286 @@
+"""The command as a person meets it: real processes, real files, one clear line for each mistake."""
+
+import json
+import signal
+import socket
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+import torch
+
+from support.programs.hand_started import free_port
+from support.programs.programs import TIME_LIMIT, VOLSPLAT, Person
+from volsplat.client.image.image_file import read_image, read_scene
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+
+SIZE = ["--size", "96x96"]
+INTERRUPTED = 130
+
+
+@pytest.fixture(scope="module")
+def head(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small head."""
+    path = tmp_path_factory.mktemp("volumes") / "head.nrrd"
+    write_volume(path, *make_phantom("head", size=(32, 40, 36)))
+    return path
+
+
+@pytest.fixture
+def person(tmp_path: Path) -> Person:
+    return Person(tmp_path)
+
+
+def draws(person: Person, volume: Path, output: str, *options: str) -> bytes:
+    done = person.runs("render", str(volume), "-o", output, *SIZE, *options)
+    assert done.returncode == 0, done.stderr
+    return (person.folder / output).read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".exr"])
+def test_files_are_the_same_for_any_number_of_workers_and_for_a_single_process(
+    person: Person, head: Path, suffix: str
+) -> None:
+    single = draws(person, head, f"single{suffix}", "--single", "--edges")
+    for workers in ("1", "2", "4"):
+        assert draws(person, head, f"{workers}{suffix}", "--workers", workers, "--edges") == single
+    assert person.servers() == []
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".exr"])
+def test_an_image_can_be_drawn_again_from_itself(person: Person, head: Path, suffix: str) -> None:
+    changes = ["--rotate", "40,20", "--bounds", "4:,:30,:", "--order", "ftb", "--preset", "ct-bone", "--zoom", "2.5"]
+    first = draws(person, head, f"first{suffix}", "--single", *changes)
+    done = person.runs("render", str(head), "-o", f"again{suffix}", "--scene", f"first{suffix}", "--single")
+    assert done.returncode == 0, done.stderr
+    assert (person.folder / f"again{suffix}").read_bytes() == first
+    assert read_scene(person.folder / f"first{suffix}").image.width == 96
+
+
+def test_all_six_steps_and_a_report_are_written(person: Person, head: Path) -> None:
+    final = draws(person, head, "out.png", "--workers", "2", "--steps-dir", "steps", "--report", "report.json")
+    images = sorted((person.folder / "steps").iterdir())
+    assert [image.name for image in images] == [f"step-{step}.png" for step in "ABCDEF"]
+    assert len({image.read_bytes() for image in images}) == 6
+    assert images[-1].read_bytes() == final
+    steps = json.loads((person.folder / "report.json").read_text())["steps"]
+    assert [step["step"] for step in steps] == list("ABCDEF")
+    assert steps[2]["voxels_visited"] == 32 * 40 * 36 == 8 * steps[1]["voxels_visited"]
+    assert all(step["packets_sent"] * 8 < step["bytes_sent"] for step in steps)
+    assert set(steps[0]["peak_memory_bytes"]) >= {"client", "splat server"}
+    assert len(steps[0]["peak_memory_bytes"]) == 4
+
+
+def test_an_earlier_step_may_be_the_last(person: Person, head: Path) -> None:
+    assert draws(person, head, "b.png", "--single", "--step", "B") != draws(person, head, "f.png", "--single")
+
+
+def test_exr_keeps_alpha_and_png_lies_on_the_background(person: Person, head: Path) -> None:
+    (person.folder / "s.toml").write_text("[image]\nbackground = [1.0, 1.0, 1.0]\n")
+    draws(person, head, "a.exr", "--single", "--scene", "s.toml")
+    draws(person, head, "a.png", "--single", "--scene", "s.toml")
+    associated, shown = read_image(person.folder / "a.exr"), read_image(person.folder / "a.png")
+    assert torch.equal(associated[0, 0], torch.zeros(4))
+    assert torch.equal(shown[0, 0, :3], torch.ones(3))
+
+
+def test_a_preset_prints_a_scene_that_draws_the_same(person: Person, head: Path) -> None:
+    printed = person.runs("scene", "--preset", "depth-cue")
+    (person.folder / "cue.toml").write_text(printed.stdout)
+    done = person.runs("render", str(head), "-o", "cue.png", "--single", "--scene", "cue.toml")
+    assert done.returncode == 0, done.stderr
+
+
+def test_info_tells_what_a_volume_is(person: Person, head: Path) -> None:
+    done = person.runs("info", str(head))
+    assert done.returncode == 0, done.stderr
+    assert "32 x 40 x 36" in done.stdout and "uint16" in done.stdout and "█" in done.stdout
+
+
+def one_line(done: "subprocess.CompletedProcess[str]") -> str:
+    lines = done.stderr.splitlines()
+    assert len(lines) == 1, done.stderr
+    return lines[0]
+
+
+BAD_OPTIONS = {
+    "no output": ([], "nothing to write"),
+    "no workers": (["-o", "a.png", "--workers", "0"], "--workers"),
+    "bounds outside": (["-o", "a.png", "--bounds", "0:99,:,:"], "bounds on i"),
+    "bounds malformed": (["-o", "a.png", "--bounds", "0-9"], "--bounds"),
+    "unknown kind of image": (["-o", "a.gif"], ".exr"),
+    "folder missing": (["-o", "nowhere/a.png"], "nowhere"),
+    "zoom zero": (["-o", "a.png", "--zoom", "0"], "zoom"),
+    "size": (["-o", "a.png", "--size", "12"], "--size"),
+    "rotation": (["-o", "a.png", "--rotate", "sideways"], "front"),
+    "step": (["-o", "a.png", "--step", "G"], "--step"),
+    "preset": (["-o", "a.png", "--preset", "x"], "--preset"),
+    "address": (["-o", "a.png", "--listen", "here"], "HOST:PORT"),
+    "spawn none": (["-o", "a.png", "--spawn", "none"], "--listen"),
+    "scene missing": (["-o", "a.png", "--scene", "none.toml"], "none.toml"),
+    "report is a folder": (["-o", "a.png", "--report", "."], "--report"),
+    "steps below a file": (["--steps-dir", "/dev/null/steps"], "--steps-dir"),
+    "token file missing": (["-o", "a.png", "--token-file", "none"], "token"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_OPTIONS)
+def test_a_bad_option_is_one_clear_line_and_status_2(person: Person, head: Path, case: str) -> None:
+    options, named = BAD_OPTIONS[case]
+    done = person.runs("render", str(head), *options)
+    assert (done.returncode, named in one_line(done)) == (2, True), done.stderr
+    assert list(person.folder.iterdir()) == []
+    assert person.servers() == []
+
+
+@pytest.mark.parametrize(
+    ("text", "named"),
+    [
+        ("[view]\nzooom = 1", "view.zooom"),
+        ("[view]\nzoom = -1", "view"),
+        ("[tables.opac]\npoints = [[0.0, 2.0]]", "tables.opac"),
+        ("order = 'sideways'", "order"),
+        ("[view\nzoom = 1", "bad.toml:1:6"),
+    ],
+)
+def test_a_bad_scene_is_named_with_its_place(person: Person, head: Path, text: str, named: str) -> None:
+    (person.folder / "bad.toml").write_text(text)
+    done = person.runs("render", str(head), "-o", "a.png", "--scene", "bad.toml")
+    assert done.returncode == 2
+    assert "bad.toml" in one_line(done) and named in one_line(done)
+    assert not (person.folder / "a.png").exists()
+
+
+@pytest.mark.parametrize("case", ["missing", "truncated", "promises more", "empty", "text"])
+@pytest.mark.parametrize("options", [[], ["--single"]], ids=["servers", "single"])
+def test_a_bad_volume_is_one_clear_line_and_the_old_image_stays(
+    person: Person, head: Path, case: str, options: list[str]
+) -> None:
+    volume, image = person.folder / "bad.nrrd", person.folder / "old.png"
+    image.write_bytes(b"an older image")
+    data = head.read_bytes()
+    if case == "truncated":
+        volume.write_bytes(data[: len(data) // 2])
+    elif case == "promises more":
+        volume.write_bytes(data.replace(b"sizes: 32 40 36", b"sizes: 32 40 99"))
+    elif case != "missing":
+        volume.write_bytes(b"" if case == "empty" else b"not a volume\n")
+    done = person.runs("render", str(volume), "-o", "old.png", *options)
+    assert done.returncode == 2 and "bad.nrrd" in one_line(done), done.stderr
+    assert image.read_bytes() == b"an older image"
+    assert person.servers() == []
+
+
+@pytest.mark.parametrize("option", ["-o", "--report"])
+def test_a_volume_is_never_overwritten(person: Person, option: str) -> None:
+    volume = person.folder / "stack.tif"
+    write_volume(volume, *make_phantom("head", size=(12, 12, 12)))
+    before = volume.read_bytes()
+    done = person.runs("render", "stack.tif", "--steps-dir", "steps", option, str(volume))
+    assert done.returncode == 2 and "stack.tif" in one_line(done)
+    assert volume.read_bytes() == before
+
+
+def test_bounds_outside_the_volume_leave_no_folder(person: Person, head: Path) -> None:
+    done = person.runs("render", str(head), "--steps-dir", "new/steps", "--bounds", ":,:,90:")
+    assert done.returncode == 2 and "bounds on k" in one_line(done)
+    assert list(person.folder.iterdir()) == []
+
+
+def test_a_port_in_use_is_named(person: Person, head: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        done = person.runs("render", str(head), "-o", "a.png", "--listen", f"127.0.0.1:{port}")
+    assert done.returncode == 2 and str(port) in one_line(done)
+
+
+@pytest.mark.parametrize("order", ["servers first", "client first", "splat server last"])
+def test_servers_started_by_hand_join_in_any_order(person: Person, head: Path, order: str) -> None:
+    address = f"127.0.0.1:{free_port()}"
+    commands = {
+        "client": ["render", str(head), "-o", "hand.png", *SIZE, "--listen", address, "--workers", "2"],
+        "splat": ["splat-server", "--connect", address],
+        "first": ["mapshade-server", "--connect", address],
+        "second": ["mapshade-server", "--connect", address],
+    }
+    names = {
+        "servers first": ["splat", "first", "second", "client"],
+        "client first": ["client", "splat", "first", "second"],
+        "splat server last": ["first", "client", "second", "splat"],
+    }[order]
+    running = {name: person.starts(*commands[name]) for name in names}
+    for name, process in running.items():
+        _, said = process.communicate(timeout=TIME_LIMIT)
+        assert process.returncode == 0, (name, said)
+    assert (person.folder / "hand.png").read_bytes() == draws(person, head, "single.png", "--single")
+
+
+def test_a_server_with_another_token_gets_one_line_and_disturbs_nobody(person: Person, head: Path) -> None:
+    address = f"127.0.0.1:{free_port()}"
+    client = person.starts("render", str(head), "-o", "a.png", *SIZE, "--listen", address, "--workers", "1")
+    stranger = Person(person.folder).runs("mapshade-server", "--connect", address)
+    assert stranger.returncode == 2 and "token" in one_line(stranger)
+    servers = [person.starts(kind, "--connect", address) for kind in ("splat-server", "mapshade-server")]
+    assert client.wait(TIME_LIMIT) == 0
+    assert [server.wait(TIME_LIMIT) for server in servers] == [0, 0]
+    for process in (client, *servers):
+        process.communicate()
+
+
+def test_a_server_without_a_client_ends_with_one_line(person: Person) -> None:
+    done = person.runs("splat-server", "--connect", f"127.0.0.1:{free_port()}", "--patience", "0.2")
+    assert done.returncode == 1 and "nobody listens" in one_line(done)
+
+
+@pytest.mark.parametrize("after", [0.25, 0.5, 0.8, 1.2, 1.6, 2.0, 2.6])
+def test_ctrl_c_at_any_moment_leaves_no_process_and_no_half_image(person: Person, after: float) -> None:
+    volume = person.folder / "shells.nrrd"
+    write_volume(volume, *make_phantom("shells", size=(128, 128, 128)))
+    steps = ["--size", "1500x1500", "--steps-dir", "steps"]
+    client = person.starts("render", str(volume), "-o", "a.png", "--workers", "2", *steps)
+    interrupted = False
+    try:
+        client.wait(after)
+    except subprocess.TimeoutExpired:
+        interrupted = True
+        client.send_signal(signal.SIGINT)
+    _, said = client.communicate(timeout=TIME_LIMIT)
+    assert client.returncode in ((INTERRUPTED, -signal.SIGINT) if interrupted else (0,)), said
+    assert "Traceback" not in said
+    written = [path for path in person.folder.rglob("*") if path.is_file() and path != volume]
+    for image in written:  # each is whole, and no temporary file is left
+        assert not image.name.startswith(".") and read_image(image).shape[:2] == (1500, 1500)
+    deadline = time.monotonic() + TIME_LIMIT
+    while person.servers() and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert person.servers() == []
+
+
+def test_a_client_that_is_killed_takes_its_servers_along(person: Person, head: Path) -> None:
+    client = person.starts("render", str(head), "-o", "a.png", "--steps-dir", "steps", "--size", "3000x3000")
+    deadline = time.monotonic() + TIME_LIMIT
+    while not person.servers() and client.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.01)
+    client.kill()
+    client.communicate()
+    while person.servers() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert person.servers() == []
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="this system has no device that is always full")
+@pytest.mark.parametrize("command", [["scene", "--preset", "ct-bone"], ["info", "head.nrrd"], ["--help"]])
+def test_a_full_disk_behind_the_output_is_told_in_one_line(person: Person, head: Path, command: list[str]) -> None:
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [VOLSPLAT, *command],
+            cwd=head.parent,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+            timeout=TIME_LIMIT,
+        )
+    assert done.returncode == 1
+    assert done.stderr == "volsplat: the output cannot be written: No space left on device; write it elsewhere\n"

@@ -1,0 +1,59 @@
+"""Ctrl-C is not lost to whatever catches it while a library is imported."""
+
+import signal
+import threading
+
+import pytest
+
+from volsplat.client.caller.interrupts import interrupts_held
+
+
+@pytest.fixture(autouse=True)
+def pythons_own_handler() -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def test_an_interrupt_within_is_raised_at_the_end() -> None:
+    went_on = False
+    with pytest.raises(KeyboardInterrupt), interrupts_held():
+        try:
+            signal.raise_signal(signal.SIGINT)
+            went_on = True
+        except BaseException:
+            pytest.fail("it was raised within, where anything may catch it")
+    assert went_on
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_without_an_interrupt_nothing_happens() -> None:
+    with interrupts_held():
+        pass
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_error_within_comes_out_as_it_is() -> None:
+    with pytest.raises(ImportError), interrupts_held():
+        raise ImportError("broken")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_other_threads_are_left_alone() -> None:
+    caught: list[BaseException] = []
+
+    def work() -> None:
+        try:
+            with interrupts_held():
+                pass
+        except BaseException as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=work)
+    thread.start()
+    thread.join()
+    assert not caught
+
+
+def test_an_interrupt_outlives_an_error_within() -> None:
+    with pytest.raises(KeyboardInterrupt), interrupts_held():
+        signal.raise_signal(signal.SIGINT)
+        raise ImportError("broken")

@@ -1,0 +1,170 @@
+"""The package's doors: who may import whom, what lands in site-packages, what starts without torch."""
+
+import ast
+import os
+import subprocess
+import sys
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from support.checkout import ROOT
+
+MAY_IMPORT = {
+    "protocol": set(),
+    "program": {"protocol"},
+    "mapshade_server": {"protocol", "program"},
+    "splat_server": {"protocol", "program"},
+    "deploy": {"protocol", "program"},
+    "client": {"protocol", "program", "deploy"},
+    "bench": {"client", "protocol", "program", "deploy", "mapshade_server", "splat_server"},  # and nobody imports it
+}
+PARTS = tuple(MAY_IMPORT)
+BOTH_SERVERS = Path("client/session/single.py")  # the single process runs their very stages
+
+FLOORS = {
+    "protocol": ("text geometry", "description", "rules", "messages", "wire", "."),
+    "mapshade_server/readers": ("reading", "arrays astronomy geology molecules", "vtk_files medicine zarr_arrays", "."),
+    "client": (
+        "caller histogram phantoms ui/doors",
+        "image scene",
+        "volume",
+        "coordinator",
+        "session",
+        "movie gallery",
+        "ui/viewing",
+        "ui/viewport ui/controls",
+        "ui/panels ui/tables",
+        "ui",
+        "command .",
+    ),
+    "bench": ("tables", ".", "scaling peers floors", "commands"),
+}
+"""The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""
+AT_LAST = {(Path("client/session/session.py"), "ui")}  # who asks a session for its widget loads the page's modules
+PURE = ("text", "geometry", "description", "rules", "messages")  # rooms of the protocol
+IMPURE = {"socket", "select", "subprocess", "multiprocessing", "click", "rich"}
+MOST_FILES = 25  # in a folder, so that a stranger can look over it
+
+SOURCES = [path.relative_to(ROOT) for part in PARTS for path in sorted((ROOT / part).rglob("*.py"))]
+
+
+def imported(source: Path) -> set[str]:
+    """Everything that a module imports, wherever in it: dotted, without "volsplat." if it is ours."""
+    names: set[str] = set()
+    for node in ast.walk(ast.parse((ROOT / source).read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{source} has a relative import"
+            names |= {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+def imported_parts(source: Path) -> set[str]:
+    return {name.split(".")[1] for name in imported(source) if name.startswith("volsplat.")}
+
+
+@pytest.mark.parametrize("source", SOURCES, ids=str)
+def test_a_part_imports_only_what_its_door_opens_to(source: Path) -> None:
+    part = source.parts[0]
+    allowed = MAY_IMPORT[part] | {part}
+    if source == BOTH_SERVERS:
+        allowed |= {"mapshade_server", "splat_server"}
+    assert imported_parts(source) <= allowed
+
+
+def floor_of(path: Path, part: str) -> tuple[int, str]:
+    """The floor that a file or folder of a part is on, and its room there."""
+    place = path.relative_to(part).as_posix()
+    found = [
+        (len(room), floor, room)
+        for floor, rooms in enumerate(FLOORS[part])
+        for room in rooms.split()
+        if room == "." or place == room or place.startswith(f"{room}/")
+    ]
+    _, floor, room = max(found)
+    return floor, room
+
+
+@pytest.mark.parametrize("part", FLOORS)
+def test_rooms_know_only_those_below_them(part: str) -> None:
+    dotted = f"volsplat.{part.replace('/', '.')}."
+    upward = []
+    for source in (source for source in SOURCES if source.is_relative_to(part)):
+        floor, room = floor_of(source, part)
+        for name in imported(source):
+            if name.startswith(dotted):
+                below, other = floor_of(Path(name.removeprefix("volsplat.").replace(".", "/")), part)
+                if other != room and below >= floor and (source, other) not in AT_LAST:
+                    upward.append(f"{source} -> {name}")
+    assert upward == []
+
+
+@pytest.mark.parametrize("part", FLOORS)
+def test_every_room_has_its_floor(part: str) -> None:
+    named = {room for rooms in FLOORS[part] for room in rooms.split()}
+    folders = {source.parent.relative_to(part).as_posix() for source in SOURCES if source.is_relative_to(part)}
+    assert folders <= named | {"."} and named <= folders
+
+
+@pytest.mark.parametrize("room", PURE)
+def test_what_is_pure_in_the_protocol_knows_no_sockets_and_no_processes(room: str) -> None:
+    for source in (source for source in SOURCES if source.is_relative_to(Path("protocol", room))):
+        assert not {name.split(".")[0] for name in imported(source)} & IMPURE, source
+
+
+def test_no_folder_is_too_full_to_look_over() -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, encoding="utf-8", check=True).stdout
+    count = Counter(Path(name).parent for name in listed.split())
+    crowded = {folder for folder, files in count.items() if files > MOST_FILES}
+    assert not {folder for folder in crowded if not folder.is_relative_to("tests/recorded")}
+
+
+def test_the_benchmarks_are_named_by_the_command_table_alone() -> None:
+    others = [source for source in SOURCES if source.parts[0] != "bench"]
+    naming = [source for source in others if "volsplat.bench" in (ROOT / source).read_text(encoding="utf-8")]
+    assert naming == [Path("client/command/commands.py")]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_the_type_checkers_find_each_part_through_its_link(part: str) -> None:
+    link = ROOT / "tests" / "typings" / "volsplat" / part
+    assert link.is_symlink() and link.resolve() == ROOT / part
+    assert (ROOT / part / "py.typed").exists()
+
+
+def test_there_is_a_link_for_each_part_and_for_nothing_else() -> None:
+    assert {path.name for path in (ROOT / "tests" / "typings" / "volsplat").iterdir()} == set(PARTS)
+
+
+def run_python(code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
+    clean = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+    return subprocess.run([sys.executable, "-c", code], cwd=folder, env=clean, capture_output=True, encoding="utf-8")
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_no_part_lands_at_the_top_of_site_packages(part: str, tmp_path: Path) -> None:
+    assert run_python(f"import volsplat.{part}", tmp_path).returncode == 0
+    assert "ModuleNotFoundError" in run_python(f"import {part}", tmp_path).stderr
+
+
+@pytest.mark.parametrize(
+    "module", ["volsplat.mapshade_server.server", "volsplat.splat_server.server", "volsplat.client.session.session"]
+)
+def test_servers_and_session_start_without_torch(module: str, tmp_path: Path) -> None:
+    done = run_python(f"import sys, {module}; sys.exit('torch' in sys.modules)", tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_no_file_names_a_place_that_only_one_machine_has() -> None:
+    tracked = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, encoding="utf-8", check=True
+    ).stdout.split()
+    forbidden = ("/wo" + "rk/", "/ro" + "ot/", "/ho" + "me/")
+    for name in tracked:
+        path = ROOT / name
+        if path.is_file() and not path.is_symlink() and path.suffix in (".py", ".md", ".cpp", ".h", ".toml", ".txt"):
+            text = path.read_text(encoding="utf-8")
+            assert not any(word in text for word in forbidden), name

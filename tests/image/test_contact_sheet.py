@@ -1,0 +1,68 @@
+"""The contact sheet: the six pictures unchanged in their places, each with a caption."""
+
+from pathlib import Path
+
+import pytest
+import torch
+
+from volsplat.client.image.contact_sheet import CAPTIONS, StepPicture, contact_sheet, write_contact_sheet
+from volsplat.client.image.image_file import read_image
+from volsplat.client.image.picture_sheet import LARGEST_SIDE, PAPER
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.text.errors import BadInput
+
+
+def flat(height: int, width: int, grey: float, alpha: float = 1.0) -> torch.Tensor:
+    return torch.tensor([grey, grey, grey, alpha]).expand(height, width, 4).contiguous()
+
+
+def pictures(height: int, width: int) -> list[StepPicture]:
+    return [StepPicture(step, flat(height, width, 0.2 + n / 8), 0.01 * 4**n) for n, step in enumerate(Step)]
+
+
+def place_of(sheet: torch.Tensor, grey: float) -> tuple[int, int, int, int]:
+    """Top, left, height and width of the largest area of exactly this grey; captions have no area."""
+    same = (sheet == torch.tensor(grey)).all(dim=2)
+    rows, columns = same.sum(dim=1), same.sum(dim=0)
+    across, down = torch.nonzero(rows > rows.max() // 2), torch.nonzero(columns > columns.max() // 2)
+    return int(across[0]), int(down[0]), len(across), len(down)
+
+
+def test_every_step_has_a_caption() -> None:
+    assert list(CAPTIONS) == list(Step)
+
+
+@pytest.mark.parametrize("size", [(300, 400), (96, 64), (LARGEST_SIDE, LARGEST_SIDE)])
+@pytest.mark.parametrize("title", ["", "a head", "a title so long that it has to shrink " * 5])
+def test_the_pictures_stand_whole_in_two_rows_of_three(size: tuple[int, int], title: str) -> None:
+    sheet = contact_sheet(pictures(*size), title=title)
+    places = [place_of(sheet, 0.2 + n / 8) for n in range(6)]
+    assert [place[2:] for place in places] == [size] * 6
+    tops, lefts = [place[0] for place in places], [place[1] for place in places]
+    assert tops[0] == tops[1] == tops[2] < tops[3] == tops[4] == tops[5]
+    assert lefts[:3] == lefts[3:] == sorted(set(lefts))
+
+
+def test_each_picture_has_ink_below_it() -> None:
+    sheet = contact_sheet(pictures(300, 400))
+    for n in range(6):
+        top, left, height, width = place_of(sheet, 0.2 + n / 8)
+        strip = sheet[top + height : top + height + 40, left : left + width]
+        assert strip.max() > 2 * PAPER
+
+
+def test_large_pictures_are_reduced_and_keep_their_shape() -> None:
+    _, _, height, width = place_of(contact_sheet(pictures(2 * LARGEST_SIDE, LARGEST_SIDE)), 0.2)
+    assert (height, width) == (LARGEST_SIDE, LARGEST_SIDE // 2)
+
+
+def test_the_background_lies_under_the_pictures() -> None:
+    sheet = contact_sheet([StepPicture(Step.A, flat(100, 300, 0.0, alpha=0.0), 1.0)], background=(0.5, 0.5, 0.5))
+    assert place_of(sheet, 0.5)[2:] == (100, 300)
+
+
+def test_a_sheet_is_written_and_a_bad_place_refused(tmp_path: Path) -> None:
+    write_contact_sheet(tmp_path / "sheet.png", pictures(96, 96), title="a head")
+    assert read_image(tmp_path / "sheet.png").shape == contact_sheet(pictures(96, 96), title="a head").shape
+    with pytest.raises(BadInput, match="there is no folder"):
+        write_contact_sheet(tmp_path / "absent" / "sheet.png", pictures(96, 96))

@@ -1,0 +1,182 @@
+"""The shading kernel against the reference: powers, light, opacity codes, and whole frames of shaded packets."""
+
+import ast
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+from torch.utils.dlpack import from_dlpack
+
+from reference import mapping, shading, voxel_packets
+from support.checkout import ROOT
+from support.scenes.arbitrary import geometries, plain_scene
+from support.scenes.shaded_packets import Packets, all_batches, packets_of
+from support.scenes.shadings import directions, quantisations, scalar_tables, shaded_scenes, volumes
+from tolerances import CODE_TIE, FLOAT32_COLOUR, POWER
+from volsplat.bench.floors.cpu_paths import kernels_on
+from volsplat.mapshade_server import _kernels, shading_tables
+from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.description.scene import ScalarTable, Scene, Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity
+from volsplat.protocol.text.errors import BadInput
+
+STUB = ROOT / "mapshade_server" / "_kernels.pyi"
+HALF = 0.5
+CPU_FLAGS = {"avx2": {"avx2", "bmi2"}, "avx512": {"avx512f", "avx512bw", "avx512vl", "avx512dq"}}
+
+
+def shaded(geometry: Geometry, values: Tensor, quantisation: Quantisation, scene: Scene, plan: FramePlan) -> Packets:
+    sub_cube = SubCube.of_volume(geometry, values)
+    sub_cube.pack(quantisation)
+    return packets_of(all_batches(FrameWalk([sub_cube], geometry, quantisation, scene, plan)))
+
+
+@given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(Step))
+def test_a_frame_holds_what_the_reference_shades(
+    data: st.DataObject, geometry: Geometry, quantisation: Quantisation, step: Step
+) -> None:
+    scene = data.draw(shaded_scenes(geometry))
+    values = data.draw(volumes(geometry))
+    plan = plan_frame(scene, geometry, step)
+    packets = voxel_packets.pack(values, geometry, quantisation)
+    samples = mapping.samples_of(scene, geometry, plan)
+    i, j, k = samples.indices.unbind(1)
+    here = packets[k, j, i]
+    fields = shading.field_bytes(plan, geometry, quantisation.directions, samples.indices, here)
+    vectors = voxel_packets.directions(quantisation.directions)
+    exponent = shading.opacity_exponents(plan, samples.indices)
+    colour, opacity = shading.shade(here, fields, scene, step, plan, exponent, vectors)
+    sent = shading.opacity_codes(opacity) > 0
+
+    got = shaded(geometry, values, quantisation, scene, plan)
+    assert torch.equal(got.keys, samples.ordinals[sent, :2])
+    assert torch.equal(got.position, samples.lattice[sent])
+    assert_opacity_codes_are_nearest(got.opacity, opacity[sent])
+    assert ((got.colour - 255 * colour[sent]).abs() <= HALF + FLOAT32_COLOUR).all()
+
+
+def assert_opacity_codes_are_nearest(codes: Tensor, opacity: Tensor) -> None:
+    values = shading.opacity_values()
+    edges = torch.cat((torch.zeros(1), (values[1:] + values[:-1]) / 2, torch.ones(1)))
+    tie = CODE_TIE / OPACITY_UNIT
+    assert ((edges[codes] - tie <= opacity) & (opacity <= edges[codes + 1] + tie)).all()
+
+
+@given(data=st.data(), geometry=geometries(largest=40), quantisation=quantisations(), step=st.sampled_from(Step))
+def test_every_cpu_path_gives_the_same_bits(
+    data: st.DataObject, geometry: Geometry, quantisation: Quantisation, step: Step
+) -> None:
+    scene = data.draw(shaded_scenes(geometry))
+    values = data.draw(volumes(geometry))
+    plan = plan_frame(scene, geometry, step)
+    frames = []
+    for path in _kernels.cpu_paths():
+        with kernels_on(_kernels, path):
+            sub_cube = SubCube.of_volume(geometry, values)
+            sub_cube.pack(quantisation)
+            batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, scene, plan))
+            frames.append([(bytes(batch.runs), bytes(batch.packets)) for batch in batches])
+    assert all(frame == frames[0] for frame in frames)
+
+
+@given(data=st.data(), geometry=geometries())
+def test_voxels_without_data_are_never_drawn(data: st.DataObject, geometry: Geometry) -> None:
+    values = data.draw(volumes(geometry))
+    all_seen = plain_scene(size=(8192, 8192), view=data.draw(shaded_scenes(geometry)).view)
+    tables = all_seen.tables
+    opaque = type(tables)(emit=tables.emit, refl=tables.refl, opac=ScalarTable(points=((0.0, 1.0),)))
+    scene = type(all_seen)(tables=opaque, view=all_seen.view, image=all_seen.image)
+    quantisation = Quantisation(window=(-2.0, 2.0), strength_scale=1.0)
+    got = shaded(geometry, values, quantisation, scene, plan_frame(scene, geometry, Step.F))
+    assert len(got.opacity) == int(torch.isfinite(values).sum())
+
+
+@given(base=st.floats(0, 1), exponent=st.floats(1e-6, 1000))
+def test_powers_are_accurate(base: float, exponent: float) -> None:
+    assert _kernels.power(base, exponent) == pytest.approx(math.pow(base, exponent), rel=POWER, abs=sys.float_info.min)
+
+
+@given(opac=scalar_tables(), modu=scalar_tables(), exponent=st.sampled_from((1.0, 2.0, 4.0)) | st.floats(1e-3, 500))
+def test_opacity_tables_are_those_of_the_reference(opac: ScalarTable, modu: ScalarTable, exponent: float) -> None:
+    codes = from_dlpack(_kernels.opacity_table(opac.entries(), modu.entries(), exponent)).to(torch.int64)
+    opac_entries, modu_entries = (torch.tensor(t.entries(), dtype=torch.float64) for t in (opac, modu))
+    thin = (modu_entries[:, None] * opac_entries).flatten()
+    opacity = shading.thickened(thin, torch.tensor(exponent, dtype=torch.float64))
+    assert_opacity_codes_are_nearest(codes, opacity)
+
+
+@given(opacities=st.lists(st.floats(0, 1), min_size=1, max_size=256))
+def test_opacities_are_coded_by_the_rule_of_the_packet_layout(opacities: list[float]) -> None:
+    table = opacities + [0.0] * (256 - len(opacities))
+    codes = from_dlpack(_kernels.opacity_table(table, [1.0] * 256, 1.0))[:256]
+    assert codes.tolist() == [code_of_opacity(opacity) for opacity in table]
+
+
+@given(data=st.data(), geometry=geometries(), scheme=directions, step=st.sampled_from(Step))
+def test_light_tables_are_those_of_the_reference(
+    data: st.DataObject, geometry: Geometry, scheme: str, step: Step
+) -> None:
+    scene = data.draw(shaded_scenes(geometry))
+    plan = plan_frame(scene, geometry, step)
+    expected = shading.light_of_directions(scene, step, plan, voxel_packets.directions(scheme))
+    for path in _kernels.cpu_paths():
+        with kernels_on(_kernels, path):
+            table = from_dlpack(shading_tables.light_of_directions(scene, step, plan, scheme == "octahedral"))
+        assert ((table - expected).abs() * 255 <= FLOAT32_COLOUR).all()
+
+
+def test_tables_are_kept_while_the_scene_stays_the_same() -> None:
+    rules = [shading_tables.opacity_rule(plain_scene(opacity=0.3)) for _ in range(2)]
+    assert shading_tables.opacity_codes(rules[0], 2.0) is shading_tables.opacity_codes(rules[1], 2.0)
+
+
+def test_a_cpu_path_that_does_not_exist_is_refused_with_those_that_do() -> None:
+    with pytest.raises(BadInput, match=r'"sse9".*baseline'):
+        _kernels.set_cpu_path("sse9")
+
+
+def test_the_environment_chooses_the_cpu_path() -> None:
+    assert path_in_a_new_process("baseline").stdout == "baseline\n"
+
+
+def test_a_cpu_path_of_the_environment_that_does_not_exist_is_refused() -> None:
+    refused = path_in_a_new_process("fastest")
+    assert refused.returncode != 0
+    assert 'VOLSPLAT_CPU_PATH asks for the CPU path "fastest"' in refused.stderr.splitlines()[-1]
+
+
+def path_in_a_new_process(path: str) -> subprocess.CompletedProcess[str]:
+    program = "from volsplat.mapshade_server import _kernels; print(_kernels.cpu_path())"
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, "VOLSPLAT_CPU_PATH": path},
+        capture_output=True,
+        encoding="utf-8",
+        check=False,
+    )
+
+
+def test_every_path_that_this_cpu_can_run_is_built() -> None:
+    info = Path("/proc/cpuinfo")
+    if not info.exists():
+        pytest.skip("this system has no /proc/cpuinfo to tell what the CPU can do")
+    flags = set(info.read_text().split())
+    able = {path for path, needed in CPU_FLAGS.items() if needed <= flags}
+    assert set(_kernels.cpu_paths()) == {"baseline"} | able
+
+
+def test_the_stub_names_what_the_module_offers() -> None:
+    stub = ast.parse(STUB.read_text())
+    named = {node.name for node in stub.body if isinstance(node, ast.FunctionDef | ast.ClassDef)} - {"Array"}
+    assert named == {name for name in dir(_kernels) if not name.startswith("_")}

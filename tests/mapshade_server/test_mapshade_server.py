@@ -1,0 +1,392 @@
+"""The map/shade server's loop over real sockets, with the test as its client and as its splat servers."""
+
+import math
+import socket
+import threading
+import time
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+
+import msgspec
+import pytest
+import torch
+
+from support.messages.message_samples import SAMPLES
+from support.scenes.arbitrary import plain_scene
+from support.scenes.phantoms import QUANTISATION, shaded_scene
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.mapshade_server.server import MapShadeServer
+from volsplat.mapshade_server.volume_identity import identified_volume
+from volsplat.protocol.description.scene import Bounds, Order, Scene, Step, View
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.closed_tiles import new_tile_map
+from volsplat.protocol.rules.levels import own_resolution
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.framing import Allocate, new_buffer
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tokens import new_token
+
+SIZE = 16
+SCENE = shaded_scene(View(zoom=3.0), (64, 48))
+OUTSIDE = msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0)))
+PATIENCE = 30.0  # seconds, after which what never comes fails its test
+KEY = bytes(range(messages.WORKER_KEY_BYTES))
+
+
+@pytest.fixture(scope="module")
+def shells(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volumes") / "shells.mha"
+    write_volume(path, *make_phantom("shells", size=(SIZE,) * 3))
+    return path
+
+
+class Bench:
+    """A map/shade server in a thread, what a client says to it, and where splat servers would listen."""
+
+    def __init__(self, allocate: Allocate = new_buffer) -> None:
+        self.token = new_token()
+        self._clients = Listener(Role.CLIENT, self.token)
+        links = self.token.bound_to(KEY)
+        self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token, token_of=lambda _: links) for _ in range(2)]
+        hello = new_hello(Role.MAPSHADE_SERVER)
+        self.connection = connect(self._clients.address, hello, self.token, Role.CLIENT, allocate=allocate)
+        self._server = MapShadeServer(self.connection, self.token)
+        self.failure: VolsplatError | None = None  # of the server
+        self._thread = threading.Thread(target=self._run, name="map/shade server under test", daemon=True)
+        self._thread.start()
+        control = self._clients.accept(PATIENCE)
+        assert control is not None
+        self.control: Connection = control
+
+    @property
+    def waiting(self) -> list[messages.Message]:
+        """Requests that the server has received and not begun."""
+        return [received.message for received in self._server._requests._waiting]
+
+    def _run(self) -> None:
+        try:
+            self._server.run()
+        except VolsplatError as error:
+            self.failure = error
+
+    def hears(self, kind: type[messages.Message]) -> messages.Message:
+        received = self.control.receive()
+        assert received is not None and isinstance(received.message, kind), received
+        return received.message
+
+    def refuses(self, request: messages.Message) -> messages.Refused:
+        self.control.send(request)
+        refused = self.hears(messages.Refused)
+        assert isinstance(refused, messages.Refused) and refused.request == type(request).__name__
+        return refused
+
+    def connects(self, number: int) -> None:
+        """Have the server link to a splat server."""
+        address = self.splat_servers[number].address
+        route = messages.Route(server=2 + number, host=address.host, port=address.port, key=KEY)
+        self.control.send(messages.ConnectToSplatServers(routes=[route]))
+        self.hears(messages.ConnectedToSplatServers)
+
+    def accepts(self, number: int) -> Connection:
+        """The data link that a splat server gets."""
+        link = self.splat_servers[number].accept(PATIENCE)
+        assert link is not None
+        return link
+
+    def holds(self, path: Path, assignment: int) -> Geometry:
+        """Have the server read and pack the whole volume."""
+        self.control.send(messages.DescribeVolume(str(path)))
+        described = self.hears(messages.VolumeDescribed)
+        assert isinstance(described, messages.VolumeDescribed)
+        geometry = described.description.geometry
+        self.control.send(messages.ReadSubCubes(assignment, str(path), [geometry.box], described.identity))
+        self.hears(messages.SubCubesRead)
+        self.control.send(messages.PackVoxels(assignment, QUANTISATION))
+        self.hears(messages.VoxelsPacked)
+        return geometry
+
+    def draws(self, frame: int, geometry: Geometry, link: Connection) -> None:
+        """A whole frame, whose batches come over this link."""
+        self.control.send(render(frame, geometry))
+        self.hears(messages.FrameMapped)
+        sequence, last = 0, False
+        while not last:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.Batch)
+            batch = received.message
+            assert (batch.frame, batch.sequence) == (frame, sequence)
+            sequence, last = sequence + 1, batch.last
+
+    def ends(self) -> None:
+        """Wait until the server has ended."""
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+    def close(self) -> None:
+        if not self.control.closed:
+            self.control.send(messages.EndSession())
+        self.ends()
+        self.control.close()
+        for listener in (self._clients, *self.splat_servers):
+            listener.close()
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+def render(frame: int, geometry: Geometry, scene: Scene = SCENE, assignment: int = 1) -> messages.RenderFrame:
+    resolution = own_resolution(geometry, Step.F)
+    return messages.RenderFrame(frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, workers=[1])
+
+
+def test_a_link_whose_route_is_unchanged_is_kept(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.connects(0)
+        bench.draws(1, geometry, link)
+
+
+def test_a_new_route_ends_the_old_link(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    with bench.accepts(0) as old:
+        bench.connects(1)
+        with pytest.raises(PeerLost):
+            old.receive()
+    with bench.accepts(1) as link:
+        bench.draws(1, geometry, link)
+
+
+def test_a_lost_link_is_dialled_again_on_the_same_route(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    bench.accepts(0).close()
+    frame = 0
+    while True:  # a send into a closed connection fails once its end has been heard of
+        frame += 1
+        bench.control.send(render(frame, geometry))
+        received = bench.control.receive()
+        assert received is not None
+        if isinstance(received.message, messages.Refused):
+            assert received.message.frame == frame and "gone" in received.message.cause
+            break
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.draws(frame + 1, geometry, link)
+
+
+def test_what_cannot_be_done_is_refused_in_one_line_and_the_server_goes_on(bench: Bench, shells: Path) -> None:
+    geometry = Geometry(dims=(SIZE, SIZE, SIZE))
+    assert "no such" in bench.refuses(messages.DescribeVolume("/absent.nrrd")).cause.lower()
+    early = bench.refuses(render(1, geometry))
+    assert early.frame == 1 and "assignment 1" in early.cause
+    geometry = bench.holds(shells, 1)
+    unlinked = bench.refuses(render(2, geometry))
+    assert unlinked.frame == 2 and "no splat server" in unlinked.cause
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        outside = bench.refuses(render(3, geometry, OUTSIDE))
+        assert outside.frame == 3 and "bounds" in outside.cause
+        bench.draws(4, geometry, link)
+
+
+def test_a_reading_that_fails_leaves_nothing_that_a_frame_could_be_drawn_from(
+    bench: Bench, shells: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unreadable(*_: object) -> None:
+        raise BadInput("the disk is gone")
+
+    geometry = bench.holds(shells, 1)
+    monkeypatch.setattr("volsplat.mapshade_server.held_volume.SubCube.read", unreadable)
+    bench.connects(0)
+    with bench.accepts(0):
+        failed = bench.refuses(messages.ReadSubCubes(2, str(shells), [geometry.box], identified_volume(str(shells))[1]))
+        assert (failed.assignment, failed.held) == (2, 0)
+        assert "is for assignment 1" in bench.refuses(render(1, geometry)).cause
+
+
+def test_boxes_beyond_the_volume_and_other_assignments_lose_nothing(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    reader, identity = identified_volume(str(shells))
+    boxes = [geometry.box, Geometry(dims=(4 * SIZE, SIZE, SIZE)).box]
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        for request, told in (
+            (messages.ReadSubCubes(2, str(shells), boxes, identity), "beyond the volume"),
+            (messages.AwaitParts(2, reader.describe(), boxes), "beyond the volume"),
+            (messages.CountHistograms(2, 0.0, 1.0, 1.0), "is for assignment 2, not 1"),
+            (messages.PackVoxels(2, QUANTISATION), "is for assignment 2, not 1"),
+        ):
+            refused = bench.refuses(request)
+            assert told in refused.cause and refused.held == 1
+        bench.draws(1, geometry, link)
+
+
+def test_a_lost_client_ends_the_server_and_its_link(bench: Bench) -> None:
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.control.close()
+        bench.ends()
+        assert isinstance(bench.failure, PeerLost)
+        with pytest.raises(PeerLost):
+            link.receive()
+
+
+def test_what_lies_behind_closed_tiles_is_left_out(bench: Bench, tmp_path: Path) -> None:
+    """The volume's packets are more than the link holds, so that most are still to be made when the news comes."""
+    side, size = 160, (320, 320)
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    opaque = plain_scene(view=View(zoom=1.0), size=size, order=Order.FRONT_TO_BACK)
+    with bench.accepts(0) as link:
+        bench.control.send(render(1, geometry, opaque))
+        first = link.receive()
+        assert first is not None and isinstance(first.message, messages.Batch)
+        tiles = new_tile_map(*size)
+        tiles.cast("B")[:] = b"\xff" * tiles.nbytes
+        link.send(messages.TilesClosed(1, *size), tiles.cast("B"))
+        packets, batch = first.message.packet_count, first.message
+        while not batch.last:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.Batch)
+            batch = received.message
+            packets += batch.packet_count
+        mapped = bench.hears(messages.FrameMapped)
+    assert isinstance(mapped, messages.FrameMapped)
+    assert packets == mapped.stats.packets < side**3
+
+
+def until(happened: Callable[[], object]) -> None:
+    """Wait for what another thread does."""
+    deadline = time.monotonic() + PATIENCE
+    while not happened():
+        assert time.monotonic() < deadline, "it never happened"
+        time.sleep(0.001)
+
+
+def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
+    width, height = scene.image.width, scene.image.height
+    resolution, middle = own_resolution(geometry, Step.F), ((width - 1) / 2, (height - 1) / 2)
+    return messages.ProbeVoxels(1, assignment, scene, geometry, QUANTISATION, resolution, *middle)
+
+
+def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_path: Path) -> None:
+    """The volume's packets are more than the link holds, so that the frame cannot end before they are taken."""
+    side, size = 160, (320, 320)
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    scene = plain_scene(view=View(zoom=1.0), size=size)
+    with bench.accepts(0) as link:
+        before = bench.connection.counters.messages_in
+        bench.control.send(render(1, geometry, scene))
+        bench.control.send(probe(geometry, scene))
+        until(lambda: bench.connection.counters.messages_in == before + 2)
+        sent = 0
+        batch: messages.Batch | None = None
+        while batch is None or not batch.last:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.Batch)
+            batch = received.message
+            sent += batch.packet_count
+        probed = bench.hears(messages.VoxelProbed)
+        mapped = bench.hears(messages.FrameMapped)
+    assert isinstance(probed, messages.VoxelProbed) and isinstance(mapped, messages.FrameMapped)
+    (voxel,) = probed.voxels
+    assert voxel.index[2] == side - 1 and voxel.density == 200.0
+    assert sent == mapped.stats.packets == side**3
+
+
+def test_a_probe_of_another_assignment_is_refused_by_its_number(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    refused = bench.refuses(probe(geometry, SCENE, assignment=2))
+    assert (refused.probe, refused.frame) == (1, 0) and "probe 1 is for assignment 2, not 1" in refused.cause
+    bench.control.send(probe(geometry, SCENE))
+    assert bench.hears(messages.VoxelProbed)
+
+
+@pytest.mark.parametrize("unread", ["batches", "answers"])
+def test_a_server_ends_though_nobody_reads_what_it_sends(bench: Bench, tmp_path: Path, unread: str) -> None:
+    """Batches to the splat server, or parts of a lent volume to the client, more than the sockets hold."""
+    side = 160
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        sent = bench.connection.counters.bytes_out
+        if unread == "batches":
+            bench.control.send(render(1, geometry, plain_scene(view=View(zoom=1.0), size=(320, 320))))
+            until(lambda: link._socket.recv(1, socket.MSG_PEEK))
+        else:
+            bench.control.send(messages.LendVolume(2, str(volume), identified_volume(str(volume))[1]))
+            bench.hears(messages.VolumeLent)
+            for n in range(3):
+                bench.control.send(messages.ReadPart(2, messages.Part(n + 1, 0, 0, "uint8", geometry.box)))
+            until(lambda: bench.connection.counters.bytes_out > sent + (1 << 16))
+        bench.control.send(messages.EndSession())
+        bench.ends()
+        assert bench.failure is None
+    bench.control.close()
+
+
+def test_only_the_newest_of_the_frames_that_wait_is_kept(bench: Bench, tmp_path: Path) -> None:
+    """A client asks for frames while the server is at one that nobody reads."""
+    side = 160
+    volume = tmp_path / "full.mha"
+    write_volume(volume, torch.full((side,) * 3, 200, dtype=torch.uint8), Geometry((side,) * 3))
+    geometry = bench.holds(volume, 1)
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.control.send(render(1, geometry, plain_scene(view=View(zoom=1.0), size=(320, 320))))
+        until(lambda: link._socket.recv(1, socket.MSG_PEEK))
+        before = bench.connection.counters.messages_in
+        for frame in range(2, 202):
+            bench.control.send(render(frame, geometry))
+        until(lambda: bench.connection.counters.messages_in == before + 200)
+        assert len(bench.waiting) <= 1
+        bench.control.send(messages.EndSession())
+        bench.ends()
+    bench.control.close()
+
+
+def test_a_server_ends_where_the_memory_does_not_suffice_for_a_part() -> None:
+    def no_memory(message: messages.Message, nbytes: int) -> bytearray:
+        raise MemoryError
+
+    bench = Bench(no_memory)
+    part, payload = SAMPLES[messages.HoldPart]
+    bench.control.send(part, payload)
+    with pytest.raises(PeerLost):
+        bench.control.receive()
+    bench.control.close()
+    bench.close()
+    assert "the memory does not suffice" in str(bench.failure)
+
+
+def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It would be dialled for ever."""
+    monkeypatch.setattr("volsplat.mapshade_server.server.connect", partial(connect, patience=math.inf))
+    nobody = bench.splat_servers[0].address
+    bench.splat_servers[0].close()
+    before = bench.connection.counters.messages_in
+    bench.control.send(messages.ConnectToSplatServers([messages.Route(2, nobody.host, nobody.port, KEY)]))
+    until(lambda: bench.connection.counters.messages_in > before)
+    bench.control.send(messages.EndSession())
+    bench.ends()
+    bench.control.close()

@@ -1,0 +1,248 @@
+"""Volumes that were prepared: drawn by levels from a packet store, by sessions and single processes alike."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+import torch
+
+from support.files.head_volume import skin
+from volsplat.client import Session
+from volsplat.client.coordinator.base_level import LevelChoice, budgets
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.scene.presets import preset_scene
+from volsplat.client.session.renderer import Refinement, Renderer
+from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.packet_store import open_store
+from volsplat.mapshade_server.prepare import Options, prepare
+from volsplat.mapshade_server.prepare.layout import Layout
+from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
+from volsplat.mapshade_server.volume_identity import identified_store
+from volsplat.protocol.description.scene import Quantise, Refine, Scene, Step, View
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages.messages import CountHistograms, LevelBoxes, OpenPackets, VoxelsPacked
+from volsplat.protocol.text.errors import BadInput
+
+SIZE = (61, 64, 50)  # voxels
+BRICKS = Layout(brick=8, shard=16)  # so that there are levels of 61, 31, 16 and 8 voxels
+
+
+class Silent:
+    """Progress that nobody follows."""
+
+    def note(self, text: str) -> None: ...
+
+    def begin(self, stage: str, total: int) -> None: ...
+
+    def advance(self, done: int) -> None: ...
+
+
+@pytest.fixture(scope="module")
+def source(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volumes") / "head.nrrd"
+    write_volume(path, *make_phantom("head", size=SIZE))
+    return path
+
+
+@pytest.fixture(scope="module")
+def store(source: Path) -> Path:
+    out = source.with_suffix(".zarr")
+    prepare(str(source), out, Options(layout=BRICKS), Silent())
+    return out
+
+
+@pytest.fixture(scope="module")
+def unprepared(source: Path) -> Iterator[SingleProcess]:
+    with SingleProcess(source) as single:
+        yield single
+
+
+@pytest.fixture(scope="module")
+def single(store: Path) -> Iterator[SingleProcess]:
+    with SingleProcess(store) as single:
+        yield single
+
+
+def at_zoom(renderer: Renderer, zoom: float) -> Scene:
+    return msgspec.structs.replace(skin(renderer), view=View(rotation=(0.2, 0.3, 0.1, 0.9), zoom=zoom))
+
+
+def level_of(refinement: Refinement) -> int:
+    assert refinement.outcome is not None
+    return refinement.outcome.servers.level
+
+
+def why(refinement: Refinement) -> str:
+    assert refinement.outcome is not None
+    return refinement.outcome.servers.why_level
+
+
+def test_what_is_known_of_it_is_what_is_known_of_its_source(single: SingleProcess, unprepared: SingleProcess) -> None:
+    one, other = single.volume, unprepared.volume
+    assert (one.survey, one.density_counts, one.strength_counts) == (
+        other.survey,
+        other.density_counts,
+        other.strength_counts,
+    )
+    assert one.default_scene() == other.default_scene()
+    assert one.quantisation(Quantise()) == other.quantisation(Quantise())
+
+
+@pytest.mark.parametrize("step", [Step.C, Step.F])
+def test_level_0_is_drawn_as_the_volume_itself(single: SingleProcess, unprepared: SingleProcess, step: Step) -> None:
+    scene = at_zoom(single, 1.3)
+    drawn = single.finish(scene, step)
+    assert level_of(drawn) == 0 and drawn.image[..., 3].max() > 0
+    assert torch.equal(drawn.image, unprepared.render(scene, step))
+
+
+def test_a_strided_step_is_the_paper_s(single: SingleProcess, unprepared: SingleProcess) -> None:
+    scene = msgspec.structs.replace(at_zoom(single, 1.3), refine=Refine(striding=True))
+    assert torch.equal(single.render(scene, Step.A), unprepared.render(scene, Step.A))
+
+
+def test_steps_and_zooms_take_levels(single: SingleProcess) -> None:
+    levels = {zoom: [level_of(single.finish(at_zoom(single, zoom), step)) for step in Step] for zoom in (1.0, 0.5, 0.2)}
+    assert levels == {1.0: [2, 1, 0, 0, 0, 0], 0.5: [3, 2, 1, 1, 1, 1], 0.2: [3, 3, 2, 2, 2, 2]}
+    drawn = single.finish(at_zoom(single, 0.5), Step.F)
+    assert why(drawn) == "level 1 of 3: every voxel is the mean of 2 x 2 x 2; the finest that the zoom needs"
+
+
+@pytest.mark.parametrize("workers", [1, 2, 3])
+def test_sessions_draw_the_same_bits(store: Path, single: SingleProcess, workers: int) -> None:
+    with Session(store, workers=workers) as session:
+        assert session.volume == single.volume
+        for zoom in (1.3, 0.4):
+            for step in (Step.A, Step.F):
+                scene = at_zoom(session, zoom)
+                drawn = session.finish(scene, step)
+                expected = single.finish(scene, step)
+                assert torch.equal(drawn.image, expected.image) and drawn.image[..., 3].max() > 0
+                assert (level_of(drawn), why(drawn)) == (level_of(expected), why(expected))
+        width, height = scene.image.width, scene.image.height
+        found = session.probe(scene, width / 2, height / 2)
+        assert found == single.probe(scene, width / 2, height / 2) and found is not None
+
+
+def test_a_probe_answers_with_an_index_of_the_volume(single: SingleProcess, unprepared: SingleProcess) -> None:
+    near = at_zoom(single, 0.2)
+    single.render(near)
+    coarse, fine = (one.probe(near, 48, 40) for one in (single, unprepared))
+    assert coarse is not None and fine is not None
+    assert max(abs(a - b) for a, b in zip(coarse.index, fine.index, strict=True)) <= 4
+    assert all(0 <= n < size for n, size in zip(coarse.index, SIZE, strict=True))
+
+
+def test_little_memory_takes_a_coarser_level_and_says_so(store: Path) -> None:
+    with SingleProcess(store, memory=600_000) as single:
+        drawn = single.finish(at_zoom(single, 1.3), Step.F)
+        assert level_of(drawn) == 1
+        assert "the finest that fits into 0.6 MB of each server" in why(drawn)
+
+
+@pytest.mark.parametrize("change", [Quantise(window=(0.0, 900.0)), Quantise(directions="paper")])
+def test_other_rules_are_refused_with_the_cure(store: Path, single: SingleProcess, change: Quantise) -> None:
+    scene = msgspec.structs.replace(at_zoom(single, 1.0), quantise=change)
+    cure = "--window 0,900" if change.directions == "octahedral" else "--directions paper"
+    with Session(store, workers=1) as session:
+        renderers: list[Renderer] = [single, session]
+        for renderer in renderers:
+            with pytest.raises(BadInput, match=cure):
+                renderer.render(scene)
+            with pytest.raises(BadInput, match=cure):
+                renderer.probe(scene, 1.0, 1.0)
+            assert renderer.render(at_zoom(renderer, 1.0))[..., 3].max() > 0
+
+
+def test_a_lost_server_leaves_the_others_drawing_their_part_of_every_level(store: Path) -> None:
+    with Session(store, workers=2) as session:
+        session.render(at_zoom(session, 1.3))
+        processes = [psutil.Process(pid) for pid in session.server_processes]
+        next(one for one in processes if "volsplat.mapshade_server" in one.cmdline()).kill()
+        for zoom in (1.3, 0.4):
+            *_, last = [one for one in session.refine(at_zoom(session, zoom)) if one.complete]
+            assert last.image[..., 3].max() > 0
+        assert last.outcome is not None
+        (lost,) = [server for server in session.servers if server.lost]
+        assert last.outcome.servers.missing == lost.boxes
+
+
+def test_zooming_out_slowly_keeps_a_level_until_the_next_one_is_well_within_a_pixel(store: Path) -> None:
+    opened = open_store(str(store))
+    grids = [level.geometry for level in opened.levels]
+    choice = LevelChoice(grids, {1: [grids[0].box]}, {1: 1 << 40})
+    scene = Scene(tables=preset_scene("ct-skin").tables, view=View(zoom=0.45))
+    assert choice.base_level(scene).level == 1
+    assert choice.base_level(scene, current=0).level == 0
+    assert choice.base_level(scene, current=2).level == 1, "never coarser than a pixel"
+    far = msgspec.structs.replace(scene, view=View(zoom=0.39))
+    assert choice.base_level(far, current=0).level == 1
+
+
+def test_servers_of_one_host_share_its_memory() -> None:
+    assert budgets({2: 800, 3: 800, 4: 600}, {2: "a", 3: "a", 4: "b"}) == {2: 200, 3: 200, 4: 300}
+
+
+def test_any_box_of_a_level_has_the_packets_of_the_store(store: Path) -> None:
+    opened = open_store(str(store))
+    box = Box((3, 5, 6), (30, 29, 25))
+    cube = stored_sub_cube(opened, 1, box)
+    assert cube is not None
+    assert torch.equal(torch.from_numpy(cube.packets), torch.from_numpy(opened.read(1, box)))
+
+
+def test_reading_is_given_up_between_two_sheets_of_bricks(store: Path) -> None:
+    opened = open_store(str(store))
+    box = opened.levels[0].geometry.box
+    looks: list[int] = []
+
+    def given_up() -> bool:
+        looks.append(1)
+        return len(looks) == 3
+
+    assert stored_sub_cube(opened, 0, box, given_up) is None
+    assert len(looks) == 3 < box.size[2] / opened.brick_size
+
+
+def test_a_newer_assignment_ends_an_older_one_and_keeps_what_was_read(store: Path) -> None:
+    opened, identity = identified_store(str(store))
+    boxes = [level.geometry.box for level in opened.levels]
+    newest = 1
+    held = HeldVolume(lambda assignment: newest > assignment)
+
+    def opens(assignment: int, *levels: int) -> OpenPackets:
+        held_levels = [LevelBoxes(level, [boxes[level]]) for level in levels]
+        return OpenPackets(assignment, str(store), held_levels, identity)
+
+    (answer,) = held.answers(opens(1, 1, 2))
+    assert isinstance(answer.message, VoxelsPacked) and answer.message.voxels == boxes[1].voxels + boxes[2].voxels
+    before = held.sub_cubes(2)[0]
+    newest = 3
+    assert held.answers(opens(2, 0, 1, 2)) == []
+    assert len(held.answers(opens(3, 2))) == 1
+    assert held.sub_cubes(2) == [before] and held.assignment == 3
+    with pytest.raises(BadInput, match="level 1 is not held"):
+        held.sub_cubes(1)
+
+
+def test_levels_and_boxes_that_a_store_lacks_are_refused(store: Path) -> None:
+    opened, identity = identified_store(str(store))
+    low, (i, j, k) = opened.levels[1].geometry.box
+    for lacking, cause in (
+        (LevelBoxes(len(opened.levels), [Box(low, (1, 1, 1))]), f"there is no level {len(opened.levels)}"),
+        (LevelBoxes(1, [Box(low, (i, j, k + 1))]), "beyond the volume"),
+    ):
+        with pytest.raises(BadInput, match=cause):
+            HeldVolume().answers(OpenPackets(1, str(store), [lacking], identity))
+
+
+def test_who_holds_nothing_of_a_level_refuses_to_count_it(store: Path) -> None:
+    _, identity = identified_store(str(store))
+    held = HeldVolume()
+    held.answers(OpenPackets(1, str(store), [LevelBoxes(0, [])], identity))
+    with pytest.raises(BadInput, match="nothing is held here"):
+        held.answers(CountHistograms(1, 0.0, 255.0, 1.0))

@@ -1,0 +1,99 @@
+"""Libraries that cannot be loaded, for want of memory or because they are broken: one line, and status 2."""
+
+from __future__ import annotations
+
+import errno
+import importlib
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from support.programs.programs import TIME_LIMIT, VOLSPLAT, Person
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.program.load_failures import load_failure
+
+
+def test_want_of_memory_is_told_whatever_it_is_wrapped_into() -> None:
+    segment = ImportError("libtorch_cpu.so: failed to map segment from shared object")
+    wrapped = ImportError("numpy could not be imported:\n\na page of advice")
+    wrapped.__cause__ = segment
+    for error in (
+        segment,
+        wrapped,
+        OSError(errno.ENOMEM, "Cannot allocate memory"),
+        RuntimeError("can't start new thread"),
+        ImportError("std::bad_alloc"),
+    ):
+        line = load_failure(error)
+        assert line is not None and "not enough memory" in line and "\n" not in line
+
+
+def test_a_library_is_named_only_while_one_is_loaded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "large_library.py").write_text("raise MemoryError\n")
+    monkeypatch.syspath_prepend(tmp_path)
+
+    def large_image() -> None:
+        raise MemoryError
+
+    def large_library() -> None:
+        importlib.import_module("large_library")
+
+    for work, told in ((large_library, "not enough memory to load a library;"), (large_image, "not enough memory;")):
+        with pytest.raises(MemoryError) as failed:
+            work()
+        line = load_failure(failed.value)
+        assert line is not None and line.startswith(told)
+
+
+def test_a_broken_library_is_told_and_anything_else_is_not() -> None:
+    broken = load_failure(ImportError("libOpenImageIO.so.3: cannot open shared object file: No such file"))
+    assert broken is not None and "libOpenImageIO.so.3" in broken
+    for error in (ModuleNotFoundError("No module named 'x'"), OSError(errno.ENOENT, "gone"), ValueError("no")):
+        assert load_failure(error) is None
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volume") / "shells.nrrd"
+    write_volume(path, *make_phantom("shells", (8, 8, 8)))
+    return path
+
+
+DRAWN = ("render", "{volume}", "-o", "x.png", "--size", "16x16", "--workers", "1")
+VIEWED = ("view", "{volume}", "--no-browser", "--workers", "1", "--grace", "0")
+
+
+def run(command: tuple[str, ...], volume: Path, folder: Path, before: str = "", **environment: str) -> str:
+    """The one line that the command says at its end, with status 2; `before` is for the shell."""
+    words = [str(VOLSPLAT), *(word.replace("{volume}", str(volume)) for word in command)]
+    done = subprocess.run(
+        ["sh", "-c", f'{before} exec "$@"', "sh", *words],
+        cwd=folder,
+        env=Person(folder).environment | environment,
+        capture_output=True,
+        encoding="utf-8",
+        timeout=TIME_LIMIT,
+    )
+    assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
+    (said,) = [line for line in done.stderr.splitlines() if line.startswith("volsplat: ")]
+    return said
+
+
+@pytest.mark.parametrize("command", [DRAWN, VIEWED], ids=["render", "view"])
+def test_a_library_that_cannot_be_mapped_ends_a_command_in_one_line(
+    volume: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    (tmp_path / "torch.py").write_text("raise ImportError('libtorch_cpu.so: failed to map segment from shared object')")
+    said = run(command, volume, tmp_path, PYTHONPATH=str(tmp_path))
+    assert "not enough memory" in said and "libtorch_cpu.so" in said and "ulimit -v" in said
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits a process's addresses")
+@pytest.mark.parametrize("command", [DRAWN, VIEWED], ids=["render", "view"])
+def test_too_little_memory_for_torch_is_told_before_it_is_loaded(
+    volume: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    assert "may have 512 MB" in run(command, volume, tmp_path, before="ulimit -v 500000;")

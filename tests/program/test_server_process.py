@@ -1,0 +1,48 @@
+"""What both server programs share as processes: how they end, and how they word what went wrong."""
+
+import os
+import subprocess
+
+import pytest
+
+from volsplat.deploy.server_command import Program, server_command
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.refusals import OUT_OF_MEMORY, refusal
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tokens import new_token
+
+PATIENCE = 30.0  # seconds, after which what never comes fails its test
+TITLES = {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}
+
+
+@pytest.mark.parametrize("server", TITLES)
+def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost(server: Program) -> None:
+    token = new_token()
+    with Listener(Role.CLIENT, token) as clients:
+        program = subprocess.Popen(
+            server_command(server, "--connect", str(clients.address)),
+            env=token.added_to(os.environ),
+            stderr=subprocess.PIPE,
+            encoding="utf-8",
+        )
+        control = clients.accept(PATIENCE)
+        assert control is not None
+        control.close()
+        _, said = program.communicate(timeout=PATIENCE)
+    assert program.returncode == 1
+    assert said.startswith(f"{TITLES[server]}: ") and said.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("error", "cause"),
+    [
+        (MemoryError(), OUT_OF_MEMORY),
+        (ValueError("a line\nand \x1b[2J another"), "a line and ?[2J another"),
+        (KeyError("x"), "an error in volsplat itself, please report it: KeyError: 'x'"),
+        (ValueError("x" * 5000), "x" * messages.LONGEST_LINE),
+    ],
+    ids=["memory", "control characters", "a mistake", "too long"],
+)
+def test_whatever_went_wrong_is_one_printable_line(error: Exception, cause: str) -> None:
+    assert refusal(messages.AbortFrame(7), error) == messages.Refused("AbortFrame", cause, frame=7)

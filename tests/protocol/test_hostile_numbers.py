@@ -1,0 +1,287 @@
+"""Well-typed messages with any numbers in them are refused as bad input, or done: none is a mistake of ours."""
+
+import contextlib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from support.messages.message_samples import SAMPLES
+from support.scenes.arbitrary import plain_scene
+from support.scenes.phantoms import QUANTISATION
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.probe import front_most
+from volsplat.protocol.description.scene import Step, View
+from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.refusals import OUT_OF_MEMORY, refusal
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.index_rules import Quantisation, Survey, strength_scale
+from volsplat.protocol.rules.levels import Resolution, factors_of
+from volsplat.protocol.rules.line_of_sight import LineOfSight
+from volsplat.protocol.text.errors import BadInput
+from volsplat.splat_server.frame_assembly import FrameAssembly
+
+GEOMETRY = Geometry((6, 5, 4), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)))
+HALVES = [Box((0, 0, 0), (6, 5, 2)), Box((0, 0, 2), (6, 5, 4))]
+WHOLES = (-(2**63), -1, 0, 1, 2, 5, 2**31 - 1, 2**31, 2**32, 2**40, 2**62, 2**63 - 1, 2**64 - 1)
+FLOATS = (
+    *(0.0, -0.0, -1.0, 0.3, 5e-324, 1e-310, 1e-170, 1e-155, 1e-60, 1e60, 1e155, 1e170, 1.7e308, -1.7e308),
+    *(float("nan"), float("inf"), float("-inf")),
+)
+Place = tuple[Any, ...]
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("hostile") / "small.nrrd"
+    write_volume(path, torch.arange(120, dtype=torch.int16).reshape(4, 5, 6), GEOMETRY)
+    return path
+
+
+def numbers_in(value: Any, at: Place = ()) -> Iterator[tuple[Place, float]]:
+    """Where the numbers are in builtins, and which."""
+    match value:
+        case bool():
+            pass
+        case int() | float():
+            yield at, value
+        case dict():
+            for key, part in value.items():
+                yield from numbers_in(part, (*at, key))
+        case list() | tuple():
+            for n, part in enumerate(value):
+                yield from numbers_in(part, (*at, n))
+
+
+def replaced(value: Any, at: Place, number: float) -> Any:
+    if not at:
+        return number
+    if isinstance(value, dict):
+        return {key: replaced(part, at[1:], number) if key == at[0] else part for key, part in value.items()}
+    return [replaced(part, at[1:], number) if n == at[0] else part for n, part in enumerate(value)]
+
+
+@st.composite
+def spoilt(draw: st.DrawFn, message: Message) -> Message | None:
+    """The message with one to three of its numbers changed; None where it is refused as it is decoded."""
+    builtins = msgspec.to_builtins(message)
+    places = list(numbers_in(builtins))
+    for _ in range(draw(st.integers(1, 3))):
+        place, number = draw(st.sampled_from(places))
+        builtins = replaced(builtins, place, draw(st.sampled_from(WHOLES if isinstance(number, int) else FLOATS)))
+    try:
+        return msgspec.convert(builtins, type(message))
+    except msgspec.ValidationError:
+        return None
+
+
+@contextlib.contextmanager
+def told(request: Message) -> Iterator[None]:
+    """What goes wrong goes as to a client: in one line, and not as a mistake of ours."""
+    try:
+        yield
+    except Exception as error:
+        cause = refusal(request, error).cause
+        assert "error in volsplat itself" not in cause and cause != OUT_OF_MEMORY, repr(error)
+
+
+def held_at(path: Path) -> tuple[HeldVolume, messages.VolumeDescribed]:
+    """The volume as packed halves."""
+    held = HeldVolume()
+    (described,) = held.answers(messages.DescribeVolume(str(path)))
+    assert isinstance(described.message, messages.VolumeDescribed)
+    held.answers(messages.ReadSubCubes(1, str(path), HALVES, described.message.identity))
+    return held, described.message
+
+
+FRAME = messages.RenderFrame(
+    frame=1,
+    assignment=1,
+    scene=plain_scene(0.5, view=View(zoom=3.0), size=(20, 16)),
+    step=Step.C,
+    geometry=GEOMETRY,
+    quantisation=QUANTISATION,
+    resolution=Resolution(level=0, geometry=GEOMETRY, stride=1),
+    workers=[1],
+)
+
+
+@settings(max_examples=150)
+@given(data=st.data(), step=st.sampled_from(Step))
+def test_a_frame_of_any_numbers(path: Path, data: st.DataObject, step: Step) -> None:
+    request = data.draw(spoilt(msgspec.structs.replace(FRAME, step=step)))
+    if not isinstance(request, messages.RenderFrame) or request.scene.image.width * request.scene.image.height > 10**6:
+        return
+    held, _ = held_at(path)
+    held.answers(messages.PackVoxels(1, QUANTISATION))
+    with told(request):
+        plan = plan_frame(request.scene, request.geometry, request.step, request.resolution)
+        sub_cubes = held.sub_cubes_drawn(request.resolution)
+        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.scene, plan)
+        assembly = FrameAssembly(
+            request.scene, request.geometry, request.step, request.frame, [1], resolution=request.resolution
+        )
+        while (batch := walk.next_batch()) is not None:
+            assembly.arrived(1, batch.runs, batch.packets, batch.reached, batch.last)
+        while not assembly.advance().complete:
+            pass
+        image = np.frombuffer(assembly.published(), np.float32)
+        assert np.isfinite(image).all()
+
+
+@settings(max_examples=100)
+@given(data=st.data())
+def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
+    probe = messages.ProbeVoxels(1, 1, FRAME.scene, FRAME.geometry, FRAME.quantisation, FRAME.resolution, x=9.0, y=7.0)
+    request = data.draw(spoilt(probe))
+    if not isinstance(request, messages.ProbeVoxels):
+        return
+    held, _ = held_at(path)
+    held.answers(messages.PackVoxels(1, QUANTISATION))
+    with told(request):
+        sub_cubes = held.sub_cubes_drawn(request.resolution)
+        line = LineOfSight(request.scene, request.geometry, request.x, request.y, request.resolution)
+        front_most(sub_cubes, request.geometry, request.quantisation, request.scene, line)
+
+
+@settings(max_examples=250)
+@given(data=st.data())
+def test_requests_about_the_volume_with_any_numbers(path: Path, data: st.DataObject) -> None:
+    held, described = held_at(path)
+    whole, part = GEOMETRY.box, messages.Part(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 3)))
+    kind = data.draw(st.sampled_from(["read", "count", "pack", "lend", "await", "hold"]))
+    steps: dict[str, list[Message]] = {
+        "read": [messages.ReadSubCubes(1, str(path), HALVES, described.identity)],
+        "count": [messages.CountHistograms(1, 0.0, 119.0, 60.0)],
+        "pack": [messages.PackVoxels(1, QUANTISATION)],
+        "lend": [messages.LendVolume(1, str(path), described.identity), messages.ReadPart(1, part)],
+        "await": [messages.AwaitParts(1, described.description, [HALVES[0]])],
+        "hold": [messages.AwaitParts(1, described.description, [HALVES[0]]), messages.HoldPart(1, part)],
+    }
+    *before, last = steps[kind]
+    for request in before:
+        held.answers(request)
+    spoilt_request = data.draw(spoilt(last))
+    if spoilt_request is None:
+        return
+    with told(spoilt_request):
+        if isinstance(spoilt_request, messages.HoldPart):
+            voxels = spoilt_request.part.box.voxels
+            if voxels < 10**6:
+                held.answers(spoilt_request, memoryview(bytes(voxels * SCALAR_BYTES[spoilt_request.part.scalar_type])))
+        else:
+            held.answers(spoilt_request)
+    assert whole.voxels == 120
+
+
+@given(data=st.data(), sample=st.sampled_from(sorted(SAMPLES, key=lambda kind: kind.__name__)))
+def test_any_message_with_any_numbers_is_taken_or_refused(data: st.DataObject, sample: type[Message]) -> None:
+    message, _ = SAMPLES[sample]
+    if list(numbers_in(msgspec.to_builtins(message))):
+        data.draw(spoilt(message))
+
+
+@pytest.mark.parametrize(
+    ("geometry", "cause"),
+    [
+        ({"dims": (2**31, 1, 1)}, "at most"),
+        ({"dims": (2**20, 2**20, 2**20)}, "at most"),
+        ({"dims": (1, 1, 1), "origin": (float("inf"), 0.0, 0.0)}, "place in space"),
+        (
+            {"dims": (1, 1, 1), "index_to_physical": ((1e-170, 0.0, 0.0), (0.0, 1e100, 0.0), (0.0, 0.0, 1e100))},
+            "place in space",
+        ),
+    ],
+)
+def test_a_grid_that_cannot_be_computed_with_is_refused_by_name(geometry: dict[str, Any], cause: str) -> None:
+    with pytest.raises(ValueError, match=cause):
+        Geometry(**geometry)
+
+
+def test_boxes_beyond_the_volume_are_refused(path: Path) -> None:
+    held, described = held_at(path)
+    beyond = [Box((0, 0, 0), (6, 5, 5))]
+    for request in (
+        messages.ReadSubCubes(2, str(path), beyond, described.identity),
+        messages.AwaitParts(2, VolumeDescription(name="", format="", geometry=GEOMETRY, scalar_type="int16"), beyond),
+    ):
+        with pytest.raises(BadInput, match="beyond the volume"):
+            held.answers(request)
+
+
+NAN, INF = float("nan"), float("inf")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "cause"),
+    [
+        ({"window": (1.0, 1.0)}, "window must be finite and rise"),
+        ({"window": (NAN, 1.0)}, "window must be finite and rise"),
+        ({"window": (0.0, INF)}, "window must be finite and rise"),
+        ({"window": (0.0, 5e-324)}, "window must be finite and rise"),
+        ({"strength_scale": NAN}, "strength must have a finite scale"),
+        ({"strength_scale": -1.0}, "strength must have a finite scale"),
+        ({"strength_scale": INF}, "strength must have a finite scale"),
+        ({"strength_low": NAN}, "strength must have a finite scale"),
+    ],
+)
+def test_a_rule_of_bytes_that_cannot_be_computed_with_is_refused_by_name(numbers: dict[str, Any], cause: str) -> None:
+    good: dict[str, Any] = {"window": (0.0, 255.0), "strength_scale": 8.0}
+    with pytest.raises(ValueError, match=cause):
+        Quantisation(**(good | numbers))
+
+
+def test_gradients_too_weak_for_a_scale_are_none() -> None:
+    assert strength_scale(Survey(low=0.0, high=1.0, max_gradient=5e-324, voxels=8, no_data=0), [0, 8]) == 0.0
+
+
+def test_levels_that_a_volume_lacks_are_refused(path: Path) -> None:
+    held, _ = held_at(path)
+    other = Resolution(level=0, geometry=Geometry((6, 5, 3)), stride=1)
+    with pytest.raises(BadInput, match=r"has \(6, 5, 4\) voxels"):
+        held.sub_cubes_drawn(other)
+    thin, wide = (
+        ((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, c)) for a, b, c in ((1e-160, 1e100, 1e60), (1e153, 1.0, 1.0))
+    )
+    with pytest.raises(ValueError, match="that of no level"):
+        factors_of(Geometry((1, 1, 1), thin), Geometry((1, 1, 1), wide))
+    with pytest.raises(ValueError, match="are no level"):
+        factors_of(GEOMETRY, other.geometry)
+    for stride in (0, 5, 2**62):
+        with pytest.raises(ValueError, match="stride must be 1 to 4"):
+            Resolution(level=0, geometry=GEOMETRY, stride=stride)
+
+
+def test_a_centre_that_is_nowhere_on_the_screen_is_refused() -> None:
+    """Its place there is infinity less infinity, on both axes."""
+    nowhere = View(zoom=256.0, rotation=(0.4, 0.3, 0.2, 0.9), center=(1.7e308, 1.7e308, 1.7e308))
+    with pytest.raises(ValueError, match="pixels from the image"):
+        plan_frame(plain_scene(view=nowhere), GEOMETRY, Step.C)
+
+
+def test_boxes_that_lie_in_no_volume_or_are_none_are_refused_as_they_arrive(path: Path) -> None:
+    _, described = held_at(path)
+    read = messages.ReadSubCubes(2, str(path), HALVES, described.identity)
+    with pytest.raises(ValueError, match="lies in no volume"):
+        msgspec.structs.replace(read, boxes=[Box((0, 0, 0), (2**31, 1, 1))])
+    waits = messages.AwaitParts(2, described.description, HALVES)
+    for request in (read, waits):
+        with pytest.raises(msgspec.ValidationError, match="length >= 1"):
+            msgspec.convert(msgspec.to_builtins(request) | {"boxes": []}, type(request))
+
+
+def test_a_part_beyond_the_volume_is_not_lent(path: Path) -> None:
+    held, described = held_at(path)
+    held.answers(messages.LendVolume(1, str(path), described.identity))
+    with pytest.raises(BadInput, match="beyond the volume"):
+        held.answers(messages.ReadPart(1, messages.Part(2, 0, 0, "int16", Box((0, 0, 0), (6, 5, 5)))))

@@ -1,0 +1,169 @@
+"""Levels of a volume: where their grids lie, which one a step takes, and that pictures of them agree."""
+
+from random import Random
+
+import msgspec
+import numpy as np
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from support.scenes.arbitrary import geometries, plain_scene, quaternion_to
+from support.scenes.partitions import cut, handed_out
+from support.scenes.phantoms import shaded_scene, shells
+from support.scenes.rays import constant, crossing
+from support.scenes.rendering import rendered
+from tolerances import ONE_LEVEL, STRIDES
+from volsplat.mapshade_server.prepare.halving import halved
+from volsplat.mapshade_server.prepare.layout import halved_geometry
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Step, View
+from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules import levels
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.levels import Resolution, own_resolution, resolution_of
+
+OBLIQUE = (0.2, 0.3, 0.1, 0.9)
+SIDES: list[Vector] = [(0.0, 0.0, 1.0), (0.3, 0.2, 1.0), (0.5, -0.4, -0.8)]
+
+
+def halvings(geometry: Geometry, count: int) -> list[Geometry]:
+    """A volume and its next coarser levels."""
+    made = [geometry]
+    for _ in range(count):
+        made.append(halved_geometry(made[-1]))
+    return made
+
+
+def means(values: Tensor, times: int) -> Tensor:
+    """The values of a level."""
+    made = values.numpy()
+    for _ in range(times):
+        made = halved(made)
+    return torch.from_numpy(np.ascontiguousarray(made, dtype=np.float64))
+
+
+@given(geometries(), st.integers(0, 4), st.tuples(*[st.floats(-5, 20)] * 3))
+def test_a_point_lies_at_one_place_whatever_the_level(geometry: Geometry, count: int, point: Vector) -> None:
+    level = halvings(geometry, count)[-1]
+    there = level.physical(levels.point_at_level(point, levels.factors_of(geometry, level)))
+    assert there == pytest.approx(geometry.physical(point), rel=1e-9, abs=1e-6 * max(geometry.spacing))
+
+
+@given(geometries(), st.integers(0, 4), st.integers(0, 10), st.integers(0, 2**32))
+def test_parts_of_a_volume_partition_every_level(geometry: Geometry, count: int, cuts: int, seed: int) -> None:
+    level = halvings(geometry, count)[-1]
+    factors = levels.factors_of(geometry, level)
+    held = torch.zeros(tuple(reversed(level.dims)), dtype=torch.int64)
+    for box in cut(geometry.box, Random(seed), cuts):
+        (i0, j0, k0), (i1, j1, k1) = levels.share_at_level(box, factors)
+        held[k0:k1, j0:j1, i0:i1] += 1
+    assert torch.all(held == 1)
+
+
+@given(geometries(), st.integers(0, 3))
+def test_the_middle_of_a_level_s_voxel_is_one_of_its_own(geometry: Geometry, count: int) -> None:
+    level = halvings(geometry, count)[-1]
+    factors = levels.factors_of(geometry, level)
+    for corner in ((0, 0, 0), tuple(n - 1 for n in level.dims)):
+        index = levels.index_in_volume((corner[0], corner[1], corner[2]), factors, geometry.dims)
+        assert tuple(n // f for n, f in zip(index, factors, strict=True)) == corner
+        assert all(0 <= n < size for n, size in zip(index, geometry.dims, strict=True))
+
+
+def test_coarse_steps_take_coarse_levels_and_stride_where_there_are_none() -> None:
+    grids = halvings(Geometry((64, 64, 64)), 2)
+
+    def taken(base: int, striding: bool = False, among: list[Geometry] = grids) -> list[tuple[int, int]]:
+        each = [resolution_of(step, among, base, striding) for step in (Step.A, Step.B, Step.C, Step.F)]
+        return [(one.level, one.stride) for one in each]
+
+    assert taken(0) == [(2, 1), (1, 1), (0, 1), (0, 1)]
+    assert taken(1) == [(2, 2), (2, 1), (1, 1), (1, 1)]
+    assert taken(2) == [(2, 4), (2, 2), (2, 1), (2, 1)]
+    assert taken(0, striding=True) == [(0, 4), (0, 2), (0, 1), (0, 1)]
+    assert taken(0, among=grids[:1]) == [(0, 4), (0, 2), (0, 1), (0, 1)]
+    assert [list(levels.levels_drawn(grids, base)) for base in (0, 1, 2)] == [[0, 1, 2], [1, 2], [2]]
+
+
+def test_the_finest_level_that_a_zoom_needs_has_voxels_of_at_most_a_pixel() -> None:
+    grids = halvings(Geometry((64, 64, 64), ((0.5, 0, 0), (0, 1.0, 0), (0, 0, 2.0))), 3)
+    zooms = {4.0: 0, 1.0: 0, 0.51: 0, 0.5: 1, 0.26: 1, 0.25: 2, 0.01: 3}
+    assert {zoom: levels.finest_needed(grids, zoom) for zoom in zooms} == zooms
+
+
+@pytest.mark.parametrize("step", Step)
+def test_the_volume_itself_is_level_0(step: Step) -> None:
+    values, geometry = shells(14), Geometry((14, 14, 14), origin=(3.0, 0.1, 7.0))
+    scene = shaded_scene(View(rotation=OBLIQUE, zoom=2.01, center=(6.3, 7.1, 5.9)), (40, 40))
+    assert plan_frame(scene, geometry, step, own_resolution(geometry, step)) == plan_frame(scene, geometry, step)
+    image = rendered(values, geometry, scene, step, resolution=own_resolution(geometry, step))
+    assert torch.equal(image, rendered(values, geometry, scene, step))
+
+
+@pytest.mark.parametrize("toward", SIDES)
+@pytest.mark.parametrize(("step", "opacity"), [(Step.A, 0.05), (Step.B, 0.05), (Step.C, 0.05), (Step.F, 0.02)])
+def test_a_slab_is_as_opaque_at_every_level(step: Step, opacity: float, toward: Vector) -> None:
+    """With footprints where it is thin: there w A is less than the opacity to the power of w (docs/properties.md)."""
+    geometry = Geometry((64, 64, 8))
+    scene = plain_scene(opacity, view=View(rotation=quaternion_to(toward), zoom=2.0), size=(40, 40))
+    clear, _ = crossing(geometry, scene, margin=9.0)
+    assert clear.any()
+    finest = rendered(constant(geometry.dims), geometry, scene, Step.F)[clear]
+    for number, level in enumerate(halvings(geometry, 2)):
+        resolution = Resolution(number, level, stride=1)
+        image = rendered(constant(level.dims), geometry, scene, step, resolution=resolution)[clear]
+        assert (image - finest).abs().max() <= STRIDES
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_level_s_image_is_the_same_for_any_partition(order: Order, number: int) -> None:
+    geometry = Geometry((13, 14, 11))
+    values = shells(14)[:11, :, :13].contiguous()
+    level = halvings(geometry, number)[-1]
+    coarse = means(values, number)
+    scene = shaded_scene(View(rotation=OBLIQUE, zoom=1.7), (40, 40), order)
+    scene = msgspec.structs.replace(scene, bounds=Bounds(low=(1, 0, 3), high=(12, -1, 10)))
+    random = Random(number)
+    for step in (Step.A, Step.F):
+        resolution = Resolution(number, level, stride=2 if step == Step.A else 1)
+        expected = rendered(coarse, geometry, scene, step, resolution=resolution)
+        assert expected.any()
+        for workers in (1, 2, 3):
+            boxes = [levels.share_at_level(box, levels.factors_of(geometry, level))
+                     for box in cut(geometry.box, random, 5)]  # fmt: skip
+            holdings = handed_out([box for box in boxes if min(box.size) > 0], workers, random)
+            image = rendered(coarse, geometry, scene, step, workers=holdings, arrival=random, resolution=resolution)
+            assert torch.equal(image, expected)
+
+
+def test_where_striding_gives_stripes_a_level_gives_the_mean() -> None:
+    """Planes that are full and empty by turns: every second one alone is all or nothing."""
+    geometry = Geometry((32, 32, 32))
+    values = constant(geometry.dims, 0.0)
+    values[:, :, 1::2] = 200.0
+    level = halvings(geometry, 2)[-1]
+    scene = plain_scene(0.02, view=View(zoom=2.0), size=(40, 40))
+    inside = (slice(10, 30), slice(10, 30), 3)
+    strided = rendered(values, geometry, scene, Step.A)[inside]
+    means_drawn = rendered(means(values, 2), geometry, scene, Step.A, resolution=Resolution(2, level, stride=1))[inside]
+    solid = rendered(constant(geometry.dims), geometry, scene, Step.A)[inside]
+    assert strided.max() == 0.0, "of the planes that stride 4 visits, none is full"
+    assert (means_drawn - solid).abs().max() <= ONE_LEVEL
+
+
+def test_edges_stay_those_of_the_volume() -> None:
+    geometry = Geometry((13, 14, 11))
+    level = halvings(geometry, 2)[-1]
+    scene = plain_scene(0.0, view=View(rotation=OBLIQUE, zoom=2.0))
+    scene = msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, edges=True))
+    image = rendered(constant(geometry.dims), geometry, scene, Step.F)
+    coarse = rendered(constant(level.dims), geometry, scene, Step.A, resolution=Resolution(2, level, stride=1))
+    assert image.any() and torch.equal(image, coarse)
+
+
+def test_a_box_is_never_beyond_its_level() -> None:
+    assert levels.bounds_at_level(Box((3, 0, 5), (4, 13, 6)), (2, 4, 4)) == Box((1, 0, 1), (2, 4, 2))

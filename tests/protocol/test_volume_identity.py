@@ -1,0 +1,254 @@
+"""One volume: no picture is drawn from two files of one name, nor from one that was changed while it is open."""
+
+import os
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+import torch
+
+from support.files.head_volume import SIZE, skin
+from support.files.loopback_files import served
+from support.files.prepared import prepare_small
+from support.programs.hand_started import free_port, joined_by_hand
+from support.programs.programs import TIME_LIMIT, Person
+from volsplat.client import Session
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.volume_identity import BLOCK_BYTES, identified_store, identified_volume
+from volsplat.protocol.description.scene import Quantise, Scene, Step
+from volsplat.protocol.messages import messages
+from volsplat.protocol.text.errors import BadInput
+
+NAME = "head.nrrd"
+LONG_AGO = 10**18  # nanoseconds since 1970
+
+
+def written(path: Path, size: tuple[int, int, int] = SIZE, kind: str = "head") -> Path:
+    path.parent.mkdir(exist_ok=True)
+    write_volume(path, *make_phantom(kind, size=size))
+    return path
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    return written(tmp_path / "here" / NAME)
+
+
+def one_voxel_more(path: Path, other: Path) -> None:
+    """Another file, like the first but for one byte in each block that is looked at."""
+    content = bytearray(path.read_bytes())
+    content[2000::BLOCK_BYTES] = bytes(byte ^ 1 for byte in content[2000::BLOCK_BYTES])
+    other.parent.mkdir(exist_ok=True)
+    other.write_bytes(content)
+
+
+def turned(path: Path, other: Path) -> None:
+    """The same voxels on another grid."""
+    content = path.read_bytes()
+    assert b"sizes: 32 40 36" in content
+    other.parent.mkdir(exist_ok=True)
+    other.write_bytes(content.replace(b"sizes: 32 40 36", b"sizes: 40 32 36"))
+
+
+# -- two servers
+
+
+OTHERS: dict[str, tuple[Callable[[Path, Path], object], str]] = {
+    "another size": (lambda here, other: written(other, (32, 40, 20)), "bytes, not"),
+    "another grid": (turned, "header differs"),
+    "other contents": (one_voxel_more, "contents differ"),
+}
+
+
+@pytest.mark.parametrize(("make", "told"), OTHERS.values(), ids=OTHERS)
+def test_two_servers_with_another_file_of_one_name_are_refused_by_place_and_name(
+    here: Path, tmp_path: Path, make: Callable[[Path, Path], object], told: str
+) -> None:
+    other = tmp_path / "there" / NAME
+    make(here, other)
+    with joined_by_hand([here.parent, other.parent], NAME) as session:
+        with pytest.raises(BadInput, match=told) as refused:
+            session.volume  # noqa: B018
+    assert str(other) in str(refused.value) and "give every server the same volume" in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_copy_with_another_time_of_change_is_the_same_volume(here: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "there" / NAME
+    copy.parent.mkdir()
+    shutil.copy(here, copy)
+    os.utime(copy, ns=(LONG_AGO, LONG_AGO))
+    with SingleProcess(here) as single, joined_by_hand([here.parent, copy.parent], NAME) as session:
+        scene = skin(session)
+        assert torch.equal(session.render(scene), single.render(scene))
+
+
+def test_the_command_ends_with_status_2_and_writes_nothing(here: Path, tmp_path: Path) -> None:
+    person = Person(tmp_path)
+    other = written(tmp_path / "there" / NAME, (32, 40, 20))
+    address = f"127.0.0.1:{free_port()}"
+    command = person.starts("render", NAME, "-o", "head.png", "--listen", address, "--workers", "2")
+    servers = [person.starts("splat-server", "--connect", address)]
+    for folder in (here.parent, other.parent):
+        person.folder = folder
+        servers.append(person.starts("mapshade-server", "--connect", address))
+    _, said = command.communicate(timeout=TIME_LIMIT)
+    assert command.returncode == 2
+    assert "another volume" in said and (str(other) in said or str(here) in said), "whichever has not described it"
+    for server in servers:
+        server.communicate(timeout=TIME_LIMIT)
+    assert [server.returncode for server in servers] == [0, 0, 0]
+    assert not (tmp_path / "head.png").exists()
+
+
+# -- one server, another time
+
+
+def other_rules(scene: Scene) -> Scene:
+    """What the same volume must be read again for."""
+    return msgspec.structs.replace(scene, quantise=Quantise(directions="paper"))
+
+
+CHANGES: dict[str, Callable[[Path], object]] = {
+    "replaced by a larger one": lambda path: os.replace(written(path.with_name("new.nrrd"), (32, 40, 38)), path),
+    "rewritten in place": lambda path: path.write_bytes(path.read_bytes()[::-1]),
+    "one voxel changed": lambda path: change_a_byte(path, -1),
+    "touched": lambda path: os.utime(path, ns=(LONG_AGO, LONG_AGO)),
+    "gone": lambda path: path.unlink(),
+}
+
+
+def change_a_byte(path: Path, where: int) -> None:
+    content = bytearray(path.read_bytes())
+    content[where] ^= 255
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("change", CHANGES.values(), ids=CHANGES)
+def test_a_file_that_is_replaced_in_an_open_session_is_refused_and_the_session_goes_on(
+    here: Path, change: Callable[[Path], object]
+) -> None:
+    before = here.with_name("before")
+    shutil.copy2(here, before)
+    with Session(here, workers=2) as session:
+        scene = skin(session)
+        first = session.render(scene)
+        change(here)
+        assert torch.equal(session.render(scene), first), "what is held is still the volume that was opened"
+        for _ in range(2):
+            with pytest.raises(BadInput, match=NAME) as refused:
+                session.render(other_rules(scene))
+            assert "\n" not in str(refused.value)
+        assert torch.equal(session.render(scene, Step.F), first), "it is drawn on as it was"
+        os.replace(before, here)
+        with SingleProcess(here) as single:
+            assert torch.equal(session.render(other_rules(scene)), single.render(other_rules(scene)))
+        assert not any(server.lost for server in session.servers)
+
+
+def test_a_single_process_draws_no_replaced_file_either(here: Path) -> None:
+    with SingleProcess(here) as single:
+        scene = skin(single)
+        first = single.render(scene)
+        written(here, (32, 40, 38))
+        with pytest.raises(BadInput, match="was replaced or changed after it was opened"):
+            single.render(other_rules(scene))
+        assert torch.equal(single.render(scene), first)
+
+
+def test_a_file_that_is_replaced_while_it_is_read_is_refused(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    held = HeldVolume()
+    (described,) = held.answers(messages.DescribeVolume(str(here)))
+    assert isinstance(described.message, messages.VolumeDescribed)
+    boxes = [described.message.description.geometry.box]
+    read = SubCube.read
+
+    def read_and_replaced(self: SubCube, reader: object) -> None:
+        read(self, reader)  # type: ignore[arg-type]
+        change_a_byte(here, -1)
+
+    monkeypatch.setattr(SubCube, "read", read_and_replaced)
+    with pytest.raises(BadInput, match="was replaced or changed"):
+        held.answers(messages.ReadSubCubes(1, str(here), boxes, described.message.identity))
+    with pytest.raises(BadInput, match="not 0"):
+        held.check(1, "a frame")
+
+
+# -- the identity itself
+
+
+def test_files_beside_a_header_belong_to_the_volume(tmp_path: Path) -> None:
+    values = np.arange(6 * 7 * 8, dtype=np.int16)
+    (tmp_path / "head.raw").write_bytes(values.tobytes())
+    header = "NRRD0004\ntype: short\ndimension: 3\nsizes: 8 7 6\nendian: little\nencoding: raw\ndata file: head.raw\n"
+    (tmp_path / "head.nhdr").write_text(header + "\n")
+    _, before = identified_volume(str(tmp_path / "head.nhdr"))
+    change_a_byte(tmp_path / "head.raw", 100)
+    _, after = identified_volume(str(tmp_path / "head.nhdr"))
+    assert after.difference(before) == "its contents differ"
+
+
+def test_any_change_of_a_small_file_shows_even_at_another_place(here: Path, tmp_path: Path) -> None:
+    _, before = identified_volume(str(here))
+    copy = tmp_path / NAME
+    for where in (3000, 9999, -1):
+        shutil.copy2(here, copy)
+        assert identified_volume(str(copy))[1].difference(before) == ""
+        change_a_byte(copy, where)
+        assert identified_volume(str(copy))[1].difference(before) == "its contents differ"
+
+
+def test_of_a_large_file_little_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "large.raw"
+    with path.open("wb") as file:
+        file.truncate(100 << 30)
+    name = f"{path}#dims=8192x4096x3200,type=uint8"
+    before = read_bytes()
+    _, identity = identified_volume(name)
+    assert identity.size == 100 << 30
+    assert read_bytes() - before < 4 << 20
+    with path.open("r+b") as file:
+        file.seek(-1, os.SEEK_END)
+        file.write(b"x")
+    assert identified_volume(name)[1].difference(identity) == "its contents differ"
+
+
+def read_bytes() -> int:
+    """By this process so far, from the page cache too."""
+    lines = Path("/proc/self/io").read_text().splitlines()
+    return int(next(line for line in lines if line.startswith("rchar")).split()[1])
+
+
+def test_a_zarr_s_documents_and_chunks_are_its_identity_on_disk_and_at_a_url(tmp_path: Path) -> None:
+    zarr = pytest.importorskip("zarr")
+    folder = tmp_path / "head.zarr"
+    array = zarr.create_array(folder, shape=(24, 20, 16), chunks=(8, 8, 8), dtype="i2")
+    array[:] = np.arange(24 * 20 * 16, dtype=np.int16).reshape(24, 20, 16)
+    with served(tmp_path) as files:
+        for place in (str(folder), f"{files.url}/head.zarr"):
+            _, before = identified_volume(place)
+            assert identified_volume(place)[1] == before
+            chunk = next(path for path in sorted(folder.rglob("0")) if path.is_file())
+            content = chunk.read_bytes()
+            chunk.write_bytes(content + b"\0")
+            assert identified_volume(place)[1].difference(before) != ""
+            chunk.write_bytes(content)
+            array.attrs["units"] = f"HU of {place}"
+            assert identified_volume(place)[1].difference(before) != ""
+
+
+def test_a_packet_store_that_was_made_anew_is_another_one(tmp_path: Path) -> None:
+    store = tmp_path / "a.zarr"
+    prepare_small(written(tmp_path / NAME), store)
+    _, before = identified_store(str(store))
+    shutil.rmtree(store)
+    prepare_small(written(tmp_path / NAME, kind="shells"), store)
+    _, after = identified_store(str(store))
+    assert after.difference(before) != ""

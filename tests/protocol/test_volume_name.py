@@ -1,0 +1,40 @@
+"""A volume's name: the place, and the part of it."""
+
+from pathlib import Path
+
+import pytest
+
+from support.files.volume_files import values_of, written
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.protocol.description.volume_name import absolute_name, check_is_there, volume_name
+from volsplat.protocol.text.errors import BadInput
+
+
+def test_what_follows_the_sign_is_the_part() -> None:
+    assert volume_name("run.h5#/entry/data") == ("run.h5", "/entry/data")
+    assert volume_name("s3://bucket/brain.zarr#2") == ("s3://bucket/brain.zarr", "2")
+    assert volume_name("head.nrrd") == ("head.nrrd", "")
+
+
+def test_a_file_whose_name_has_the_sign_is_taken_whole(tmp_path: Path) -> None:
+    path = tmp_path / "run#3.nrrd"
+    path.write_bytes(b"x")
+    assert volume_name(str(path)) == (str(path), "")
+
+
+def test_another_process_is_told_the_whole_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert absolute_name("run.h5#/data") == f"{tmp_path}/run.h5#/data"
+    assert absolute_name("https://host/a.zarr#1") == "https://host/a.zarr#1"
+
+
+def test_a_missing_file_is_told_without_its_part(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match=r"no\.h5: no such file or folder$"):
+        check_is_there(str(tmp_path / "no.h5#/data"))
+    check_is_there("s3://bucket/brain.zarr")
+
+
+def test_a_format_without_parts_says_so(tmp_path: Path) -> None:
+    path = written(tmp_path / "head.nrrd", values_of("uint8"))
+    with pytest.raises(BadInput, match="holds one volume, it has no part “second”; leave out #second"):
+        open_volume(f"{path}#second")

@@ -1,0 +1,383 @@
+"""HDF5 datasets and NetCDF-4 variables: chosen by path, placed by their scales, read by hyperslab."""
+
+import gzip
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import tolerances
+from support.files.counted_bytes import bytes_read
+from support.files.volume_files import ALL_TYPES, values_of
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
+
+h5py = pytest.importorskip("h5py")
+
+
+def read_whole(name: object) -> Voxels:
+    reader = open_volume(str(name))
+    return reader.read(reader.describe().geometry.box)
+
+
+def described(name: object) -> VolumeDescription:
+    return open_volume(str(name)).describe()
+
+
+def written(path: Path, fill: Callable[[Any], object]) -> Path:
+    with h5py.File(path, "w") as file:
+        fill(file)
+    return path
+
+
+def one(path: Path, values: Any, **settings: Any) -> Path:
+    return written(path, lambda file: file.create_dataset("entry/data", data=values, **settings))
+
+
+def netcdf(path: Path, stored: Any, scales: dict[str, tuple[Any, dict[str, Any]]], **attributes: Any) -> Path:
+    """A variable `data` on these coordinate variables, as NetCDF-4 lays them out; None for a mere dimension."""
+
+    def fill(file: Any) -> None:
+        variable = file.create_dataset("data", data=stored)
+        variable.attrs.update(attributes)
+        for n, (name, (numbers, more)) in enumerate(scales.items()):
+            only_a_name = f"This is a netCDF dimension but not a netCDF variable.{stored.shape[n]:10d}"
+            scale = file.create_dataset(name, data=np.zeros(stored.shape[n]) if numbers is None else numbers)
+            scale.make_scale(only_a_name if numbers is None else name)
+            scale.attrs.update(more)
+            variable.dims[n].attach_scale(scale)
+
+    return written(path, fill)
+
+
+@pytest.mark.parametrize("endian", ["<", ">"])
+@pytest.mark.parametrize("scalar_type", ALL_TYPES)
+def test_every_type_comes_back(scalar_type: str, endian: str, tmp_path: Path) -> None:
+    values = values_of(scalar_type)
+    stored = values.astype(endian + values.dtype.str[1:])
+    for settings in ({}, {"chunks": (2, 3, 4), "compression": "gzip", "shuffle": True}):
+        path = one(tmp_path / "volume.h5", stored, **settings)
+        assert described(path).scalar_type == scalar_type
+        got = read_whole(path)
+        assert got.dtype == values.dtype and got.dtype.isnative and got.flags.c_contiguous
+        np.testing.assert_array_equal(got, values)
+        part = open_volume(str(path)).read(Box((1, 2, 0), (5, 4, 3)))
+        assert part.flags.c_contiguous
+        np.testing.assert_array_equal(part, values[0:3, 2:4, 1:5])
+
+
+def test_types_that_volumes_lack_become_others(tmp_path: Path) -> None:
+    halves = np.linspace(-9, 9, 210, dtype=np.float16).reshape(5, 6, 7)
+    np.testing.assert_array_equal(read_whole(one(tmp_path / "a.h5", halves)), halves.astype(np.float32))
+    mask = values_of("uint8") > 50
+    np.testing.assert_array_equal(read_whole(one(tmp_path / "b.h5", mask)), mask.astype(np.uint8))
+
+
+def test_a_user_block_before_the_file_is_skipped(tmp_path: Path) -> None:
+    values = values_of("int16")
+    with h5py.File(tmp_path / "volume.mat", "w", userblock_size=512) as file:
+        file["data"] = values
+    np.testing.assert_array_equal(read_whole(tmp_path / "volume.mat"), values)
+
+
+def test_datasets_are_named_by_path_group_or_not_at_all(tmp_path: Path) -> None:
+    values = values_of("int16")
+
+    def fill(file: Any) -> None:
+        file["scan/raw"] = values
+        file["scan/flat"] = values[0]
+        file["result/map"] = values * 2
+
+    path = written(tmp_path / "volume.h5", fill)
+    for name in ("#/result/map", "#result/map", "#/result"):
+        np.testing.assert_array_equal(read_whole(f"{path}{name}"), values * 2)
+    assert described(f"{path}#/scan").density_name == "raw"
+    with pytest.raises(BadInput) as refusal:
+        open_volume(str(path))
+    assert str(refusal.value) == (
+        f"{path}: holds /result/map (5 x 6 x 7), /scan/raw (5 x 6 x 7); choose one, as in {path}#/result/map"
+    )
+    with pytest.raises(BadInput, match=r"has no “/scan/x”; it holds /result/map \(5 x 6 x 7\), /scan/flat"):
+        open_volume(f"{path}#/scan/x")
+
+
+def test_a_frame_is_chosen_by_index(tmp_path: Path) -> None:
+    frames = np.arange(2 * 3 * 4 * 5, dtype=np.int16).reshape(2, 3, 4, 5)
+    path = one(tmp_path / "volume.h5", frames)
+    np.testing.assert_array_equal(read_whole(f"{path}#/entry/data,axis0=1"), frames[1])
+    np.testing.assert_array_equal(read_whole(f"{path}#axes=tzyx,t=1"), frames[1])
+    with pytest.raises(BadInput, match=r"choose an index of axis0, as in .*volume\.h5#/entry/data,axis0=0"):
+        open_volume(str(path))
+
+
+PROJECTED = {
+    "z": (np.arange(5) * 10.0 - 7, {"units": "m"}),
+    "y": (np.arange(6)[::-1] * 0.25, {"units": "km"}),
+    "x": (np.arange(7) * 500.0, {"units": "m"}),
+}
+
+
+def test_coordinate_variables_place_the_grid(tmp_path: Path) -> None:
+    description = described(netcdf(tmp_path / "v.nc", values_of("int16"), PROJECTED))
+    assert description.geometry.index_to_physical == ((500, 0, 0), (0, -250, 0), (0, 0, 10))
+    assert description.geometry.origin == (0, 1250, -7)
+    assert description.unit == "m" and description.axes is None and not description.warnings
+
+
+def test_axes_of_the_earth_are_told(tmp_path: Path) -> None:
+    scales = {
+        "depth": (np.arange(5) * 10.0, {"units": "m", "positive": "down"}),
+        "lon": (np.arange(6, dtype=np.float32) / 3, {"units": "degrees_east"}),
+        "lat": (60 - np.arange(7, dtype=np.float32) / 3, {"units": "degrees_north"}),
+    }
+    description = described(netcdf(tmp_path / "v.nc", values_of("int16"), scales, units="K", long_name="warmth"))
+    assert description.axes is not None
+    assert [axis.name for axis in description.axes] == ["lat", "lon", "depth"]
+    assert [axis.unit for axis in description.axes] == ["deg", "deg", "m"]
+    steps = [axis.step for axis in description.axes]
+    assert steps == pytest.approx([-1 / 3, 1 / 3, 10], rel=tolerances.GEOMETRY_FLOAT32)
+    towards = np.sign(description.geometry.index_to_physical)
+    np.testing.assert_array_equal(towards, [[0, 1, 0], [-1, 0, 0], [0, 0, -1]])  # i along y, j along x, k down
+    assert description.value_unit == "K" and description.density_name == "warmth"
+    (warning,) = description.warnings
+    assert "no unit in common" in warning
+
+
+def test_dimensions_without_coordinates_give_only_names(tmp_path: Path) -> None:
+    frames = np.arange(2 * 3 * 4 * 5, dtype=np.int16).reshape(2, 3, 4, 5)
+    path = netcdf(tmp_path / "v.nc", frames, {name: (None, {}) for name in ("time", "z", "y", "x")})
+    np.testing.assert_array_equal(read_whole(f"{path}#data,t=1"), frames[1])
+    assert described(f"{path}#data,t=1").geometry.spacing == (1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "warning"),
+    [
+        ([0, 1, 2, 4, 8], r"z is unevenly spaced \(1 to 4\); drawn 2 apart"),
+        ([0, 1, 2, np.nan, 8], "not usable"),
+        ([3, 3, 3, 3, 3], "coordinates of z are not usable; its voxels are drawn one apart"),
+        ([0, 1, 2, 3, np.inf], "not usable"),
+    ],
+)
+def test_uneven_coordinates_are_told(numbers: list[float], warning: str, tmp_path: Path) -> None:
+    scales = {**PROJECTED, "z": (np.array(numbers, np.float64), {"units": "m"})}
+    with_warning = described(netcdf(tmp_path / "v.nc", values_of("int16"), scales))
+    assert any(re.search(warning, one) for one in with_warning.warnings)
+
+
+def test_packed_and_missing_values_are_what_cf_says(tmp_path: Path) -> None:
+    stored = np.arange(5 * 6 * 7, dtype=np.int16).reshape(5, 6, 7)
+    packed = {"scale_factor": 0.5, "add_offset": np.array([-20.0]), "_FillValue": np.int16(3), "missing_value": [4, 5]}
+    path = netcdf(tmp_path / "v.nc", stored, PROJECTED, **packed, valid_max=np.int16(200))
+    expected = stored * np.float32(0.5) - 20
+    expected[(stored >= 3) & (stored <= 5) | (stored > 200)] = np.nan
+    assert described(path).scalar_type == "float32"
+    np.testing.assert_array_equal(read_whole(path), expected)
+
+
+@pytest.mark.parametrize(
+    ("stored_type", "attributes", "scalar_type"),
+    [
+        ("int32", {"scale_factor": 0.5}, "float64"),
+        ("float32", {"scale_factor": 0.5}, "float32"),
+        ("float64", {"_FillValue": 7.0}, "float64"),
+        ("uint8", {"_FillValue": 7}, "float32"),
+        ("uint8", {"_FillValue": 300}, "uint8"),
+        ("int16", {"scale_factor": 1.0, "add_offset": 0.0}, "int16"),
+        ("int8", {"_Unsigned": "true"}, "uint8"),
+        ("int64", {"_FillValue": np.int64(-(2**63))}, "float64"),
+    ],
+)
+def test_packing_decides_the_type(
+    stored_type: str, attributes: dict[str, Any], scalar_type: str, tmp_path: Path
+) -> None:
+    path = netcdf(tmp_path / "v.nc", values_of(stored_type), PROJECTED, **attributes)
+    assert described(path).scalar_type == scalar_type == read_whole(path).dtype.name
+
+
+def test_unsigned_bytes_of_netcdf_3_are_unsigned(tmp_path: Path) -> None:
+    values = values_of("uint8")
+    fill = {"_Unsigned": "true", "_FillValue": np.int8(-1)}
+    got = read_whole(netcdf(tmp_path / "v.nc", values.view(np.int8), PROJECTED, **fill))
+    np.testing.assert_array_equal(got, np.where(values == 255, np.nan, values))
+
+
+def test_what_netcdf_never_wrote_is_no_data(tmp_path: Path) -> None:
+    fill = 9.969209968386869e36
+    path = written(
+        tmp_path / "v.nc",
+        lambda file: file.create_dataset("data", (4, 4, 4), np.float32, chunks=(2, 4, 4), fillvalue=fill),
+    )
+    with h5py.File(path, "a") as file:
+        file["data"][:2] = 1.0
+    got = read_whole(path)
+    assert (got[:2] == 1).all() and np.isnan(got[2:]).all()
+
+
+def test_nexus_tells_what_to_plot_and_where(tmp_path: Path) -> None:
+    values = values_of("int16")
+
+    def fill(file: Any) -> None:
+        file.attrs["default"] = "entry"
+        file["entry/detector/frames"] = values * 0
+        plot = file.create_group("entry/plot")
+        file["entry"].attrs["default"] = "plot"
+        plot["data"] = values
+        plot["height"] = np.arange(6) * 2.0  # the edges of 5 bins
+        plot["row"], plot["column"] = np.arange(6) * 0.5, np.arange(7) * 0.25
+        for name in ("height", "row", "column"):
+            plot[name].attrs["units"] = "um"
+        plot.attrs.update({"NX_class": "NXdata", "signal": "data", "axes": ["height", "row", "column"]})
+
+    path = written(tmp_path / "v.nxs", fill)
+    np.testing.assert_array_equal(read_whole(path), values)
+    geometry = described(path).geometry
+    assert geometry.spacing == (0.25, 0.5, 2) and geometry.origin == (0, 0, 1) and described(path).unit == "µm"
+
+
+def test_fiji_tells_the_size_of_elements(tmp_path: Path) -> None:
+    path = one(tmp_path / "v.h5", values_of("int16"))
+    with h5py.File(path, "a") as file:
+        file["entry/data"].attrs["element_size_um"] = [2.0, 0.5, 0.25]
+    assert described(path).geometry.spacing == (0.25, 0.5, 2) and described(path).unit == "µm"
+
+
+def test_matlab_writes_its_axes_the_other_way_round(tmp_path: Path) -> None:
+    path = one(tmp_path / "v.mat", values_of("int16"))
+    with h5py.File(path, "a") as file:
+        file["entry/data"].attrs["MATLAB_class"] = np.bytes_(b"int16")
+    assert described(f"{path}#spacing=1x2x3").geometry.index_to_physical == ((0, 1, 0), (2, 0, 0), (0, 0, 3))
+
+
+SIEVE = 1 << 16  # bytes that HDF5 reads at once where wanted rows do not follow each other
+
+
+@pytest.mark.parametrize("chunks", [None, (8, 32, 32)])
+def test_only_the_hyperslab_is_read(chunks: tuple[int, int, int] | None, tmp_path: Path) -> None:
+    values = np.random.default_rng(0).integers(0, 60000, (64, 128, 128)).astype(np.uint16)
+    path = one(tmp_path / "v.h5", values, chunks=chunks)
+    box = Box((0, 32, 32), (128, 64, 40))
+    read_whole(path)
+    before = bytes_read()
+    reader = open_volume(str(path))
+    description = reader.describe()
+    header = bytes_read() - before
+    assert description.reads_sub_cubes and header < values.nbytes // 32
+    reader.read(box)
+    read_around = 2 * header if chunks else box.size[2] * SIEVE
+    assert bytes_read() - before - header < 2 * box.voxels + read_around
+
+
+def test_one_chunk_says_why_it_is_read_whole(tmp_path: Path) -> None:
+    description = described(one(tmp_path / "v.h5", values_of("int16"), chunks=(5, 6, 7), compression="gzip"))
+    assert not description.reads_sub_cubes and description.why_whole == "all its voxels are in one chunk"
+
+
+NOISE = np.random.default_rng(0).integers(0, 30000, (20, 20, 20)).astype(np.int16)
+
+
+def cut(path: Path, share: float) -> Path:
+    raw = path.read_bytes()
+    path.write_bytes(raw[: int(len(raw) * share)])
+    return path
+
+
+def damaged(path: Path) -> Path:
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) * 2 // 3 : len(raw) * 2 // 3 + 64] = bytes(64)
+    path.write_bytes(raw)
+    return path
+
+
+def zipped(path: Path) -> Path:
+    path.write_bytes(gzip.compress(path.read_bytes()))
+    return path
+
+
+def of_another_filter(path: Path) -> Path:
+    """Says that its chunks are compressed by a filter that nobody has, in the place of shuffling."""
+    one(path, NOISE, chunks=(5, 20, 20), shuffle=True)
+    raw = path.read_bytes()
+    at = raw.index(b"shuffle") - 8
+    path.write_bytes(raw[:at] + (32001).to_bytes(2, "little") + raw[at + 2 :])
+    return path
+
+
+def linked(path: Path) -> Path:
+    return written(path, lambda file: file.__setitem__("data", h5py.ExternalLink("nowhere.h5", "/data")))
+
+
+def empty(path: Path) -> Path:
+    return written(path, lambda file: file.create_dataset("data", (90000, 90000, 90000), np.float64, chunks=True))
+
+
+REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
+    "truncated": (lambda p: cut(one(p, NOISE), 0.7), "", "is truncated, it has"),
+    "damaged": (
+        lambda p: damaged(one(p, NOISE, chunks=(5, 20, 20), compression="gzip", fletcher32=True)),
+        "",
+        "HDF5 cannot read it",
+    ),
+    "gzip": (lambda p: zipped(one(p, NOISE)), "", "is a gzip of"),
+    "no arrays": (lambda p: written(p, lambda file: file.create_group("a")), "", "it holds nothing"),
+    "a list": (lambda p: one(p, NOISE[0, 0]), "", "no dataset with three axes of numbers; it holds /entry/data (20)"),
+    "a flat dataset": (lambda p: one(p, NOISE[0]), "#/entry/data", "a 2-D image, volsplat needs a volume"),
+    "a number": (lambda p: one(p, 3.0), "#/entry/data", "a single number"),
+    "complex": (lambda p: one(p, NOISE.astype(np.complex64)), "#/entry/data", "has complex numbers (complex64)"),
+    "compound": (
+        lambda p: one(p, np.zeros((2, 2, 2), [("r", "u1"), ("g", "u1")])),
+        "#/entry/data",
+        "voxels of several fields (r, g)",
+    ),
+    "texts": (lambda p: one(p, np.full((2, 2, 2), b"a")), "#/entry/data", "voxels of type bytes8"),
+    "colour": (lambda p: one(p, np.zeros((5, 6, 7, 3), np.uint8)), "", "choose an index of axis3, as in"),
+    "never written": (empty, "", "no voxel of it was ever written"),
+    "a lost link": (linked, "#data", "HDF5 cannot read it"),
+    "an unknown filter": (
+        of_another_filter,
+        "",
+        "filter 32001 (shuffle), which is not installed; convert it",
+    ),
+    "MINC": (lambda p: written(p, lambda file: file.create_group("minc-2.0")), "", "is MINC, whose values are scaled"),
+    "zero scale": (
+        lambda p: netcdf(p, NOISE[:5, :6, :7], PROJECTED, scale_factor=0.0),
+        "",
+        "scale_factor is 0",
+    ),
+    "scale that is no number": (
+        lambda p: netcdf(p, NOISE[:5, :6, :7], PROJECTED, scale_factor="half"),
+        "",
+        "attribute scale_factor is no number but “half”",
+    ),
+    "scale that is not finite": (
+        lambda p: netcdf(p, NOISE[:5, :6, :7], PROJECTED, add_offset=np.nan),
+        "",
+        "attribute add_offset is nan",
+    ),
+    "zero spacing": (lambda p: one(p, NOISE), "#spacing=0x1x1", "its spacing cannot be used"),
+    "an option that is none": (lambda p: one(p, NOISE), "#/entry/data,level=1", "“level=1” names no axis"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSALS)
+def test_bad_input_is_refused_in_one_line(case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    make, part, cause = REFUSALS[case]
+    path = make(tmp_path / "v.h5")
+    with pytest.raises(BadInput) as refusal:
+        read_whole(f"{path}{part}")
+    text = str(refusal.value)
+    assert cause in text and str(path) in text and "\n" not in text
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = one(tmp_path / "v.h5", NOISE)
+    monkeypatch.setitem(sys.modules, "h5py", None)
+    with pytest.raises(BadInput, match=r"HDF5 needs h5py, which is not installed: pip install 'volsplat\[formats\]'"):
+        open_volume(str(path))

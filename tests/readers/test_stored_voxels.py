@@ -1,0 +1,63 @@
+"""Compressed voxels that are read from the first sheet to the last are unpacked once."""
+
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from volsplat.mapshade_server.readers.reading import stored_voxels
+from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.voxel_room import voxel_room
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.text.errors import BadInput
+
+VALUES = np.arange(40 * 30 * 20, dtype=np.uint16).reshape(20, 30, 40)
+
+
+@pytest.fixture(scope="module")
+def zipped(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("zipped") / "voxels.gz"
+    path.write_bytes(gzip.compress(b"skip" + VALUES.tobytes()))
+    return path
+
+
+def voxels_in(path: Path) -> StoredVoxels:
+    return StoredVoxels(path, (40, 30, 20), VALUES.dtype, (Piece(path, 20, 0, Packing.DEFLATE, 4),))
+
+
+@given(ranges=st.lists(st.tuples(st.integers(0, 19), st.integers(1, 20)).map(sorted), min_size=1, max_size=6))
+def test_boxes_in_any_order_give_their_voxels(ranges: list[list[int]], zipped: Path) -> None:
+    voxels = voxels_in(zipped)
+    for low, high in ranges:
+        high = max(high, low + 1)
+        assert (voxels.read(Box((3, 4, low), (33, 24, high))) == VALUES[low:high, 4:24, 3:33]).all()
+
+
+def test_slabs_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stored_voxels, "COMPRESSED_CHUNK_BYTES", 512)
+    unpacked = 0
+
+    class Counting(stored_voxels._Unpacking):
+        def fill(self, into: memoryview) -> None:
+            nonlocal unpacked
+            unpacked += len(into)
+            super().fill(into)
+
+        def drop(self, count: int) -> None:
+            nonlocal unpacked
+            unpacked += count
+            super().drop(count)
+
+    monkeypatch.setattr(stored_voxels, "_Unpacking", Counting)
+    voxels = voxels_in(zipped)
+    slabs = [voxels.read(Box((0, 0, k), (40, 30, k + 5))) for k in range(0, 20, 5)]
+    assert (np.concatenate(slabs) == VALUES).all()
+    assert unpacked == VALUES.nbytes + 4
+
+
+def test_a_box_larger_than_the_memory_names_a_cure_that_there_is() -> None:
+    with pytest.raises(BadInput, match=r"big\.raw: .* GiB of voxels do not fit .*volsplat prepare"):
+        voxel_room(Box((0, 0, 0), (1 << 20, 1 << 20, 1 << 10)), "float64", "big.raw")

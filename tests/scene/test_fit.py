@@ -1,0 +1,110 @@
+"""A fit fills the image with what is visible, from whichever side, and cuts nothing off."""
+
+from pathlib import Path
+
+import msgspec
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from support.scenes.arbitrary import plain_scene
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.scene.view_rotation import rotation_from_angles
+from volsplat.client.session.session import Session
+from volsplat.client.session.single import SingleProcess
+from volsplat.client.volume.enclosing_ball import enclosing_ball, squared_distances
+from volsplat.client.volume.surveyed_volume import asking_for_fit
+from volsplat.protocol.description.scene import Bounds, CrossBar, Field, Scene, View
+from volsplat.protocol.description.volume import Geometry
+
+SIZE = 96
+DIMS = (60, 70, 80)
+CENTRE, RADIUS = (17.0, 50.0, 30.0), 13.0
+VISIBLE = 0.005
+
+points = st.lists(st.tuples(*[st.floats(-100, 100)] * 3), min_size=1, max_size=30)
+
+
+@given(points=points)
+def test_the_smallest_ball_holds_all_and_is_no_larger_than_it_must_be(points: list[tuple[float, float, float]]) -> None:
+    ball = enclosing_ball(points)
+    assert max(squared_distances(ball.centre, points)) <= ball.radius**2 * (1 + 1e-6) + 1e-12
+    farthest = max(max(squared_distances(one, points)) for one in points) ** 0.5
+    assert farthest / 2 <= ball.radius * (1 + 1e-6) + 1e-9  # Jung: between half the diameter and sqrt(3/8) of it
+    assert ball.radius <= (3 / 8) ** 0.5 * farthest * (1 + 1e-6) + 1e-9
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A ball in a corner of the grid, and one stray voxel far from it."""
+    k, j, i = torch.meshgrid(*(torch.arange(n) for n in reversed(DIMS)), indexing="ij")
+    inside = (i - CENTRE[0]) ** 2 + (j - CENTRE[1]) ** 2 + (k - CENTRE[2]) ** 2 <= RADIUS**2
+    values = (200 * inside).to(torch.uint8)
+    values[75, 5, 55] = 200
+    path = tmp_path_factory.mktemp("fit") / "ball.nrrd"
+    write_volume(path, values, Geometry(DIMS))
+    return path
+
+
+def scene_from(rotation: tuple[float, float, float, float], **view: object) -> Scene:
+    return plain_scene(size=(SIZE, SIZE), view=View(rotation=rotation, **view))  # type: ignore[arg-type]
+
+
+@settings(max_examples=15)
+@given(azimuth=st.floats(-180, 180), elevation=st.floats(-90, 90))
+def test_from_any_side_a_fit_fills_the_image_and_cuts_nothing(ball: Path, azimuth: float, elevation: float) -> None:
+    with SingleProcess(ball) as single:
+        scene = scene_from(rotation_from_angles(azimuth, elevation))
+        alpha = single.render(scene)[..., 3]
+    rim = torch.cat((alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]))
+    assert rim.max() == 0
+    seen = (alpha > VISIBLE).nonzero()
+    height, width = (seen.max(dim=0).values - seen.min(dim=0).values + 1).tolist()
+    assert min(height, width) >= 0.75 * SIZE
+
+
+def test_one_fit_holds_for_all_rotations_partitions_and_steps_of_a_hand(ball: Path) -> None:
+    scenes = [scene_from(rotation_from_angles(azimuth, 20)) for azimuth in (0, 50)]
+    with SingleProcess(ball) as single, Session(ball, workers=3) as session:
+        views = [volume.settled(scene).view for volume in (single.volume, session.volume) for scene in scenes]
+        assert len({(view.zoom, view.center) for view in views}) == 1
+        assert views[0].center == pytest.approx(CENTRE, abs=1.5)
+        assert torch.equal(single.render(scenes[1]), session.render(scenes[1]))
+        settled = single.volume.settled(scenes[0])
+        assert single.volume.settled(settled) == settled
+        assert asking_for_fit(settled).view.zoom == "fit"
+
+
+def test_bounds_tables_and_cross_bar_decide_what_is_fitted(ball: Path) -> None:
+    scene = scene_from((0.0, 0.0, 0.0, 1.0))
+    with SingleProcess(ball) as single:
+        whole = single.volume.settled(scene).view
+        cut = msgspec.structs.replace(scene, bounds=Bounds(low=(0, 0, 30)))
+        half = single.volume.settled(cut).view
+        assert half.center[2] > whole.center[2] and half.zoom > whole.zoom  # type: ignore[operator]
+        by_strength = msgspec.structs.replace(scene, cross_bar=CrossBar(opac=Field.STRENGTH))
+        everything = single.volume.settled(by_strength).view
+        assert everything.center == pytest.approx([(n - 1) / 2 for n in DIMS])
+        assert everything.zoom < whole.zoom  # type: ignore[operator]
+        edged = msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, edges=True))
+        assert single.volume.settled(edged).view.zoom < whole.zoom  # type: ignore[operator]
+        clear = msgspec.structs.replace(scene.tables.opac, points=((0.0, 0.0),))
+        nothing = msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=clear))
+        assert single.volume.settled(nothing).view.zoom == everything.zoom
+
+
+def test_what_is_given_keeps_its_meaning(ball: Path) -> None:
+    with SingleProcess(ball) as single:
+        zoomed = scene_from((0.0, 0.0, 0.0, 1.0), zoom=2.0)
+        assert (single.volume.fitted(zoomed).view.zoom, single.volume.fitted(zoomed).view.center) == (2.0, "middle")
+        placed = single.volume.fitted(scene_from((0.0, 0.0, 0.0, 1.0), center=(17.0, 50.0, 30.0))).view
+        assert placed.center == pytest.approx((17.0, 50.0, 30.0))
+        aside = single.volume.fitted(scene_from((0.0, 0.0, 0.0, 1.0), center=(30.0, 50.0, 30.0))).view
+        assert aside.zoom < placed.zoom  # type: ignore[operator]
+
+
+def test_the_real_head_fills_its_image(shared_data: Path) -> None:
+    with SingleProcess(shared_data / "ct_head/ct_head_96x128x113.nrrd") as single:
+        rows = (single.render(single.volume.default_scene())[..., 3] > 0.02).any(dim=1).nonzero()
+    assert rows.max() - rows.min() + 1 >= 0.7 * 512

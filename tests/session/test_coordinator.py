@@ -1,0 +1,649 @@
+"""The coordinator as a state machine: events in, instructions out, no socket and no clock."""
+
+from itertools import permutations
+
+import msgspec
+import pytest
+
+from support.messages.coordinated import (
+    ASKED,
+    DATA,
+    FIRST,
+    JOINS,
+    LENT,
+    MAP_STATS,
+    NO_DATA,
+    SCENE,
+    SECOND,
+    SPLAT,
+    SPLAT_STATS,
+    THIRD,
+    WHOLE,
+    counted,
+    drawing,
+    lending,
+    opened_store,
+    packed,
+    read_by,
+    said,
+    sent,
+    surveyed,
+)
+from support.messages.message_samples import IDENTITY
+from volsplat.client.coordinator.coordinator import Coordinator
+from volsplat.client.coordinator.coordinator_events import (
+    AbortAsked,
+    AnswerProbe,
+    EndFrame,
+    Event,
+    FailSession,
+    FrameAsked,
+    Instruction,
+    MessageReceived,
+    PartialImageAsked,
+    ProbeAsked,
+    PublishImage,
+    ReportProgress,
+    Send,
+    ServerJoined,
+    ServerLost,
+    ServerProcessEnded,
+    VolumeAsked,
+)
+from volsplat.client.coordinator.volume_holding import Phase
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.index_rules import Survey
+from volsplat.protocol.text.errors import BadInput, PeerLost
+
+
+@pytest.mark.parametrize("order", list(permutations([*JOINS, ASKED])))
+def test_servers_may_join_in_any_order(order: list[Event]) -> None:
+    coordinator = Coordinator()
+    instructions: list[Instruction] = []
+    for event in order:
+        assert sent(instructions) == []
+        instructions = coordinator.handle(event)
+    assert sent(instructions) == [(FIRST, messages.DescribeVolume)]
+
+
+def test_the_surveys_of_all_sub_cubes_become_one() -> None:
+    volume = surveyed().holding.volume
+    assert volume is not None
+    assert (volume.survey.low, volume.survey.high, volume.survey.max_gradient) == (-3.0, 50.0, 50.0)
+    assert (volume.survey.voxels, volume.survey.no_data) == (720, 2)
+    assert volume.density_counts[7] == volume.strength_counts[7] == 720
+
+
+def test_a_frame_waits_until_the_voxels_are_packed_and_goes_to_the_map_shade_servers_first() -> None:
+    coordinator = surveyed()
+    asked = coordinator.handle(FrameAsked(1, SCENE, Step.A, whole=True))
+    assert sent(asked) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
+    assert sent(packed(coordinator)) == [
+        (FIRST, messages.RenderFrame),
+        (SECOND, messages.RenderFrame),
+        (SPLAT, messages.RenderFrame),
+    ]
+
+
+FINISHED, IMAGE = 2, 3  # the splat server sends the complete image only after it finished
+
+
+@pytest.mark.parametrize("order", [p for p in permutations(range(4)) if p.index(FINISHED) < p.index(IMAGE)])
+def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[int, ...]) -> None:
+    coordinator = drawing()
+    answers = [
+        said(FIRST, messages.FrameMapped(1, MAP_STATS)),
+        said(SECOND, messages.FrameMapped(1, MAP_STATS)),
+        said(SPLAT, messages.FrameFinished(1, True, [], SPLAT_STATS)),
+        said(SPLAT, messages.ImageRead(1, Step.F, True, 1, 1), bytes(16)),
+    ]
+    last: list[Instruction] = []
+    for n in order:
+        assert not any(isinstance(i, PublishImage) for i in last)
+        last = coordinator.handle(answers[n])
+    (image,) = [i for i in last if isinstance(i, PublishImage)]
+    assert image.complete and image.outcome is not None and set(image.outcome.map_shade) == {FIRST, SECOND}
+    assert coordinator.frame is None
+
+
+def test_servers_are_told_an_order_and_need_not_choose() -> None:
+    coordinator = surveyed()
+    coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, whole=True))
+    told = [i.message for i in packed(coordinator) if isinstance(i, Send)]
+    orders = {message.scene.order for message in told if isinstance(message, messages.RenderFrame)}
+    assert len(orders) == 1 and orders <= set(TRAVERSAL_ORDERS)
+
+
+def test_a_newer_frame_ends_the_older_one_and_nothing_of_it_is_published() -> None:
+    coordinator = drawing()
+    newer = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True))
+    assert EndFrame(1) in newer
+    assert (SPLAT, messages.RenderFrame) in sent(newer)
+    late = coordinator.handle(said(SPLAT, messages.ImageRead(1, Step.F, True, 1, 1), bytes(16)))
+    assert late == []
+
+
+def test_an_aborted_frame_ends_when_every_server_has_acknowledged() -> None:
+    coordinator = drawing()
+    asked = coordinator.handle(AbortAsked(1))
+    assert sent(asked) == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
+    assert coordinator.handle(said(FIRST, messages.FrameAborted(1))) == []
+    assert coordinator.handle(said(SPLAT, messages.FrameAborted(1))) == []
+    assert coordinator.handle(said(SECOND, messages.FrameAborted(1))) == [EndFrame(1)]
+
+
+def test_partial_images_are_asked_for_only_while_the_frame_is_drawn() -> None:
+    coordinator = drawing()
+    assert sent(coordinator.handle(PartialImageAsked(1))) == [(SPLAT, messages.ReadImage)]
+    assert coordinator.handle(PartialImageAsked(7)) == []
+    coordinator.handle(AbortAsked(1))
+    assert coordinator.handle(PartialImageAsked(1)) == []
+
+
+def test_another_window_makes_the_servers_read_and_pack_again() -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    assert sent(coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True)))[-2:] == [
+        (FIRST, messages.ReadSubCubes),
+        (SECOND, messages.ReadSubCubes),
+    ]
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
+    coordinator.handle(said(FIRST, messages.SubCubesRead(2, survey, 720, 0.1)))
+    read = coordinator.handle(said(SECOND, messages.SubCubesRead(2, survey, 720, 0.1)))
+    assert (FIRST, messages.PackVoxels) in sent(read)
+    (render, *_) = [i.message for i in packed(coordinator, 2) if isinstance(i, Send)]
+    assert isinstance(render, messages.RenderFrame) and render.quantisation.window == (0.0, 9.0)
+
+
+def test_a_lost_splat_server_fails_the_frame_and_the_session() -> None:
+    coordinator = drawing()
+    ended, failed = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    assert isinstance(ended, EndFrame) and isinstance(ended.error, PeerLost) and ended.frame == 1
+    assert isinstance(failed, FailSession) and "the splat server is gone" == str(failed.error)
+    (again,) = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    assert isinstance(again, EndFrame) and again.error is failed.error
+
+
+def test_a_server_that_joins_late_or_leaves_idle_changes_nothing() -> None:
+    coordinator = drawing()
+    late = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
+    assert coordinator.handle(late) == []
+    assert coordinator.handle(ServerLost(4, "left")) == []
+    assert coordinator.holding.phase == Phase.READY
+
+
+def test_a_process_that_ends_before_it_joined_fails_the_session() -> None:
+    coordinator = Coordinator()
+    coordinator.handle(ASKED)
+    (failed,) = coordinator.handle(ServerProcessEnded("the splat server ended with status 1"))
+    assert isinstance(failed, FailSession)
+
+
+def test_what_a_server_refuses_is_bad_input_with_its_cause() -> None:
+    coordinator = Coordinator()
+    for event in [*JOINS, ASKED]:
+        coordinator.handle(event)
+    (failed,) = coordinator.handle(said(FIRST, messages.Refused("DescribeVolume", "head.nrrd: truncated")))
+    assert isinstance(failed, FailSession) and isinstance(failed.error, BadInput)
+    assert str(failed.error) == "head.nrrd: truncated"
+
+
+def test_what_a_server_of_another_machine_refuses_names_it() -> None:
+    coordinator = Coordinator()
+    name = "map/shade server 2 (node1, process 12) at 10.0.0.1:4711"
+    far = ServerJoined(FIRST, Role.MAPSHADE_SERVER, name, "10.0.0.1", NO_DATA, elsewhere=True)
+    for event in [JOINS[0], far, JOINS[2], ASKED]:
+        coordinator.handle(event)
+    (failed,) = coordinator.handle(said(FIRST, messages.Refused("DescribeVolume", "head.nrrd: truncated")))
+    assert isinstance(failed, FailSession) and str(failed.error) == f"{name}: head.nrrd: truncated"
+
+
+def test_a_worker_that_cannot_reach_the_splat_server_is_lost_and_the_others_draw() -> None:
+    coordinator = drawing()
+    told = coordinator.handle(said(FIRST, messages.Refused("ConnectToSplatServers", "cannot reach the splat server")))
+    assert (FIRST, messages.EndSession) in sent(told) and not any(isinstance(one, FailSession) for one in told)
+    assert list(coordinator.holding.boxes) == [SECOND] and coordinator.server_states[FIRST].lost
+
+
+def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
+    coordinator = drawing()
+    outside = Scene(tables=SCENE.tables, bounds=Bounds(low=(0, 0, 0), high=(9, 9, 9)))
+    (*_, ended) = coordinator.handle(FrameAsked(2, outside, Step.F, whole=True))
+    assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "bounds on i" in str(ended.error)
+    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(3, SCENE, Step.F, whole=True)))
+
+
+@pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
+def test_a_server_that_is_lost_while_the_volume_is_described_fails_the_session(server: int) -> None:
+    coordinator = Coordinator()
+    for event in [*JOINS, ASKED]:
+        coordinator.handle(event)
+    (failed,) = coordinator.handle(ServerLost(server, "it is gone"))
+    assert isinstance(failed, FailSession)
+
+
+def test_an_idle_splat_server_may_leave() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", "node9", DATA))
+    assert coordinator.handle(ServerLost(9, "left")) == []
+
+
+def test_a_frame_that_must_wait_stops_the_running_one_at_once() -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    asked = coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True))
+    assert sent(asked)[:3] == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
+    assert EndFrame(1) in asked
+
+
+def test_a_refused_frame_ends_alone_and_is_aborted_everywhere() -> None:
+    coordinator = drawing()
+    *aborts, ended = coordinator.handle(said(SPLAT, messages.Refused("RenderFrame", "no memory", frame=1)))
+    assert sent(aborts) == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
+    assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput)
+    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True)))
+
+
+def test_answers_of_an_older_assignment_count_for_nothing() -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True))
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
+    for server in (FIRST, SECOND):
+        assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
+    assert coordinator.holding.phase == Phase.READING
+
+
+# -- a map/shade server is lost: the volume is 8 x 9 x 10, and the halves meet at k = 5
+
+LOWER, UPPER = Box((0, 0, 0), (8, 9, 5)), Box((0, 0, 5), (8, 9, 10))
+GONE = "map/shade server 2 at node2:40123 is gone"
+MISSING = f"{GONE}; i 0-7, j 0-8, k 0-4 of the volume are missing"
+
+
+def ended_by(instructions: list[Instruction]) -> str:
+    """The line with which a frame ends."""
+    (ended,) = [i for i in instructions if isinstance(i, EndFrame)]
+    assert isinstance(ended.error, PeerLost)
+    return str(ended.error)
+
+
+def finished(coordinator: Coordinator, frame: int, workers: list[int]) -> PublishImage:
+    """What is published once these workers and the splat server are done."""
+    for worker in workers:
+        coordinator.handle(said(worker, messages.FrameMapped(frame, MAP_STATS)))
+    coordinator.handle(said(SPLAT, messages.FrameFinished(frame, True, [], SPLAT_STATS)))
+    (image,) = coordinator.handle(said(SPLAT, messages.ImageRead(frame, Step.F, True, 1, 1), bytes(16)))
+    assert isinstance(image, PublishImage) and image.outcome is not None
+    return image
+
+
+def test_a_lost_map_shade_server_ends_the_running_frame_and_stops_it_everywhere() -> None:
+    told = drawing().handle(ServerLost(FIRST, GONE))
+    assert told[0] == ReportProgress(MISSING)
+    assert ended_by(told) == MISSING
+    assert sent(told) == [(SECOND, messages.AbortFrame), (SPLAT, messages.AbortFrame)]
+    assert not any(isinstance(i, FailSession) for i in told)
+
+
+def test_later_frames_are_drawn_by_those_that_are_left_and_say_what_is_missing() -> None:
+    coordinator = drawing()
+    whole = finished(coordinator, 1, [FIRST, SECOND])
+    assert whole.outcome is not None and whole.outcome.missing == ()
+    coordinator.handle(ServerLost(FIRST, GONE))
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    renders = [i for i in asked if isinstance(i, Send)]
+    assert [render.server for render in renders] == [SECOND, SPLAT]
+    for render in renders:
+        assert isinstance(render.message, messages.RenderFrame) and render.message.workers == [SECOND]
+    image = finished(coordinator, 2, [SECOND])
+    assert image.outcome is not None and image.outcome.missing == (LOWER,)
+
+
+def test_who_wants_the_whole_volume_is_told_at_once_that_it_is_not_there() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerLost(FIRST, GONE))
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True))
+    assert ended_by(asked) == MISSING and sent(asked) == []
+
+
+def test_the_last_map_shade_server_takes_the_session_with_it() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerLost(FIRST, GONE))
+    (failed,) = coordinator.handle(ServerLost(SECOND, "map/shade server 3 is gone"))
+    assert isinstance(failed, FailSession) and str(failed.error) == "map/shade server 3 is gone"
+
+
+def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_one_goes_on() -> None:
+    coordinator = surveyed()
+    coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=True))
+    coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 1440, 0.1)))
+    assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
+    assert coordinator.holding.phase == Phase.READY
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    assert sent(asked) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
+
+
+@pytest.mark.parametrize("already_read", [False, True])
+def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already_read: bool) -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    coordinator.handle(FrameAsked(2, narrow, Step.F, whole=False))
+    read = said(SECOND, messages.SubCubesRead(2, Survey(0.0, 1.0, 1.0, 360, 0), 720, 0.1))
+    if already_read:
+        coordinator.handle(read)
+    assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
+    asked = coordinator.handle(FrameAsked(3, narrow, Step.F, whole=False))
+    assert sent(asked if already_read else coordinator.handle(read)) == [(SECOND, messages.PackVoxels)]
+    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 1440, 0.1)))
+    assert sent(drawn) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
+
+
+def test_a_worker_that_the_splat_server_lost_first_counts_as_lost_once() -> None:
+    coordinator = drawing()
+    told = coordinator.handle(said(SPLAT, messages.FrameFinished(1, False, [FIRST], SPLAT_STATS)))
+    assert "map/shade server 2 has lost its connection to the splat server; i 0-7" in ended_by(told)
+    assert sent(told)[0] == (FIRST, messages.EndSession)
+    assert coordinator.handle(said(FIRST, messages.FrameMapped(1, MAP_STATS))) == []
+    assert coordinator.handle(ServerLost(FIRST, GONE)) == []
+
+
+def test_a_loss_while_a_frame_is_aborted_lets_it_end_as_aborted() -> None:
+    coordinator = drawing()
+    coordinator.handle(AbortAsked(1))
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    assert EndFrame(1) in told and sent(told) == []
+
+
+def test_the_states_of_all_servers_are_known_and_those_lost_are_kept() -> None:
+    coordinator = drawing()
+    coordinator.handle(ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA))
+    before = coordinator.server_states
+    coordinator.handle(ServerLost(FIRST, GONE))
+    splat, first, second, idle = coordinator.server_states.values()
+    assert (splat.name, splat.host, splat.boxes, splat.lost) == ("splat server 1", "node1", (), False)
+    assert (first.name, first.boxes, first.voxels, first.lost, first.cause) == (
+        "map/shade server 2",
+        (LOWER,),
+        360,
+        True,
+        GONE,
+    )
+    assert (second.boxes, second.lost) == ((UPPER,), False)
+    assert (idle.host, idle.boxes, idle.lost) == ("node4", (), False)
+    assert not before[FIRST].lost, "who looks from another thread keeps what it saw"
+
+
+# -- probes
+
+NEAR, FAR = messages.ProbedVoxel((1, 2, 9), 7.0, 0.5), messages.ProbedVoxel((1, 2, 1), 8.0, 0.25)  # k rises to the eye
+PROBE = ProbeAsked(5, SCENE, 12.5, 7.25)
+
+
+def seen(server: int, *voxels: messages.ProbedVoxel, probe: int = 5) -> MessageReceived:
+    return said(server, messages.VoxelProbed(probe, list(voxels)))
+
+
+@pytest.mark.parametrize("first_found", [[], [FAR], [NEAR]])
+@pytest.mark.parametrize("second_found", [[], [FAR], [NEAR]])
+def test_a_probe_asks_all_and_takes_the_front_most(
+    first_found: list[messages.ProbedVoxel], second_found: list[messages.ProbedVoxel]
+) -> None:
+    coordinator = drawing()
+    asked = coordinator.handle(PROBE)
+    assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+    assert coordinator.handle(seen(FIRST, *first_found)) == []
+    found = first_found + second_found
+    front = NEAR if NEAR in found else FAR if FAR in found else None
+    assert coordinator.handle(seen(SECOND, *second_found)) == [AnswerProbe(5, front)]
+
+
+def test_probes_may_overtake_each_other() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
+    coordinator.handle(seen(FIRST, probe=6))
+    assert coordinator.handle(seen(SECOND, probe=6)) == [AnswerProbe(6, None)]
+    coordinator.handle(seen(SECOND, FAR))
+    assert coordinator.handle(seen(FIRST)) == [AnswerProbe(5, FAR)]
+
+
+def test_a_probe_by_numbers_that_nothing_can_be_computed_with_is_refused_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    def wanted(*_: object, **__: object) -> None:
+        raise ValueError("strength must have a finite scale")
+
+    coordinator = drawing()
+    with monkeypatch.context() as patch:
+        patch.setattr(coordinator.holding, "wanted", wanted)
+        (refused,) = coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
+    assert isinstance(refused, AnswerProbe) and refused.probe == 6 and isinstance(refused.error, BadInput)
+    assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+
+
+def test_a_probe_waits_until_the_voxels_are_packed() -> None:
+    coordinator = surveyed()
+    assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
+    assert sent(packed(coordinator)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+
+
+def test_a_probe_by_other_rules_has_the_sub_cubes_read_again() -> None:
+    coordinator = drawing()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    asked = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
+    assert sent(asked) == [(FIRST, messages.ReadSubCubes), (SECOND, messages.ReadSubCubes)]
+    survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
+    for server in (FIRST, SECOND):
+        coordinator.handle(said(server, messages.SubCubesRead(2, survey, 720, 0.1)))
+    (ask, _) = [i.message for i in packed(coordinator, 2) if isinstance(i, Send)]
+    assert isinstance(ask, messages.ProbeVoxels)
+    assert (ask.assignment, ask.quantisation.window) == (2, (0.0, 9.0))
+
+
+def test_a_probe_is_answered_without_a_server_that_is_lost() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    coordinator.handle(seen(SECOND, FAR))
+    assert coordinator.handle(ServerLost(FIRST, GONE))[-1] == AnswerProbe(5, FAR)
+    assert sent(coordinator.handle(PROBE)) == [(SECOND, messages.ProbeVoxels)]
+
+
+def test_a_failed_session_ends_all_probes() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    told = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    (answer,) = [i for i in told if isinstance(i, AnswerProbe)]
+    assert isinstance(answer.error, PeerLost)
+    assert coordinator.handle(PROBE) == [answer]
+
+
+def test_a_refused_probe_ends_alone() -> None:
+    coordinator = drawing()
+    coordinator.handle(PROBE)
+    (answer,) = coordinator.handle(said(FIRST, messages.Refused("ProbeVoxels", "no memory", probe=5)))
+    assert isinstance(answer, AnswerProbe) and str(answer.error) == "no memory"
+    assert coordinator.handle(seen(SECOND, FAR)) == []
+    assert coordinator.failure is None
+
+
+# -- a volume that only comes whole: FIRST lends
+
+
+def asked_parts(instructions: list[Instruction]) -> list[messages.Part]:
+    """Those that the lender is asked for."""
+    reads = [i for i in instructions if isinstance(i, Send) and isinstance(i.message, messages.ReadPart)]
+    assert {read.server for read in reads} <= {FIRST}
+    return [read.message.part for read in reads if isinstance(read.message, messages.ReadPart)]
+
+
+def test_one_server_reads_for_all_and_each_gets_one_part_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("volsplat.client.coordinator.lending.PART_BYTES", 400)
+    coordinator = lending()
+    told = coordinator.handle(said(FIRST, LENT))
+    assert sent(told)[:2] == [(SECOND, messages.AwaitParts), (THIRD, messages.AwaitParts)]
+    on_the_way = asked_parts(told)
+    assert sorted(part.server for part in on_the_way) == [SECOND, THIRD]
+    got: dict[int, int] = {SECOND: 0, THIRD: 0}
+    ends: list[tuple[int, type]] = []
+    while on_the_way:
+        part = on_the_way.pop()
+        values = bytes(2 * part.box.voxels)
+        (held,) = coordinator.handle(said(FIRST, messages.PartRead(1, part), values))
+        assert isinstance(held, Send) and (held.server, held.message) == (part.server, messages.HoldPart(1, part))
+        assert held.payload == values
+        got[part.server] += part.box.voxels
+        told = coordinator.handle(said(part.server, messages.PartHeld(1)))
+        on_the_way += asked_parts(told)
+        assert len({part.server for part in on_the_way}) == len(on_the_way)
+        ends += [ask for ask in sent(told) if ask[1] is messages.ReadSubCubes]
+    boxes = coordinator.holding.boxes
+    assert got == {server: boxes[server][0].grown(1, (8, 9, 10)).voxels for server in (SECOND, THIRD)}
+    assert ends == [(FIRST, messages.ReadSubCubes)]
+    for server in (THIRD, FIRST):
+        assert coordinator.handle(read_by(coordinator, server)) == []
+    counts = coordinator.handle(read_by(coordinator, SECOND))
+    assert {kind for _, kind in sent(counts)} == {messages.CountHistograms}
+
+
+def test_a_single_server_reads_for_itself() -> None:
+    coordinator = Coordinator()
+    for event in [*JOINS[:2], VolumeAsked("/volumes/head.nrrd", workers=1)]:
+        coordinator.handle(event)
+    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY)))
+    assert (FIRST, messages.ReadSubCubes) in sent(told)
+
+
+def lending_again() -> Coordinator:
+    """The volume was drawn once and is read again for another window."""
+    coordinator = lending()
+    for server in (FIRST, SECOND, THIRD):
+        coordinator.handle(read_by(coordinator, server))
+    for server in (FIRST, SECOND, THIRD):
+        coordinator.handle(counted(server, 200))
+    coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=False))
+    for server in (FIRST, SECOND, THIRD):
+        coordinator.handle(said(server, messages.VoxelsPacked(1, 240, 960, 0.1)))
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
+    told = coordinator.handle(FrameAsked(2, narrow, Step.F, whole=False))
+    assert sent(told)[-1] == (FIRST, messages.LendVolume)
+    return coordinator
+
+
+def test_another_server_lends_where_the_lender_is_lost() -> None:
+    coordinator = lending_again()
+    coordinator.handle(said(FIRST, messages.VolumeLent(2, ["uint16"], 1440, 0.1)))
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    assert sent(told)[-1] == (SECOND, messages.LendVolume)
+    assert coordinator.handle(said(THIRD, messages.PartHeld(2))) == [], "of the reading before"
+    told = coordinator.handle(said(SECOND, messages.VolumeLent(3, ["uint16"], 1440, 0.1)))
+    assert (THIRD, messages.AwaitParts) in sent(told)
+
+
+@pytest.mark.parametrize("lent_before", [True, False])
+def test_lending_goes_on_without_the_receivers_that_are_lost(lent_before: bool) -> None:
+    coordinator = lending_again()
+    lent = said(FIRST, messages.VolumeLent(2, ["uint16"], 1440, 0.1))
+    late = asked_parts(coordinator.handle(lent)) if lent_before else []
+    coordinator.handle(ServerLost(SECOND, "it is gone"))
+    told = coordinator.handle(ServerLost(THIRD, "it is gone"))
+    if not lent_before:
+        told = coordinator.handle(lent)
+        assert (FIRST, messages.ReadSubCubes) in sent(told)
+    for part in late:
+        assert coordinator.handle(said(FIRST, messages.PartRead(2, part), bytes(2 * part.box.voxels))) == []
+    coordinator.handle(read_by(coordinator, FIRST))
+    assert coordinator.holding.settled
+
+
+# -- a prepared volume: 64 x 64 x 64 voxels and two coarser levels
+
+
+def zoomed(zoom: float) -> Scene:
+    return Scene(tables=SCENE.tables, view=View(zoom=zoom))
+
+
+def levels_opened(instructions: list[Instruction]) -> list[int]:
+    """The levels that the first server is to hold."""
+    opens = [i.message for i in instructions if isinstance(i, Send) and isinstance(i.message, messages.OpenPackets)]
+    assert len(opens) in (0, 2) and all(box.voxels for one in opens for held in one.levels for box in held.boxes)
+    return [held.level for held in opens[0].levels] if opens else []
+
+
+def drawn_from(instructions: list[Instruction]) -> set[tuple[int, int]]:
+    """Level and stride that the servers are told."""
+    told = [i.message for i in instructions if isinstance(i, Send)]
+    return {(m.resolution.level, m.resolution.stride) for m in told if isinstance(m, messages.RenderFrame)}
+
+
+def test_of_a_prepared_volume_a_step_has_the_levels_opened_that_it_needs() -> None:
+    coordinator = opened_store()
+    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, whole=True))) == [2]
+    assert drawn_from(packed(coordinator)) == {(2, 1)}
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.B, whole=True))) == [1, 2]
+    assert drawn_from(packed(coordinator, 2)) == {(1, 1)}
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.F, whole=True))) == [0, 1, 2]
+    assert drawn_from(packed(coordinator, 3)) == {(0, 1)}
+    assert drawn_from(coordinator.handle(FrameAsked(4, zoomed(1.0), Step.A, whole=True))) == {(2, 1)}
+
+
+def test_another_base_level_keeps_what_is_held_of_its_levels() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=True))
+    packed(coordinator)
+    far = coordinator.handle(FrameAsked(4, zoomed(0.5), Step.A, whole=True))
+    assert levels_opened(far) == [1, 2] and drawn_from(far) == set()
+    assert drawn_from(packed(coordinator, 2)) == {(2, 2)}
+
+
+def test_who_moves_does_not_wait_for_a_finer_level() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.B, whole=False))
+    packed(coordinator)
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.C, whole=False))) == [0, 1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.A, whole=False))) == [1, 2]
+    assert coordinator.handle(said(FIRST, messages.VoxelsPacked(2, 1, 4, 0.1))) == [], "of what was given up"
+    assert drawn_from(packed(coordinator, 3)) == {(2, 1)}
+
+
+def test_who_wants_a_finer_level_waits_for_it_once() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.C, whole=False))
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, whole=False))) == []
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, whole=False))) == [1, 2]
+    assert drawn_from(packed(coordinator, 2)) == {(1, 1)}
+
+
+def test_who_moves_keeps_a_level_that_is_only_just_too_fine() -> None:
+    coordinator = opened_store()
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=False))
+    packed(coordinator)
+    assert drawn_from(coordinator.handle(FrameAsked(2, zoomed(0.5), Step.F, whole=False))) == {(0, 1)}
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, whole=False))) == [1, 2]
+
+
+@pytest.mark.parametrize(("memory", "has"), [(600_000, 1 << 40), (None, 1_200_000)])
+def test_what_does_not_fit_is_drawn_coarser(memory: int | None, has: int) -> None:
+    """Half of the volume takes 990 kB with its levels. By itself a server takes half of what its machine has left."""
+    coordinator = opened_store(memory, has)
+    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=True))) == [1, 2]
+
+
+def test_a_frame_by_rules_that_a_volume_was_not_prepared_with_ends_alone() -> None:
+    coordinator = opened_store()
+    narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(1.0, 9.0)))
+    (ended,) = coordinator.handle(FrameAsked(1, narrow, Step.F, whole=True))
+    assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "--window 1,9" in str(ended.error)
+    (answer,) = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
+    assert isinstance(answer, AnswerProbe) and isinstance(answer.error, BadInput)
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, whole=True))) == [0, 1, 2]
+
+
+def test_a_probe_of_a_prepared_volume_looks_at_what_is_held() -> None:
+    coordinator = opened_store()
+    assert levels_opened(coordinator.handle(ProbeAsked(5, zoomed(0.5), 1.0, 1.0))) == [1, 2]
+    (ask, _) = [i.message for i in packed(coordinator) if isinstance(i, Send)]
+    assert isinstance(ask, messages.ProbeVoxels) and ask.resolution.level == 1
+    asked = coordinator.handle(ProbeAsked(6, zoomed(4.0), 1.0, 1.0))
+    assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]

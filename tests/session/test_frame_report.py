@@ -1,0 +1,123 @@
+"""The report: the servers' counts added up, written whole, and shown beside the paper's figures."""
+
+import io
+import os
+from pathlib import Path
+
+import msgspec
+import pytest
+from rich.console import Console
+
+from volsplat.client.coordinator.coordinator_events import FrameOutcome
+from volsplat.client.scene.presets import preset_scene
+from volsplat.client.session.frame_report import PAPER_SECONDS, FrameReport, report_of, step_table, write_report
+from volsplat.client.session.renderer import StepOutcome
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.this_machine import this_machine
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
+from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
+from volsplat.protocol.rules.index_rules import Survey
+from volsplat.protocol.text.errors import BadInput
+
+VOLUME = SurveyedVolume(
+    description=VolumeDescription(
+        name="head.nrrd", format="NRRD", geometry=Geometry(dims=(96, 128, 113)), scalar_type="uint8"
+    ),
+    survey=Survey(low=0, high=255, max_gradient=1, voxels=1, no_data=0),
+    density_counts=[1],
+    strength_counts=[1],
+    extremes=BlockExtremes.nothing((96, 128, 113)),
+)
+
+
+def worker_stats(times: int) -> MapShadeStats:
+    return MapShadeStats(
+        voxels_visited=1000 * times,
+        packets=100 * times,
+        batches=10 * times,
+        bytes=800 * times,
+        planning_seconds=0.125 * times,
+        map_shade_seconds=0.5 * times,
+        sending_seconds=0.375 * times,
+        waiting_seconds=0.25 * times,
+        peak_memory_bytes=10_000_000 * times,
+        machine=this_machine(),
+    )
+
+
+def outcome(step: Step) -> StepOutcome:
+    splat = SplatStats(
+        packets=300,
+        hidden_packets=40,
+        bytes=2400,
+        frame_seconds=1.125,
+        planning_seconds=0.0625,
+        merge_seconds=0.125,
+        splat_seconds=0.75,
+        waiting_seconds=0.0625,
+        answering_seconds=0.03125,
+        held_back_seconds={2: 0.5, 3: 0.25},
+        peak_memory_bytes=40_000_000,
+        machine=this_machine(),
+    )
+    return StepOutcome(step, 1.5, 0.25, FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, splat))
+
+
+def report(*steps: Step) -> FrameReport:
+    return report_of(VOLUME, preset_scene("ct-skin"), [outcome(step) for step in steps])
+
+
+def test_the_workers_figures_are_added_up_and_the_slowest_named() -> None:
+    step = report(Step.F).steps[0]
+    assert (step.voxels_visited, step.packets_sent, step.bytes_sent) == (3000, 300, 2400)
+    assert (step.map_shade_seconds, step.map_shade_seconds_slowest) == (1.5, 1.0)
+    assert (step.map_shade_waiting_seconds, step.map_shade_waiting_seconds_slowest) == (0.75, 0.5)
+    assert (step.merge_seconds, step.splat_seconds, step.splat_waiting_seconds) == (0.125, 0.75, 0.0625)
+    assert step.held_back_seconds == 0.75
+    assert step.hidden_packets == 40
+
+
+def test_the_stages_that_follow_each_other_account_for_the_wall_time() -> None:
+    step = report(Step.F).steps[0]
+    assert step.messages_seconds == 0.125
+    assert step.accounted_share == (0.0625 + 0.125 + 0.75 + 0.0625 + 0.03125 + 0.125 + 0.25) / 1.5
+
+
+def test_every_process_tells_its_peak_memory() -> None:
+    memory = report(Step.F).steps[0].peak_memory_bytes
+    assert set(memory) == {"client", "splat server", "map/shade server 2", "map/shade server 3"}
+    assert memory["map/shade server 3"] == 20_000_000
+    assert memory["client"] > 10_000_000  # a Python process with torch in it, counted in bytes
+
+
+def test_a_written_report_reads_back_equal(tmp_path: Path) -> None:
+    path = tmp_path / "report.json"
+    written = report(*Step)
+    write_report(path, written)
+    assert msgspec.json.decode(path.read_bytes(), type=FrameReport) == written
+    assert os.listdir(tmp_path) == ["report.json"]
+
+
+def test_a_report_that_cannot_be_written_is_refused_in_one_line(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="report.json: cannot write the report: No such file"):
+        write_report(tmp_path / "absent" / "report.json", report(Step.A))
+    (tmp_path / "report.json").mkdir()
+    with pytest.raises(BadInput, match="report.json: cannot write the report: Is a directory"):
+        write_report(tmp_path / "report.json", report(Step.A))
+    assert os.listdir(tmp_path) == ["report.json"]
+
+
+@pytest.mark.parametrize("steps", [(), (Step.C,), tuple(Step)])
+def test_the_table_shows_the_steps_beside_the_papers_figures(steps: tuple[Step, ...]) -> None:
+    console = Console(file=io.StringIO(), width=80)
+    console.print(step_table(report(*steps)))
+    assert isinstance(console.file, io.StringIO)
+    text = console.file.getvalue()
+    for machine, seconds in PAPER_SECONDS.items():
+        row = next(line for line in text.splitlines() if machine in line)
+        assert row.split()[-6:] == [str(value) for value in seconds]
+    assert max(len(line) for line in text.splitlines()) <= 80
+    assert text.count("1.500") == len(steps)
+    assert text.count("0.003 M") == len(steps)

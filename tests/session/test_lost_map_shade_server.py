@@ -1,0 +1,146 @@
+"""A map/shade server is killed while others hold sub-cubes: what a screen sees, and what a script is told."""
+
+import signal
+import sys
+import threading
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+import torch
+
+from support.files.head_volume import head, scene, single
+from volsplat.client import Session
+from volsplat.client.coordinator.server_states import ServerState
+from volsplat.client.session.renderer import Refinement, finished_whole
+from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.description.scene import Bounds, Scene, Step
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import PeerLost
+
+__all__ = ["head", "scene", "single"]
+
+PATIENCE = 60.0  # seconds after which what never comes fails its test
+WHOLE_CELLS = [Step.C, Step.D, Step.E, Step.F]  # with strides, bounds would clip the outermost samples' blocks
+
+
+class Watched:
+    """A session's lines of progress: kills a map/shade server at one of them, and knows when its loss was told."""
+
+    def __init__(self, kill_at: str = "") -> None:
+        self.kill_at = kill_at
+        self.session: Session | None = None
+        self.loss = ""
+        self.told = threading.Event()
+
+    def __call__(self, line: str) -> None:
+        if line == self.kill_at:
+            self.kill_at = ""
+            self.kill()
+        if "missing" in line:
+            self.loss = line
+            self.told.set()
+
+    def kill(self) -> None:
+        assert self.session is not None
+        servers = [psutil.Process(pid) for pid in self.session.server_processes]
+        next(s for s in servers if "volsplat.mapshade_server" in s.cmdline()).send_signal(signal.SIGKILL)
+
+    def lost(self) -> ServerState:
+        assert self.session is not None
+        (lost,) = [server for server in self.session.servers if server.lost]
+        return lost
+
+    def boxes_left(self) -> tuple[Box, ...]:
+        assert self.session is not None
+        return tuple(box for server in self.session.servers if not server.lost for box in server.boxes)
+
+
+def opened(head: Path, watched: Watched, workers: int = 2) -> Session:
+    watched.session = Session(head, workers=workers, on_progress=watched)
+    return watched.session
+
+
+def drawn_steps(session: Session, scene: Scene) -> list[Refinement]:
+    return [refinement for refinement in session.refine(scene) if refinement.complete]
+
+
+def missing(refinement: Refinement) -> tuple[Box, ...]:
+    assert refinement.outcome is not None
+    return refinement.outcome.servers.missing
+
+
+def test_every_server_is_listed_with_what_it_holds(head: Path) -> None:
+    with Session(head, workers=3) as session:
+        dims = session.volume.description.geometry.dims
+        splat = [server for server in session.servers if server.role == Role.SPLAT_SERVER]
+        workers = [server for server in session.servers if server.role == Role.MAPSHADE_SERVER]
+        assert (len(splat), len(workers)) == (1, 3)
+        assert sum(worker.voxels for worker in workers) == Box((0, 0, 0), dims).voxels
+        assert {server.host for server in session.servers} == {"127.0.0.1"}
+        assert not any(server.lost for server in session.servers)
+
+
+def test_between_frames_a_screen_goes_on_with_what_is_left_and_a_script_is_told(
+    head: Path, single: SingleProcess, scene: Scene
+) -> None:
+    view = msgspec.structs.replace(scene.view, zoom=1.25, center=(15.5, 19.5, 17.5))  # bounds would fit otherwise
+    scene = msgspec.structs.replace(scene, view=view)
+    watched = Watched()
+    with opened(head, watched) as session:
+        assert torch.equal(session.render(scene), single.render(scene))
+        watched.kill()
+        assert watched.told.wait(PATIENCE)
+        lost, (left,) = watched.lost(), watched.boxes_left()
+        steps = drawn_steps(session, scene)
+        assert [refinement.step for refinement in steps] == list(Step)
+        assert all(missing(refinement) == lost.boxes for refinement in steps)
+        only_left = msgspec.structs.replace(scene, bounds=Bounds(low=left.low, high=left.high))
+        for refinement in steps:
+            if refinement.step in WHOLE_CELLS:
+                assert torch.equal(refinement.image, single.render(only_left, refinement.step))
+        for asks in (session.render, session.finish):
+            with pytest.raises(PeerLost) as told:
+                asks(scene)
+            assert str(told.value) == watched.loss and "\n" not in watched.loss
+        place = "on this machine" if sys.platform == "linux" else "127.0.0.1"  # see protocol.local_door
+        assert lost.name in watched.loss and place in watched.loss and "i 0-31, j " in watched.loss
+        with pytest.raises(PeerLost, match="missing"):
+            list(finished_whole(session.refine(scene)))
+
+
+@pytest.mark.parametrize("moment", ["step A", "step D"])
+def test_within_a_refinement_the_step_is_drawn_once_more(
+    head: Path, single: SingleProcess, scene: Scene, moment: str
+) -> None:
+    watched = Watched(kill_at=moment)
+    with opened(head, watched, workers=3) as session:
+        steps = drawn_steps(session, scene)
+        assert [refinement.step for refinement in steps] == list(Step)
+        for refinement in steps:
+            whole = f"step {refinement.step}" < moment
+            assert missing(refinement) == (() if whole else watched.lost().boxes)
+            assert torch.equal(refinement.image, single.render(scene, refinement.step)) == whole
+
+
+@pytest.mark.parametrize("moment", ["making voxel packets", "step F"])
+def test_a_frame_of_a_script_ends_with_the_line_and_the_session_goes_on(head: Path, scene: Scene, moment: str) -> None:
+    watched = Watched(kill_at=moment)
+    with opened(head, watched) as session:
+        with pytest.raises(PeerLost) as told:
+            session.render(scene)
+        assert str(told.value) == watched.loss
+        *_, last = drawn_steps(session, scene)
+        assert missing(last) == watched.lost().boxes
+
+
+def test_a_loss_while_the_volume_is_read_again_leaves_the_others_drawing(head: Path, scene: Scene) -> None:
+    watched = Watched()
+    with opened(head, watched) as session:
+        session.render(scene)
+        watched.kill_at = "reading the volume as 2 sub-cubes"
+        other = msgspec.structs.replace(scene, quantise=msgspec.structs.replace(scene.quantise, directions="paper"))
+        *_, last = drawn_steps(session, other)
+        assert missing(last) == watched.lost().boxes and last.image[..., 3].max() > 0

@@ -1,0 +1,261 @@
+"""Sessions with real servers on real sockets: refinement, newest frame wins, losses."""
+
+import gc
+import signal
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+import torch
+
+from support.files.head_volume import head, single, skin
+from support.messages.message_samples import SAMPLES
+from volsplat.client import Session
+from volsplat.client.session.session import FrameAborted
+from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Refine, Step
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.wire.buffer_pool import BufferPool
+
+__all__ = ["head", "single"]
+
+NAMES = {"mapshade_server": "map/shade server", "splat_server": "splat server"}
+PATIENCE = 60.0  # seconds after which what never comes fails its test
+
+
+@pytest.fixture(scope="module")
+def session(head: Path) -> Iterator[Session]:
+    with Session(head, workers=3) as session:
+        yield session
+
+
+def test_a_session_and_a_single_process_know_the_same_of_a_volume(session: Session, single: SingleProcess) -> None:
+    assert session.volume == single.volume
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+@pytest.mark.parametrize("step", Step)
+def test_every_step_is_the_same_distributed_and_single(
+    session: Session, single: SingleProcess, order: Order, step: Step
+) -> None:
+    scene = msgspec.structs.replace(skin(session), order=order)
+    image = session.render(scene, step)
+    assert image.shape == (80, 96, 4) and image.dtype == torch.float32
+    assert image[..., 3].max() > 0
+    assert torch.equal(image, single.render(scene, step))
+
+
+def test_refinement_yields_the_finished_steps_in_order(session: Session) -> None:
+    scene = skin(session)
+    refinements = list(session.refine(scene, partial_interval=0.0001))
+    finished = [refinement for refinement in refinements if refinement.complete]
+    assert [refinement.step for refinement in finished] == list(Step)
+    assert [r.step for r in refinements] == sorted(r.step for r in refinements)
+    assert torch.equal(finished[-1].image, session.render(scene))
+    for refinement in finished:
+        assert refinement.outcome is not None and len(refinement.outcome.servers.map_shade) == 3
+
+
+def test_refinement_may_begin_and_end_at_any_step(session: Session, single: SingleProcess) -> None:
+    renderers: list[Session | SingleProcess] = [session, single]
+    for renderer in renderers:
+        drawn = list(renderer.refine(skin(renderer), first=Step.C, last=Step.D, partial_interval=1e9))
+        assert [refinement.step for refinement in drawn] == [Step.C, Step.D]
+        assert torch.equal(drawn[0].image, single.render(skin(single), Step.C))
+
+
+def test_a_partial_image_lies_over_the_finished_step_before(single: SingleProcess) -> None:
+    big = skin(single, Image(width=700, height=700))
+    under = {}
+    for bare in (False, True):
+        scene = msgspec.structs.replace(big, refine=Refine(bare_buffer=bare))
+        partials = [r for r in single.refine(scene, Step.B, partial_interval=0.0) if not r.complete]
+        under[bare] = [r for r in partials if r.step == Step.B]
+    for covered, uncovered in zip(under[False], under[True], strict=False):
+        assert torch.all(covered.image[..., 3] >= uncovered.image[..., 3])
+
+
+def test_a_newer_frame_ends_the_refinement_that_runs(session: Session) -> None:
+    scene = skin(session)
+    refinement = session.refine(scene)
+    assert next(refinement).step == Step.A
+    newer = session.render(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK))
+    assert newer.shape == (80, 96, 4)
+    assert list(refinement) == []
+
+
+@pytest.mark.parametrize("threads", [1, 2, 4])
+@pytest.mark.parametrize("partial_interval", [0.0, 1e9], ids=["within a step", "between two steps"])
+def test_a_frame_beside_a_refinement_of_the_single_process_ends_it_and_is_whole(
+    head: Path, threads: int, partial_interval: float
+) -> None:
+    with SingleProcess(head, threads=threads) as single:
+        scene = skin(single, Image(width=300, height=300))
+        other = msgspec.structs.replace(scene, order=Order.BACK_TO_FRONT)
+        alone = single.render(other)
+        refinement = single.refine(scene, partial_interval=partial_interval)
+        next(refinement)
+        assert torch.equal(single.render(other), alone)
+        assert list(refinement) == []
+
+
+def test_abort_ends_what_runs_and_the_session_goes_on(session: Session) -> None:
+    refinement = session.refine(skin(session, Image(width=900, height=900)), partial_interval=0.001)
+    seen = next(r for r in refinement if r.step == Step.C)
+    session.abort()
+    rest = list(refinement)
+    assert all(r.step == seen.step for r in rest), "a step that was done before the abort came may still be told"
+    assert session.render(skin(session)).shape == (80, 96, 4)
+
+
+def test_another_window_is_packed_anew_and_back(session: Session, single: SingleProcess) -> None:
+    scene = skin(session)
+    narrow = msgspec.structs.replace(scene, quantise=Quantise(window=(500.0, 1500.0), directions="paper"))
+    first, changed, again = session.render(scene), session.render(narrow), session.render(scene)
+    assert torch.equal(first, again) and not torch.equal(first, changed)
+    assert torch.equal(changed, single.render(narrow))
+
+
+def test_bounds_outside_the_volume_are_refused_and_the_session_goes_on(session: Session) -> None:
+    scene = skin(session)
+    with pytest.raises(BadInput, match="bounds on j"):
+        session.render(msgspec.structs.replace(scene, bounds=Bounds(low=(0, 99, 0))))
+    assert session.render(scene)[..., 3].max() > 0
+
+
+@pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])
+def test_a_killed_server_ends_the_session_with_one_clear_line(head: Path, victim: str) -> None:
+    with Session(head, workers=1) as session:
+        scene = skin(session)
+        session.render(scene)
+        servers = [psutil.Process(pid) for pid in session.server_processes]
+        next(server for server in servers if f"volsplat.{victim}" in server.cmdline()).kill()
+        with pytest.raises(PeerLost) as lost:
+            deadline = time.monotonic() + PATIENCE
+            while time.monotonic() < deadline:
+                session.render(scene)
+        assert NAMES[victim] in str(lost.value) and "\n" not in str(lost.value)
+        assert "it was killed by SIGKILL (by hand, or by the system for want of memory)" in str(lost.value)
+    assert psutil.wait_procs(servers, timeout=PATIENCE)[1] == []
+
+
+def test_a_closed_session_says_so(head: Path) -> None:
+    session = Session(head, workers=1)
+    scene = skin(session)
+    session.close()
+    session.close()
+    with pytest.raises(VolsplatError, match="closed"):
+        session.render(scene)
+
+
+def test_a_volume_that_cannot_be_read_is_bad_input(tmp_path: Path) -> None:
+    with Session(tmp_path / "missing.nrrd", workers=1) as session:
+        with pytest.raises(BadInput, match="missing.nrrd"):
+            session.volume  # noqa: B018
+
+
+def test_frame_aborted_is_no_error_of_a_person() -> None:
+    assert not issubclass(FrameAborted, VolsplatError)
+
+
+@pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])
+@pytest.mark.parametrize("moment", ["header", "reading", "histograms", "packets", "step"])
+def test_a_server_may_die_at_any_moment_and_nobody_hangs(head: Path, victim: str, moment: str) -> None:
+    sessions: list[Session] = []
+
+    def kill(text: str) -> None:
+        if moment in text and sessions:
+            servers = [psutil.Process(pid) for pid in sessions[0].server_processes]
+            next(s for s in servers if f"volsplat.{victim}" in s.cmdline()).send_signal(signal.SIGKILL)
+
+    with Session(head, workers=2, on_progress=kill) as session:
+        sessions.append(session)
+        with pytest.raises(PeerLost):
+            scene = skin(session)
+            deadline = time.monotonic() + PATIENCE
+            while time.monotonic() < deadline:
+                session.render(scene)
+
+
+def test_whoever_waits_hears_of_a_mistake_inside(head: Path) -> None:
+    def fail(text: str) -> None:
+        raise RuntimeError("a progress bar broke")
+
+    with Session(head, workers=1, on_progress=fail) as session:
+        with pytest.raises(VolsplatError, match="a progress bar broke"):
+            session.volume  # noqa: B018
+
+
+class LittleMemory(BufferPool):
+    """None for images."""
+
+    def __call__(self, message: Message, nbytes: int) -> bytearray:
+        if isinstance(message, messages.ImageRead):
+            raise MemoryError
+        return super().__call__(message, nbytes)
+
+
+def test_an_image_that_the_memory_does_not_hold_is_waited_for_by_nobody(
+    head: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("volsplat.client.session.session.BufferPool", LittleMemory)
+    with Session(head, workers=1) as session:
+        with pytest.raises(PeerLost, match="the memory does not suffice for what splat server .* sends; ask for"):
+            session.render(skin(session))
+
+
+def test_nobody_waits_for_the_end_of_workers_that_have_gone_on_to_a_newer_frame(
+    session: Session, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session.render(skin(session))
+    waited_for: list[str] = []
+
+    def told_end(name: str) -> str:
+        waited_for.append(name)
+        return ""
+
+    monkeypatch.setattr(session._servers, "told_end", told_end)
+    worker = next(server.id for server in session.servers if server.role is Role.MAPSHADE_SERVER)
+    sample = SAMPLES[messages.FrameFinished][0]
+    for frame, times in ((session._newest_frame - 1, 0), (session._newest_frame, 1)):
+        finished = msgspec.structs.replace(sample, frame=frame, complete=False, lost=[worker])
+        assert isinstance(finished, messages.FrameFinished)
+        session._tell_ends(finished)
+        assert len(waited_for) == times
+
+
+def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Session) -> None:
+    for _ in session.refine(skin(session)):
+        break
+    gc.collect()
+    assert session.render(skin(session)).shape == (80, 96, 4)
+    assert session._frames == {}
+
+
+@pytest.mark.parametrize("thread", ["receive from map/shade", "send to map/shade"])
+def test_a_server_for_which_there_is_no_thread_is_waited_for_by_nobody(
+    head: Path, monkeypatch: pytest.MonkeyPatch, thread: str
+) -> None:
+    start = threading.Thread.start
+
+    def starts(self: threading.Thread) -> None:
+        if self.name.startswith(thread):
+            raise RuntimeError("can't start new thread")
+        start(self)
+
+    monkeypatch.setattr(threading.Thread, "start", starts)
+    with Session(head, workers=1) as session:
+        with pytest.raises(PeerLost, match="the map/shade server .* ended"):
+            session.volume  # noqa: B018
+
+
+def test_no_workers_are_bad_input(head: Path) -> None:
+    with pytest.raises(BadInput, match="workers must be 1 or more, not 0"):
+        Session(head, workers=0)

@@ -1,0 +1,170 @@
+"""Closed tiles: what is hidden is left out without changing a bit, and only what is frozen counts as closed."""
+
+import math
+import random
+from collections.abc import Iterator
+
+import pytest
+import torch
+from hypothesis import given
+from hypothesis import strategies as st
+from torch import Tensor
+
+from reference.combining import FROZEN_ALPHA
+from support.scenes.row_runs import Dot, Run, mirrored, spans_of
+from volsplat.bench.floors.cpu_paths import kernels_on
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
+from volsplat.protocol.rules.packet_layout import OPACITY_CODES
+from volsplat.splat_server import _kernels
+from volsplat.splat_server._kernels import Ellipse, FootprintTable
+from volsplat.splat_server.footprint_table import kernel_projection
+from volsplat.splat_server.image_buffer import THREADED_FROM_PIXELS, ImageBuffer
+
+OPAQUE = OPACITY_CODES - 1
+LAYERS = 6
+
+sizes = st.integers(1, 70)
+
+
+@pytest.fixture(params=_kernels.cpu_paths(), autouse=True, scope="module")
+def path(request: pytest.FixtureRequest) -> Iterator[str]:
+    with kernels_on(_kernels, request.param):
+        yield request.param
+
+
+def footprint(half_width: float, half_height: float, amplitude: float) -> FootprintTable:
+    qxx, qyy = (2 / half_width) ** 2, (2 / half_height) ** 2
+    ellipse = Ellipse(amplitude, qxx, 0.0, qyy, half_width, half_height)
+    return FootprintTable(kernel_projection(Kernel.GAUSSIAN, 2.0), ellipse, 3)
+
+
+FOOTPRINTS = {
+    (half_width, half_height): footprint(half_width, half_height, 4.0)
+    for half_width, half_height in ((1.5, 1.5), (4.0, 4.0), (3.2, 7.1), (11.0, 6.0), (40.0, 9.0))
+}
+
+
+def layers(seed: int, width: int, height: int, opaque: float) -> list[list[Run]]:
+    """Sheets of samples over and around a part of the image, nearly opaque ones among them."""
+    chance = random.Random(seed)
+    x_begin, x_end = sorted(chance.randrange(-10, width + 10) for _ in range(2))
+    sheets = []
+    for sheet in range(LAYERS):
+        runs = []
+        for row, y in enumerate(range(-6, height + 6, 3)):
+            dots = tuple(
+                Dot(
+                    x * 64 + chance.randrange(64),
+                    y * 64 + chance.randrange(64),
+                    OPAQUE if chance.random() < opaque else chance.randrange(1, OPACITY_CODES),
+                    (chance.randrange(256), chance.randrange(256), chance.randrange(256)),
+                )
+                for x in range(x_begin, x_end + 1, 3)
+            )
+            runs.append(Run(sheet, row, 0, dots))
+        sheets.append(runs)
+    return sheets
+
+
+def splat(image: ImageBuffer, runs: list[Run], table: FootprintTable, order: Order = Order.FRONT_TO_BACK) -> None:
+    pinned = spans_of(runs)
+    image.splat(pinned.spans, table, order, pixels_per_packet=THREADED_FROM_PIXELS)
+    image.finish()
+
+
+def pixels(image: ImageBuffer) -> Tensor:
+    return torch.frombuffer(image.snapshot(), dtype=torch.float32).reshape(image.height, image.width, 4)
+
+
+def words(image: ImageBuffer) -> list[list[int]]:
+    rows, columns = image.closed_tiles.shape or ()
+    flat = image.closed_tiles.cast("B").cast("Q").tolist()
+    return [flat[row * columns : (row + 1) * columns] for row in range(rows)]
+
+
+def forget(image: ImageBuffer) -> None:
+    """Empty the map, so that nothing counts as hidden."""
+    tiles = image.closed_tiles.cast("B")
+    tiles[:] = bytes(len(tiles))
+
+
+@given(st.integers(0, 1 << 30), sizes, sizes, st.sampled_from(sorted(FOOTPRINTS)), st.integers(1, 3), st.booleans())
+def test_leaving_out_what_is_hidden_changes_no_bit(
+    seed: int, width: int, height: int, size: tuple[float, float], threads: int, dense: bool
+) -> None:
+    table = FOOTPRINTS[size]
+    sheets = layers(seed, width, height, 0.9 if dense else 0.3)
+    by_rows, forgetful = ImageBuffer(width, height, threads), ImageBuffer(width, height)
+    by_columns = ImageBuffer(height, width, threads, by_columns=True)
+    for runs in sheets:
+        splat(by_rows, runs, table)
+        splat(by_columns, mirrored(runs), table)
+        for run in runs:
+            forget(forgetful)
+            splat(forgetful, [run], table)
+    assert torch.equal(pixels(by_rows), pixels(forgetful))
+    assert torch.equal(pixels(by_columns), pixels(forgetful).transpose(0, 1))
+    by_rows.close()
+    by_columns.close()
+
+
+@given(st.integers(0, 1 << 30), sizes, sizes, st.sampled_from(sorted(FOOTPRINTS)), st.integers(1, 3), st.booleans())
+def test_the_map_only_rises_and_a_closed_tile_is_frozen(
+    seed: int, width: int, height: int, size: tuple[float, float], threads: int, by_columns: bool
+) -> None:
+    image = ImageBuffer(width, height, threads, by_columns)
+    assert image.closed_tiles.shape == tile_map_shape(width, height)
+    before = words(image)
+    for runs in layers(seed, width, height, 0.9):
+        splat(image, runs, FOOTPRINTS[size])
+        after = words(image)
+        alpha = pixels(image)[..., 3]
+        for row, (old, new) in enumerate(zip(before, after, strict=True)):
+            for number, (was, now) in enumerate(zip(old, new, strict=True)):
+                assert was & ~now == 0
+                for bit in (bit for bit in range(WORD_TILES) if now >> bit & 1):
+                    left, top = (number * WORD_TILES + bit) * TILE_SIDE, row * TILE_SIDE
+                    tile = alpha[top : top + TILE_SIDE, left : left + TILE_SIDE]
+                    assert tile.numel() and (tile >= FROZEN_ALPHA).all()
+        before = after
+    image.close()
+
+
+@pytest.mark.parametrize("by_columns", [False, True])
+@pytest.mark.parametrize(("width", "height"), [(64, 48), (250, 20), (30, 29)])
+def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, by_columns: bool) -> None:
+    table = FOOTPRINTS[4.0, 4.0]
+    wall = [
+        Run(sheet, row, 0, tuple(Dot(x * 64, y * 64, OPAQUE, (9, 9, 9)) for x in range(-2, width + 2, 2)))
+        for sheet in range(LAYERS)
+        for row, y in enumerate(range(-2, height + 2, 2))
+    ]
+    behind = [Run(LAYERS, 0, 0, tuple(Dot(x * 64, 700, OPAQUE, (255, 0, 0)) for x in range(0, width, 5)))]
+    image = ImageBuffer(width, height, by_columns=by_columns)
+    splat(image, wall, table)
+    rows, columns = math.ceil(height / TILE_SIDE), math.ceil(width / TILE_SIDE)
+    assert sum(word.bit_count() for row in words(image) for word in row) == rows * columns
+    seen = image.hidden_packets
+    before = pixels(image).clone()
+    splat(image, behind, table)
+    assert torch.equal(pixels(image), before)
+    assert image.hidden_packets - seen == len(behind[0].dots)
+    image.clear(by_columns)
+    assert image.hidden_packets == 0 and not any(map(any, words(image)))
+
+
+def test_back_to_front_nothing_is_hidden() -> None:
+    image = ImageBuffer(40, 40)
+    for runs in layers(1, 40, 40, 1.0):
+        splat(image, runs, FOOTPRINTS[4.0, 4.0], Order.BACK_TO_FRONT)
+    assert image.hidden_packets == 0 and not any(map(any, words(image)))
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+def test_nearest_pixels_close_no_tile(order: Order) -> None:
+    image = ImageBuffer(8, 8)
+    wall = [Run(0, y, 0, tuple(Dot(x * 64, y * 64, OPAQUE, (9, 9, 9)) for x in range(8))) for y in range(8)]
+    pinned = spans_of(wall)
+    image.splat(pinned.spans, None, order)
+    assert (pixels(image)[..., 3] == 1).all() and not any(map(any, words(image)))

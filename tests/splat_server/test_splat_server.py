@@ -1,0 +1,519 @@
+"""The splat server's loop over real sockets, with the test as its client and as its map/shade servers."""
+
+import secrets
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import nullcontext
+from random import Random
+
+import msgspec
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from support.programs.little_memory import little_memory
+from support.scenes.arbitrary import plain_scene
+from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
+from support.scenes.rendering import rendered
+from support.scenes.threaded import everything_threaded
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Scene, Step, View
+from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.refusals import OUT_OF_MEMORY
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_shape
+from volsplat.protocol.rules.frame_plan import FROZEN_ALPHA, plan_frame
+from volsplat.protocol.rules.levels import own_resolution
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tokens import new_token
+from volsplat.splat_server import merge, server
+from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.invitations import Invitations
+from volsplat.splat_server.outbox import Outbox
+from volsplat.splat_server.server import PIXELS_AT_ONCE, SplatServer, packets_at_once
+
+SIZE = 24
+VALUES = shells(SIZE)
+GEOMETRY = Geometry(dims=(SIZE, SIZE, SIZE))
+SCENE = shaded_scene(View(rotation=(0.2, 0.5, 0.1, 0.8), zoom=3.0), (96, 80))
+WORKERS = (11, 12, 13)
+KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WORKERS}
+PATIENCE = 30.0  # seconds, after which what never comes fails its test
+
+
+class Bench:
+    """A splat server in a thread, and what a client and map/shade servers say to it."""
+
+    def __init__(self) -> None:
+        self._threads_before = set(threading.enumerate())  # some may be ending still
+        token = new_token()
+        self._clients = Listener(Role.CLIENT, token)
+        invitations = Invitations(token)
+        self._data = Listener(Role.SPLAT_SERVER, token, token_of=invitations.token_of)
+        hello = new_hello(Role.SPLAT_SERVER, data_port=self._data.address.port)
+        client = connect(self._clients.address, hello, token, Role.CLIENT)
+        self._server = SplatServer(client, self._data, invitations, threads=2)
+        self._token = token
+        self.failure: VolsplatError | None = None  # of the server
+        self._thread = threading.Thread(target=self._run, name="splat server under test", daemon=True)
+        self._thread.start()
+        control = self._clients.accept(PATIENCE)
+        assert control is not None
+        self.control: Connection = control
+        control.send(messages.InviteWorkers(KEYS))
+        self.links = {worker: self.linked(worker) for worker in WORKERS}
+        self.picture = memoryview(b"")  # of the frame that was drawn last
+
+    def _run(self) -> None:
+        try:
+            self._server.run()
+        except VolsplatError as error:
+            self.failure = error
+
+    def linked(self, worker: int) -> Connection:
+        """A new data link of a worker."""
+        hello = new_hello(Role.DATA_LINK, server=worker)
+        return connect(self._data.address, hello, self._token.bound_to(KEYS[worker]), Role.SPLAT_SERVER, server=1)
+
+    def link_threads(self, worker: int) -> list[threading.Thread]:
+        """The server's threads that receive from a worker."""
+        name = f"receive from {Role.DATA_LINK} {worker} "
+        mine = set(threading.enumerate()) - self._threads_before
+        return [thread for thread in mine if thread.name.startswith(name)]
+
+    @property
+    def splatting(self) -> bool:
+        """Whether threads of the server are at the newest frame."""
+        assembly = self._server._assembly
+        return assembly is not None and assembly.splatting
+
+    def fills_buffers(self, worker: int) -> None:
+        """Wait until the server reads no more from a worker."""
+        with self._server._changed:
+            assert self._server._changed.wait_for(lambda: not self._server._merge.may_read(worker), PATIENCE)
+
+    def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
+        resolution = own_resolution(GEOMETRY, step)
+        request = messages.RenderFrame(frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, list(WORKERS))
+        self.control.send(request)
+
+    def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
+        message = messages.Batch(
+            frame,
+            worker,
+            sequence,
+            messages.RAW,
+            batch.run_count,
+            batch.packet_count,
+            batch.reached[0],
+            batch.reached[1],
+            batch.last,
+        )
+        self.links[worker].send(message, batch.runs, batch.packets)
+
+    def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
+        """A whole frame."""
+        self.renders(frame)
+        for worker, sent in zip(WORKERS, of_workers, strict=True):
+            for sequence, batch in enumerate(sent):
+                self.sends(worker, frame, sequence, batch)
+        finished = self.hears(messages.FrameFinished)[0]
+        assert isinstance(finished, messages.FrameFinished)
+        if finished.complete:
+            image, self.picture = self.hears(messages.ImageRead)
+            assert isinstance(image, messages.ImageRead) and image.complete and image.frame == frame
+        return finished
+
+    def hears(self, kind: type[messages.Message]) -> tuple[messages.Message, memoryview]:
+        received = self.control.receive()
+        assert received is not None and isinstance(received.message, kind), received
+        return received
+
+    def image(self, frame: int) -> bytes:
+        self.control.send(messages.ReadImage(frame))
+        return bytes(self.hears(messages.ImageRead)[1])
+
+    def close(self) -> None:
+        if not self.control.closed:
+            self.control.send(messages.EndSession())
+        self.ends()
+        for link in self.links.values():
+            link.close()
+        self.control.close()
+        self._clients.close()
+
+    def ends(self) -> None:
+        """Wait until the server has ended."""
+        self._thread.join(PATIENCE)
+        assert not self._thread.is_alive()
+
+
+@pytest.fixture(params=[False, True], ids=["", "threaded"])
+def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
+    """Small jobs are done at once, or shared among threads like large ones."""
+    with everything_threaded() if request.param else nullcontext():
+        bench = Bench()
+        yield bench
+        bench.close()
+
+
+def batches(
+    boxes: list[Box], scene: Scene = SCENE, step: Step = Step.F, max_packets: int = 500
+) -> list[list[ShadedBatch]]:
+    """The batches of each box's own worker."""
+    plan = plan_frame(scene, GEOMETRY, step)
+    of_workers = []
+    for box in boxes:
+        sub_cube = SubCube.of_volume(GEOMETRY, VALUES, box)
+        sub_cube.pack(QUANTISATION)
+        walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, scene, plan)
+        of_workers.append(list(iter(lambda walk=walk: walk.next_batch(max_packets), None)))  # type: ignore[misc]
+    return of_workers
+
+
+def slabs(axis: int, first: int, second: int) -> list[Box]:
+    """Three boxes, cut across an axis."""
+    boxes = []
+    for low, high in ((0, first), (first, second), (second, SIZE)):
+        corner = [[0, 0, 0], [SIZE, SIZE, SIZE]]
+        corner[0][axis], corner[1][axis] = low, high
+        boxes.append(Box((corner[0][0], corner[0][1], corner[0][2]), (corner[1][0], corner[1][1], corner[1][2])))
+    return boxes
+
+
+@settings(max_examples=10)
+@given(
+    st.integers(0, 2),
+    st.integers(1, 11),
+    st.integers(12, 23),
+    st.randoms(use_true_random=False),
+    st.sampled_from(TRAVERSAL_ORDERS),
+)
+def test_the_image_is_the_same_for_any_arrival_order_over_sockets(
+    axis: int, first: int, second: int, random: Random, order: Order
+) -> None:
+    scene = shaded_scene(SCENE.view, (96, 80), order)
+    expected = rendered(VALUES, GEOMETRY, scene, Step.F)
+    waiting = dict(zip(WORKERS, batches(slabs(axis, first, second), scene), strict=True))
+    bench = Bench()
+    begun = False
+    sent = dict.fromkeys(WORKERS, 0)
+    while not begun or any(sent[worker] < len(waiting[worker]) for worker in WORKERS):
+        choices = [worker for worker in WORKERS if sent[worker] < len(waiting[worker])]
+        if not begun and (not choices or random.random() < 0.2):
+            bench.renders(1, scene)  # batches may be faster than the client's request
+            begun = True
+            continue
+        worker = random.choice(choices)
+        bench.sends(worker, 1, sent[worker], waiting[worker][sent[worker]])
+        sent[worker] += 1
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.complete
+    image = torch.frombuffer(bytearray(bench.image(1)), dtype=torch.float32)
+    bench.close()
+    assert torch.equal(image, expected.flatten())
+
+
+def test_nothing_of_a_frame_is_splatted_after_its_abort_is_acknowledged(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    bench.renders(1)
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        for sequence, batch in enumerate(sent[: len(sent) // 2]):
+            bench.sends(worker, 1, sequence, batch)
+    bench.control.send(messages.AbortFrame(1))
+    bench.hears(messages.FrameAborted)
+    at_acknowledgement = bench.image(1)
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        for sequence, batch in enumerate(sent[len(sent) // 2 :], start=len(sent) // 2):
+            bench.sends(worker, 1, sequence, batch)
+    assert bench.image(1) == at_acknowledgement
+    bench.renders(2)
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 2, sequence, batch)
+    bench.hears(messages.FrameFinished)
+    image = torch.frombuffer(bytearray(bench.image(2)), dtype=torch.float32)
+    assert torch.equal(image, rendered(VALUES, GEOMETRY, SCENE, Step.F).flatten())
+
+
+def test_an_abort_ends_what_threads_are_still_splatting(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(server, "PIXELS_AT_ONCE", 1 << 28)  # so that a stripe takes long
+    scene = shaded_scene(View(zoom=150.0), (2000, 2000), Order.BACK_TO_FRONT)
+    bench.renders(1, scene)
+    for worker, sent in zip(WORKERS, batches(slabs(0, 8, 16), scene), strict=True):
+        for sequence, batch in enumerate(sent[:-1]):
+            bench.sends(worker, 1, sequence, batch)
+    while not bench.splatting:
+        assert bench.failure is None
+    bench.control.send(messages.AbortFrame(1))
+    bench.hears(messages.FrameAborted)
+    assert not bench.splatting
+
+
+def test_a_front_server_need_not_wait_for_the_one_behind_it(bench: Bench) -> None:
+    view = View(zoom=3.0)  # along k: sub-cubes cut across k lie one behind the other
+    scene = shaded_scene(view, (96, 80))
+    behind, between, front = batches(slabs(2, 8, 16), scene)
+    bench.renders(1, scene)
+    for worker, sent in ((WORKERS[2], front), (WORKERS[1], between), (WORKERS[0], behind)):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.stats.held_back_seconds == {}
+
+
+def test_beyond_the_budget_a_front_server_waits_and_the_report_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(merge, "CONNECTION_BUDGET", 1000)
+    scene = shaded_scene(View(zoom=3.0), (96, 80))
+    behind, between, front = batches(slabs(2, 8, 16), scene, max_packets=50)
+    bench = Bench()
+    bench.renders(1, scene)
+
+    def deliver(worker: int, sent: list[ShadedBatch]) -> None:
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+
+    senders = [threading.Thread(target=deliver, args=pair) for pair in ((WORKERS[2], front), (WORKERS[1], between))]
+    for sender in senders:
+        sender.start()
+    bench.fills_buffers(WORKERS[2])
+    deliver(WORKERS[0], behind)
+    for sender in senders:
+        sender.join(PATIENCE)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.complete
+    assert finished.stats.held_back_seconds.get(WORKERS[2], 0.0) > 0.0
+    bench.close()
+
+
+def test_a_lost_worker_leaves_the_frame_incomplete_and_named(bench: Bench) -> None:
+    of_workers = batches(slabs(1, 8, 16))
+    bench.renders(1)
+    for worker, sent in zip(WORKERS[:2], of_workers, strict=False):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+    bench.links[WORKERS[2]].close()
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished)
+    assert not finished.complete and finished.lost == [WORKERS[2]]
+    bench.control.send(messages.ReadImage(1))
+    image = bench.hears(messages.ImageRead)[0]
+    assert isinstance(image, messages.ImageRead) and not image.complete
+
+
+def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else(
+    bench: Bench, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, _, _ = batches(slabs(0, 8, 16))
+    bench.renders(1)
+    batch = next(b for b in first if b.run_count > 1)
+    hostile = bytearray(batch.runs)
+    hostile[:12] = b"\xff" * 12  # a sheet, row and sample far beyond the volume
+    message = messages.Batch(
+        1, WORKERS[0], 0, messages.RAW, batch.run_count, batch.packet_count, batch.reached[0], batch.reached[1], False
+    )
+    bench.links[WORKERS[0]].send(message, hostile, batch.packets)
+    with pytest.raises(VolsplatError):
+        bench.links[WORKERS[0]].receive()
+    assert len([record for record in caplog.records if record.levelname == "WARNING"]) == 1
+    bench.control.send(messages.AbortFrame(1))
+    bench.hears(messages.FrameAborted)
+
+
+def test_a_link_that_takes_the_place_of_another_is_no_loss(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    assert bench.draws(1, of_workers).complete
+    worker = WORKERS[1]
+    [old_thread] = bench.link_threads(worker)
+    old, bench.links[worker] = bench.links[worker], bench.linked(worker)
+    assert bench.draws(2, of_workers).complete
+    old.close()
+    old_thread.join(PATIENCE)
+    assert bench.draws(3, of_workers).complete
+    [thread] = bench.link_threads(worker)
+    bench.links[worker].close()
+    bench.renders(4)
+    for other in (WORKERS[0], WORKERS[2]):
+        for sequence, batch in enumerate(of_workers[WORKERS.index(other)]):
+            bench.sends(other, 4, sequence, batch)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.lost == [worker]
+    thread.join(PATIENCE)
+    bench.links[worker] = bench.linked(worker)
+    while not bench.link_threads(worker):
+        assert not bench.links[worker].closed
+    assert bench.draws(5, of_workers).complete
+
+
+@pytest.mark.parametrize("skipped", [0, 2], ids=["repeated", "missing"])
+def test_a_batch_that_is_missing_or_repeated_ends_its_link(
+    bench: Bench, skipped: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    first, second, third = batches(slabs(0, 8, 16), max_packets=50)
+    bench.renders(1)
+    bench.sends(WORKERS[0], 1, 0, first[0])
+    bench.sends(WORKERS[0], 1, skipped, first[skipped])
+    with pytest.raises(VolsplatError):
+        bench.links[WORKERS[0]].receive()
+    assert f"link 11 on this machine broke the protocol: Batch.sequence is {skipped}, but 1 is due" in caplog.text
+    for worker, sent in ((WORKERS[1], second), (WORKERS[2], third)):
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.lost == [WORKERS[0]]
+
+
+def test_a_frame_that_cannot_be_drawn_is_refused_and_the_next_one_drawn(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    assert bench.draws(1, of_workers).complete
+    for worker, sent in zip(WORKERS, of_workers, strict=True):
+        bench.sends(worker, 2, 0, sent[0])
+    bench.renders(2, msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0))))
+    refused = bench.hears(messages.Refused)[0]
+    assert isinstance(refused, messages.Refused)
+    assert (refused.request, refused.frame) == ("RenderFrame", 2) and "bounds" in refused.cause
+    assert bench.draws(3, of_workers).complete
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux keeps to the limit")
+def test_an_image_beyond_the_memory_is_refused_with_the_cure(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    with little_memory(1 << 30):
+        bench.renders(1, msgspec.structs.replace(SCENE, image=Image(width=16384, height=16384)))
+        refused = bench.hears(messages.Refused)[0]
+    assert refused == messages.Refused("RenderFrame", OUT_OF_MEMORY, frame=1, assignment=1)
+    assert bench.draws(2, of_workers).complete
+
+
+def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
+    bench.renders(1)
+    bench.control.close()
+    bench.ends()
+    assert isinstance(bench.failure, PeerLost)
+    with pytest.raises(PeerLost):
+        bench.links[WORKERS[0]].receive()
+
+
+def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(bench: Bench) -> None:
+    token, events = new_token(), list[str]()
+    sent, failed = threading.Event(), threading.Event()
+
+    def fail(error: VolsplatError) -> None:
+        events.append(str(error))
+        failed.set()
+
+    with Listener(Role.CLIENT, token) as clients:
+        client = connect(clients.address, new_hello(Role.SPLAT_SERVER, data_port=1), token, Role.CLIENT)
+        control = clients.accept(PATIENCE)
+        assert control is not None
+        outbox = Outbox(client, image_sent=sent.set, failed=fail)
+        aborts = [messages.AbortFrame(frame) for frame in range(2, 30)]
+        for request in (messages.ReadImage(1), *aborts):
+            control.send(request)
+            client.receive()
+        pixels = bytes(2048 * 2048 * 16)  # far more than sockets buffer
+        outbox.post_image(messages.ImageRead(1, Step.F, True, 2048, 2048), pixels)
+        outbox.post(messages.FrameAborted(2))
+        assert outbox.holds_image and not sent.is_set()
+        image, abort = control.receive(), control.receive()
+        assert image is not None and len(image.payload) == len(pixels)
+        assert abort is not None and abort.message == messages.FrameAborted(2)
+        assert sent.wait(PATIENCE) and not outbox.holds_image
+        control.close()
+        for abort_of in aborts[1:]:
+            outbox.post(messages.FrameAborted(abort_of.frame))
+        failed.wait(PATIENCE)
+        assert "is gone" in events[0]
+        client.close()
+        outbox.close()
+
+
+def test_images_asked_for_at_once_are_each_answered(bench: Bench) -> None:
+    assert bench.draws(1, batches(slabs(0, 8, 16))).complete
+    for _ in range(5):
+        bench.control.send(messages.ReadImage(1))
+    images = {bytes(bench.hears(messages.ImageRead)[1]) for _ in range(5)}
+    assert images == {bytes(bench.picture)}
+
+
+@settings(max_examples=40)
+@given(st.floats(0.3, 200), st.sampled_from(Step), st.tuples(*[st.floats(-1, 1)] * 3))
+def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(
+    zoom: float, step: Step, turn: tuple[float, float, float]
+) -> None:
+    view = View(rotation=(*turn, 1.0), zoom=zoom)
+    scene = shaded_scene(view, (200, 160))
+    geometry = Geometry(dims=(1, 1, 1))
+    values = torch.full((1, 1, 1), 200.0, dtype=torch.float64)
+    touched = int((rendered(values, geometry, scene, step)[..., 3] > 0).sum())
+    counted = FrameAssembly(scene, geometry, step, 1, [1]).pixels_per_packet
+    assert touched <= counted <= 64 * (touched + 200 + 160)
+    assert packets_at_once(counted) * counted <= max(PIXELS_AT_ONCE, counted)
+
+
+def test_unfinished_workers_hear_which_tiles_are_closed_and_these_are_frozen(bench: Bench) -> None:
+    """An opaque cube in three slabs, one behind the other: the nearest hides the others."""
+    width, height = 96, 80
+    scene = plain_scene(view=View(zoom=4.0), size=(width, height), order=Order.FRONT_TO_BACK)
+    of_workers = batches(slabs(2, 8, 16), scene, max_packets=200)
+    bench.renders(1, scene)
+    *rest, last = [
+        (worker, sequence, batch)
+        for worker, sent in zip(WORKERS, of_workers, strict=True)
+        for sequence, batch in enumerate(sent)
+    ]
+    for worker, sequence, batch in rest:
+        bench.sends(worker, 1, sequence, batch)
+    received = bench.links[last[0]].receive()
+    assert received is not None and received.message == messages.TilesClosed(1, width, height)
+    tiles = received.payload.cast("Q", tile_map_shape(width, height))
+    bench.sends(last[0], 1, *last[1:])
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.stats.hidden_packets > 0
+    pixels = bytearray(bench.hears(messages.ImageRead)[1])
+    alpha = torch.frombuffer(pixels, dtype=torch.float32).reshape(height, width, 4)[..., 3]
+    in_tiles = alpha.unfold(0, TILE_SIDE, TILE_SIDE).unfold(1, TILE_SIDE, TILE_SIDE)
+    closed = torch.tensor(
+        [[tiles[r, 0] >> c & 1 for c in range(width // TILE_SIDE)] for r in range(height // TILE_SIDE)]
+    )
+    assert closed.any() and float(in_tiles[closed.bool()].min()) >= FROZEN_ALPHA
+
+
+def test_a_server_that_cannot_hear_the_client_any_more_ends(monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_thread(_: object) -> None:
+        raise RuntimeError("can't start new thread")
+
+    bench = Bench()
+    monkeypatch.setattr(bench._server._invitations, "replace", no_thread)
+    bench.control.send(messages.InviteWorkers(KEYS))
+    bench.ends()
+    assert str(bench.failure) == "the client is not heard any more: RuntimeError: can't start new thread"
+    bench.control.close()
+    bench.close()
+
+
+def test_a_link_for_which_there_is_no_thread_is_dropped_and_the_next_one_taken(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = threading.Thread.start
+
+    def starts(self: threading.Thread) -> None:
+        if self.name.startswith(f"receive from {Role.DATA_LINK} {WORKERS[0]} "):
+            raise RuntimeError("can't start new thread")
+        start(self)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", starts)
+        with bench.linked(WORKERS[0]) as link, pytest.raises(PeerLost):
+            link.receive()
+    bench.links[WORKERS[0]].close()  # it was replaced
+    bench.links[WORKERS[0]] = bench.linked(WORKERS[0])
+    assert bench.draws(1, batches(slabs(0, 8, 16))).complete

@@ -1,0 +1,310 @@
+"""One fixed sample of every message, and strategies that draw any; the samples' bytes are kept in tests/recorded.
+
+`python -m support.messages.message_samples` records what is not recorded yet; a record is never overwritten.
+"""
+
+import struct
+from typing import Any
+
+from hypothesis import strategies as st
+
+from support.checkout import ROOT
+from support.scenes.arbitrary import geometries
+from support.scenes.scenes import scenes
+from volsplat.protocol.description.kind import Band, Kind
+from volsplat.protocol.description.machine import Machine
+from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Step, Tables
+from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.messages import greetings, messages
+from volsplat.protocol.messages.message_rules import RULES, Phase, Speech, encode_control
+from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.roles import Role, Way
+from volsplat.protocol.messages.versions import SPOKEN
+from volsplat.protocol.rules.index_rules import Quantisation, Survey
+from volsplat.protocol.rules.levels import Prepared, Resolution
+from volsplat.protocol.rules.packet_layout import ROW_RUN
+from volsplat.protocol.wire.framing import HEADER, MAGIC
+
+RECORDED = ROOT / "tests" / "recorded" / f"protocol-{SPOKEN.newest}"
+
+GEOMETRY = Geometry((4, 5, 6), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)), (1.0, -2.0, 3.0))
+DESCRIPTION = VolumeDescription(
+    name="head",
+    format="NRRD",
+    geometry=GEOMETRY,
+    scalar_type="int16",
+    unit="mm",
+    anatomical=True,
+    kind=Kind.LABELS,
+    kind_from="the segments in its header",
+    bands=(Band("bone", 1.0, 1.0, (1.0, 0.5, 0.25)), Band("air", 2.0, 4.0)),
+)
+IDENTITY = VolumeIdentity(size=352, header="0f" * 16, contents="1e" * 16, times="2d" * 16, place="3c" * 16)
+BOXES = [Box((0, 0, 0), (4, 5, 3)), Box((0, 0, 3), (4, 5, 6))]
+QUANTISATION = Quantisation(window=(-1000.0, 2000.0), strength_scale=0.25)
+SCENE = Scene(
+    tables=Tables(
+        emit=ColourTable(points=((0.0, (1.0, 0.5, 0.25)),)),
+        refl=ColourTable(points=((0.0, (0.0, 0.0, 0.0)), (1.0, (1.0, 1.0, 1.0)))),
+        opac=ScalarTable(points=((0.25, 0.0), (0.5, 1.0))),
+    )
+)
+RESOLUTION = Resolution(level=0, geometry=GEOMETRY, stride=1)
+PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
+MACHINE = Machine("node-1", "Linux", "a processor", 8)
+SPLAT_STATS = messages.SplatStats(
+    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 1 << 30, MACHINE
+)
+
+SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
+    type(message): (message, payload)
+    for message, payload in (
+        (greetings.Hello(Role.SPLAT_SERVER, 1, 1, bytes(range(32)), 0, "node7", 7001, "node7, process 12"), b""),
+        (greetings.Challenge(Role.CLIENT, 1, 1, bytes(range(32, 64))), b""),
+        (greetings.Proof(bytes(range(64, 96))), b""),
+        (greetings.Welcome(3, bytes(range(96, 128))), b""),
+        (greetings.Rejected("another token"), b""),
+        (messages.DescribeVolume("/data/head.nrrd"), b""),
+        (messages.VolumeDescribed(DESCRIPTION, [], IDENTITY), b""),
+        (messages.ReadSubCubes(1, "/data/head.nrrd", BOXES, IDENTITY), b""),
+        (messages.SubCubesRead(1, Survey(-1000.0, 3000.0, 512.5, 120, 2), 960, 0.125), b""),
+        (messages.LendVolume(1, "/data/head.nrrd", IDENTITY), b""),
+        (messages.VolumeLent(1, ["int16"], 240, 0.125), b""),
+        (messages.ReadPart(1, PART), b""),
+        (messages.PartRead(1, PART), struct.pack("<4h", -1000, 0, 40, 3000)),
+        (messages.AwaitParts(1, DESCRIPTION, [Box((0, 0, 3), (4, 5, 6))]), b""),
+        (messages.HoldPart(1, PART), struct.pack("<4h", -1000, 0, 40, 3000)),
+        (messages.PartHeld(1), b""),
+        (messages.CountHistograms(1, -1000.0, 3000.0, 512.5), b""),
+        (messages.HistogramsCounted(1, 2, 1), struct.pack("<4q2d", 100, 18, 60, 58, -1000.0, 3000.0)),
+        (messages.PackVoxels(1, QUANTISATION), b""),
+        (messages.VoxelsPacked(1, 120, 480, 0.0625), b""),
+        (messages.DescribeMachine(), b""),
+        (messages.MachineDescribed(1 << 34), b""),
+        (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
+        (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
+        (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
+        (messages.ConnectedToSplatServers([3]), b""),
+        (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, RESOLUTION, [1, 2]), b""),
+        (messages.AbortFrame(7), b""),
+        (messages.FrameAborted(7), b""),
+        (
+            messages.FrameMapped(
+                7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29, MACHINE)
+            ),
+            b"",
+        ),
+        (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
+        (messages.ReadImage(7), b""),
+        (messages.ImageRead(7, Step.C, True, 2, 1), struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0)),
+        (
+            messages.Batch(7, 2, 0, "raw", 1, 2, 4, 3, True),
+            ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
+        ),
+        (messages.TilesClosed(7, 260, 5), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
+        (messages.ProbeVoxels(5, 1, SCENE, GEOMETRY, QUANTISATION, RESOLUTION, 12.5, 7.25), b""),
+        (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
+        (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
+        (messages.EndSession(), b""),
+    )
+}
+
+
+def speech_for(kind: type[Message]) -> Speech:
+    """A connection on which messages of this kind may go."""
+    rule = RULES[kind]
+    return Speech() if rule.phase is Phase.GREETING else Speech(rule.ways[0])
+
+
+def lawful_kinds(way: Way | None) -> list[type[Message]]:
+    """What may be said on that way; None is the handshake."""
+    if way is None:
+        return [kind for kind, rule in RULES.items() if rule.phase is Phase.GREETING]
+    return [kind for kind, rule in RULES.items() if rule.phase is Phase.OPEN and way in rule.ways]
+
+
+def framed(control: bytes, payload: bytes = b"", *, control_bytes: int | None = None, payload_bytes: int | None = None,
+           magic: int = MAGIC) -> bytes:  # fmt: skip
+    """A message's bytes; the header's numbers can be made to lie."""
+    return (
+        HEADER.pack(
+            magic,
+            len(control) if control_bytes is None else control_bytes,
+            len(payload) if payload_bytes is None else payload_bytes,
+        )
+        + control
+        + payload
+    )
+
+
+def sample_bytes(kind: type[Message]) -> bytes:
+    message, payload = SAMPLES[kind]
+    return framed(encode_control(message), payload)
+
+
+ids = st.integers(1, messages.LARGEST_ID)
+ids_or_none = st.integers(0, messages.LARGEST_ID)
+counts = st.integers(0, messages.LARGEST_COUNT)
+ordinals = st.integers(0, 2**32 - 1)
+seconds = st.floats(0, 1e9)
+finite = st.floats(allow_nan=False)
+lines = st.text(max_size=20)
+paths = st.text(min_size=1, max_size=20)
+blobs = st.binary(min_size=32, max_size=32)
+_windows = st.tuples(st.floats(-1e6, 1e6), st.floats(1e-3, 1e6)).map(lambda pair: (pair[0], pair[0] + pair[1]))
+quantisations = st.builds(Quantisation, window=_windows, strength_scale=st.floats(0, 1e6), strength_low=finite)
+digests = st.text("0123456789abcdef", min_size=32, max_size=32)
+identities = st.builds(VolumeIdentity, size=counts, header=digests, contents=digests, times=digests, place=digests)
+surveys = st.builds(Survey, low=finite, high=finite, max_gradient=finite, voxels=counts, no_data=counts)
+descriptions = st.builds(
+    VolumeDescription,
+    name=lines,
+    format=lines,
+    geometry=geometries(),
+    scalar_type=lines,
+    unit=lines,
+    kind=st.sampled_from(Kind),
+    kind_from=lines,
+    bands=st.lists(st.builds(Band, lines, st.just(1.0), st.floats(1.0, 9.0)), max_size=3).map(tuple),
+    second_scalar=st.none() | st.just((-180.0, 180.0)),
+)
+_voxel = st.tuples(*[st.integers(0, 100)] * 3)
+boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 100)] * 3)).map(
+    lambda pair: Box(pair[0], (pair[0][0] + pair[1][0], pair[0][1] + pair[1][1], pair[0][2] + pair[1][2]))
+)
+_small_boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 4)] * 3)).map(
+    lambda pair: Box(pair[0], (pair[0][0] + pair[1][0], pair[0][1] + pair[1][1], pair[0][2] + pair[1][2]))
+)
+_scalar_types = st.sampled_from(sorted(SCALAR_BYTES))
+_parts = st.builds(messages.Part, ids, ordinals, st.integers(0, 1), _scalar_types, _small_boxes)
+_resolutions = st.builds(Resolution, st.integers(0, 31), geometries(), st.integers(1, 4))
+_prepared = st.builds(Prepared, surveys, quantisations, st.lists(geometries(), min_size=1, max_size=3).map(tuple))
+_machines = st.builds(Machine, *[st.text(max_size=20)] * 3, st.integers(1, 64))
+_map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts, _machines)
+_splat_stats = st.builds(
+    messages.SplatStats,
+    *[counts] * 3,
+    *[seconds] * 6,
+    st.dictionaries(ids, seconds, max_size=3),
+    counts,
+    _machines,
+)
+_versions = st.tuples(st.integers(1, 9), st.integers(1, 9)).map(sorted)
+
+
+def _greeting(kind: type[Message], *more: st.SearchStrategy[Any]) -> st.SearchStrategy[Message]:
+    parts = st.tuples(st.sampled_from(Role), _versions, blobs, *more)
+    return parts.map(lambda p: kind(p[0], p[1][0], p[1][1], *p[2:]))
+
+
+def _batches(shape: tuple[int, int]) -> st.SearchStrategy[Message]:
+    runs = min(shape) if max(shape) else 0
+    packets = max(shape) if runs else 0
+    return st.builds(
+        messages.Batch,
+        ids,
+        ids,
+        counts,
+        st.just("raw"),
+        st.just(runs),
+        st.just(packets),
+        ordinals,
+        ordinals,
+        st.booleans(),
+    )
+
+
+STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
+    greetings.Hello: _greeting(greetings.Hello, ids_or_none, lines, st.integers(0, 65535), lines),
+    greetings.Challenge: _greeting(greetings.Challenge),
+    greetings.Proof: st.builds(greetings.Proof, blobs),
+    greetings.Welcome: st.builds(greetings.Welcome, ids, blobs),
+    greetings.Rejected: st.builds(greetings.Rejected, lines),
+    messages.DescribeVolume: st.builds(messages.DescribeVolume, paths),
+    messages.VolumeDescribed: st.builds(
+        messages.VolumeDescribed, descriptions, st.lists(_prepared, max_size=1), identities
+    ),
+    messages.ReadSubCubes: st.builds(
+        messages.ReadSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities
+    ),
+    messages.SubCubesRead: st.builds(messages.SubCubesRead, ids, surveys, counts, seconds),
+    messages.LendVolume: st.builds(messages.LendVolume, ids, paths, identities),
+    messages.VolumeLent: st.builds(
+        messages.VolumeLent, ids, st.lists(_scalar_types, min_size=1, max_size=2), counts, seconds
+    ),
+    messages.ReadPart: st.builds(messages.ReadPart, ids, _parts),
+    messages.PartRead: st.builds(messages.PartRead, ids, _parts),
+    messages.AwaitParts: st.builds(messages.AwaitParts, ids, descriptions, st.lists(boxes, min_size=1, max_size=3)),
+    messages.HoldPart: st.builds(messages.HoldPart, ids, _parts),
+    messages.PartHeld: st.builds(messages.PartHeld, ids),
+    messages.CountHistograms: st.builds(messages.CountHistograms, ids, finite, finite, finite),
+    messages.HistogramsCounted: st.builds(messages.HistogramsCounted, ids, st.integers(1, 40), st.integers(1, 40)),
+    messages.PackVoxels: st.builds(messages.PackVoxels, ids, quantisations),
+    messages.VoxelsPacked: st.builds(messages.VoxelsPacked, ids, counts, counts, seconds),
+    messages.DescribeMachine: st.builds(messages.DescribeMachine),
+    messages.MachineDescribed: st.builds(messages.MachineDescribed, counts),
+    messages.OpenPackets: st.builds(
+        messages.OpenPackets,
+        ids,
+        paths,
+        st.lists(
+            st.builds(messages.LevelBoxes, st.integers(0, 31), st.lists(boxes, min_size=1, max_size=2)), max_size=3
+        ),
+        identities,
+    ),
+    messages.InviteWorkers: st.builds(messages.InviteWorkers, st.dictionaries(ids, blobs, max_size=3)),
+    messages.ConnectToSplatServers: st.builds(
+        messages.ConnectToSplatServers,
+        st.lists(st.builds(messages.Route, ids, lines, st.integers(1, 65535), blobs), max_size=3),
+    ),
+    messages.ConnectedToSplatServers: st.builds(messages.ConnectedToSplatServers, st.lists(ids, max_size=3)),
+    messages.RenderFrame: st.builds(
+        messages.RenderFrame,
+        ids,
+        ids,
+        scenes(),
+        st.sampled_from(Step),
+        geometries(),
+        quantisations,
+        _resolutions,
+        st.lists(ids, max_size=3),
+    ),
+    messages.AbortFrame: st.builds(messages.AbortFrame, ids),
+    messages.FrameAborted: st.builds(messages.FrameAborted, ids),
+    messages.FrameMapped: st.builds(messages.FrameMapped, ids, _map_shade_stats),
+    messages.FrameFinished: st.builds(
+        messages.FrameFinished, ids, st.booleans(), st.lists(ids, max_size=3), _splat_stats
+    ),
+    messages.ReadImage: st.builds(messages.ReadImage, ids),
+    messages.ImageRead: st.builds(
+        messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), st.integers(1, 8), st.integers(1, 8)
+    ),
+    messages.Batch: st.tuples(st.integers(0, 9), st.integers(0, 9)).flatmap(_batches),
+    messages.TilesClosed: st.builds(messages.TilesClosed, ids, st.integers(1, 600), st.integers(1, 40)),
+    messages.ProbeVoxels: st.builds(
+        messages.ProbeVoxels, ids, ids, scenes(), geometries(), quantisations, _resolutions, finite, finite
+    ),
+    messages.VoxelProbed: st.builds(
+        messages.VoxelProbed,
+        ids,
+        st.lists(st.builds(messages.ProbedVoxel, _voxel, finite, finite), max_size=1),
+    ),
+    messages.Refused: st.builds(
+        messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none
+    ),
+    messages.EndSession: st.builds(messages.EndSession),
+}
+
+
+def main() -> None:
+    RECORDED.mkdir(parents=True, exist_ok=True)
+    for kind in RULES:
+        path = RECORDED / f"{kind.__name__}.bin"
+        if not path.exists():
+            path.write_bytes(sample_bytes(kind))
+            print(f"recorded {path.name}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,81 @@
+"""The pictures of docs/protocol.md, drawn from the tables; in tests/:
+
+    python -m support.messages.protocol_pictures ../docs/protocol.md
+
+They stand in the page between "<!-- picture: name -->" and "<!-- end -->", so that page and code cannot drift.
+"""
+
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from volsplat.protocol.messages.exchanges import EXCHANGES, State
+from volsplat.protocol.messages.message_rules import RULES, Phase
+from volsplat.protocol.wire.handshake import BEGIN, TRANSITIONS, Side
+
+
+def handshake_picture(side: Side) -> str:
+    """The transitions of one side as a mermaid state diagram."""
+    lines = ["```mermaid", "stateDiagram-v2", f"    [*] --> {BEGIN[side].name}"]
+    for state, leads in TRANSITIONS[side].items():
+        lines += [
+            f"    {state.name} --> {after.name}: {does.value} {kind.__name__}" for (does, kind), after in leads.items()
+        ]
+        if not leads:
+            lines.append(f"    {state.name} --> [*]")
+    return "\n".join([*lines, "```"])
+
+
+def message_table() -> str:
+    """All messages of an open connection, who may send them to whom, and the most bytes that may follow."""
+    lines = ["| message | from → to | payload, at most |", "|---|---|---|"]
+    for kind, rule in RULES.items():
+        if rule.phase is Phase.OPEN:
+            ways = "<br>".join(f"{way.sender} → {way.receiver}" for way in rule.ways)
+            limit = f"{rule.payload.limit} bytes" if rule.payload else "none"
+            lines.append(f"| {kind.__name__} | {ways} | {limit} |")
+    return "\n".join(lines)
+
+
+def exchange_table() -> str:
+    """What may be said once a connection is open: the states of each exchange, and where its answers lead."""
+    lines = [
+        "| from the client to a | request | named by | may wait | state | answer | then |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for way, kinds in EXCHANGES.items():
+        for request, kind in kinds.items():
+            named_by = " and ".join(kind.named_by) or "its place"
+            waits = f"the newest {kind.at_once}" if kind.newest else str(kind.at_once)
+            for state, leads in kind.answers.items():
+                for answer, after in leads.items():
+                    first = state is State.ASKED
+                    head = [str(way.receiver), request.__name__, named_by, waits] if first else [""] * 4
+                    lines.append(f"| {' | '.join([*head, state.value, answer.__name__, after.value])} |")
+    return "\n".join(lines)
+
+
+PICTURES: dict[str, Callable[[], str]] = {
+    "dialler": lambda: handshake_picture(Side.DIALLER),
+    "accepter": lambda: handshake_picture(Side.ACCEPTER),
+    "messages": message_table,
+    "exchanges": exchange_table,
+}
+
+_PLACE = re.compile(r"(<!-- picture: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def redrawn(page: str) -> str:
+    """The page with all of its pictures drawn anew. Raises KeyError for one that does not exist."""
+    return _PLACE.sub(lambda place: f"{place[1]}{PICTURES[place[2]]()}\n{place[3]}", page)
+
+
+def main() -> None:
+    for name in sys.argv[1:]:
+        path = Path(name)
+        path.write_text(redrawn(path.read_text(encoding="utf-8")), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,67 @@
+"""A real browser for tests of the page: Debian's chromium, driven by Playwright, and a server for what it loads.
+
+A test module imports the fixtures that it wants by name, `browser` among them since `browser_page` needs it, and says
+`__all__ = ["browser", "browser_page"]`, which tells ruff that they are used.
+"""
+
+from __future__ import annotations
+
+import shutil
+import socket
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Page
+    from starlette.types import ASGIApp
+
+_POLICY = "Content Security Policy"
+
+"""The page's own modules and style sheets."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    """Headless chromium, started once for a module of tests."""
+    playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright (extra dev)")
+    executable = shutil.which("chromium")
+    if executable is None:
+        pytest.skip("the browser tests need chromium: apt install chromium")
+    with playwright.sync_playwright() as running:
+        launched = running.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
+        yield launched
+        launched.close()
+
+
+@pytest.fixture
+def browser_page(browser: Browser) -> Iterator[Page]:
+    """An empty tab of 1280x800. The test fails where a script of the page fails, or breaks the page's own policy."""
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    page = context.new_page()
+    failures: list[str] = []
+    page.on("pageerror", lambda error: failures.append(f"{error.message}\n{error.stack}"))
+    page.on("console", lambda told: failures.append(told.text) if _POLICY in told.text else None)
+    yield page
+    context.close()
+    assert not failures, "a script of the page failed:\n" + "\n".join(failures)
+
+
+@contextmanager
+def serving(application: ASGIApp, port: int = 0) -> Iterator[str]:
+    """Serve an ASGI application on loopback, on a free port unless one is given; gives its http address."""
+    import uvicorn
+
+    listener = socket.create_server(("127.0.0.1", port))
+    server = uvicorn.Server(uvicorn.Config(application, log_level="warning", lifespan="off", ws="websockets-sansio"))
+    thread = threading.Thread(target=server.run, args=([listener],), name="serve the browser", daemon=True)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listener.getsockname()[1]}"
+    finally:
+        server.should_exit = True
+        thread.join()
+        listener.close()

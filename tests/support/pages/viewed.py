@@ -1,0 +1,152 @@
+"""A volume viewed by the real command `volsplat view`, and a viewport that is not a browser's."""
+
+from __future__ import annotations
+
+import json
+import re
+import signal
+import subprocess
+import threading
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+import psutil
+from websockets.sync.client import ClientConnection, connect
+
+from support.programs.programs import TIME_LIMIT, Person
+
+_ADDRESS = re.compile(r"http://\S+token=\S+")
+
+
+@dataclass
+class Viewed:
+    """A running `volsplat view`."""
+
+    url: str
+    process: subprocess.Popen[str]
+    person: Person
+    said: list[str] = field(default_factory=list)  # lines on its stderr
+
+    @property
+    def port(self) -> int:
+        port = urlsplit(self.url).port
+        assert port is not None
+        return port
+
+    @property
+    def cookie(self) -> str:
+        """What a browser gets for the token."""
+        return httpx.get(self.url, timeout=TIME_LIMIT).headers["set-cookie"].partition(";")[0]
+
+    def page(self) -> str:
+        """The page's HTML."""
+        answer = httpx.get(self.url, follow_redirects=True, timeout=TIME_LIMIT)
+        assert answer.status_code == 200
+        return answer.text
+
+    def mapshade_servers(self) -> list[psutil.Process]:
+        return [server for server in self.person.servers() if "volsplat.mapshade_server" in server.cmdline()]
+
+    @contextmanager
+    def viewport(self, tab: str, port: int | None = None, **headers: str) -> Iterator[Viewport]:
+        address = f"ws://127.0.0.1:{port or self.port}/viewport?tab={tab}"
+        cookie = self.cookie.replace(f"volsplat-{self.port}=", f"volsplat-{port or self.port}=")
+        with connect(address, additional_headers={"Cookie": cookie, **headers}, max_size=None) as socket:
+            yield Viewport(socket)
+
+
+@contextmanager
+def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
+    """Start the command, wait for its address, and end it by Ctrl-C; nothing may be left then."""
+    person = Person(folder)
+    process = person.starts("view", str(volume), "--no-browser", *arguments)
+    assert process.stderr is not None
+    said: list[str] = []
+    watchdog = threading.Timer(TIME_LIMIT, process.kill)
+    watchdog.start()
+    try:
+        url = _address(process.stderr, said)
+        watchdog.cancel()
+        assert url is not None, "".join(said)
+        reading = threading.Thread(target=lambda: said.extend(process.stderr or []), daemon=True)
+        reading.start()
+        yield Viewed(url, process, person, said)
+        process.send_signal(signal.SIGINT)
+        process.wait(TIME_LIMIT)
+        reading.join()
+    finally:
+        watchdog.cancel()
+        process.kill()
+        process.communicate()
+    assert not person.servers(), "servers were left behind"
+
+
+def _address(lines: Iterable[str], said: list[str]) -> str | None:
+    for line in lines:
+        said.append(line)
+        if found := _ADDRESS.search(line):
+            return found[0]
+    return None
+
+
+@dataclass(frozen=True)
+class Shown:
+    """One picture as the page gets it."""
+
+    header: dict[str, Any]
+    data: bytes
+
+
+class Viewport:
+    """Plays the page's part of a viewport's WebSocket."""
+
+    def __init__(self, socket: ClientConnection) -> None:
+        self._socket = socket
+        self.messages: list[dict[str, Any]] = []
+
+    def says(self, kind: str, **fields: Any) -> None:
+        self._socket.send(json.dumps({"type": kind, **fields}))
+
+    def says_text(self, text: str) -> None:
+        self._socket.send(text)
+
+    def hears(self, timeout: float = TIME_LIMIT) -> Shown | dict[str, Any]:
+        """The next picture or message. Raises TimeoutError."""
+        heard = self._socket.recv(timeout)
+        if isinstance(heard, str):
+            message: dict[str, Any] = json.loads(heard)
+            self.messages.append(message)
+            return message
+        length = int.from_bytes(heard[:4], "little")
+        return Shown(json.loads(heard[4 : 4 + length]), heard[4 + length :])
+
+    def message(self, kind: str) -> dict[str, Any]:
+        """The next message of a kind."""
+        while True:
+            heard = self.hears()
+            if isinstance(heard, dict) and heard["type"] == kind:
+                return heard
+
+    def pictures(self, *, acknowledging: bool = True) -> Iterator[Shown]:
+        """Pictures as they come."""
+        while True:
+            heard = self.hears()
+            if isinstance(heard, Shown):
+                if acknowledging:
+                    self.says("shown", number=heard.header["number"])
+                yield heard
+
+    def last_picture(self, event: int = 0, width: int | None = None) -> list[Shown]:
+        """All pictures up to the last one that contains this event, and is so wide."""
+        seen = []
+        for picture in self.pictures():
+            seen.append(picture)
+            wanted = picture.header["event"] >= event and width in (None, picture.header["width"])
+            if picture.header["last"] and wanted:
+                return seen
+        raise AssertionError("pictures never end")

@@ -1,0 +1,102 @@
+"""Renders a volume in memory by the programs' own stages, in one process and without sockets."""
+
+import functools
+from collections.abc import Sequence
+from random import Random
+
+import torch
+from torch import Tensor
+
+from support.scenes.phantoms import QUANTISATION
+from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
+from volsplat.splat_server.footprint_table import footprint_table
+from volsplat.splat_server.frame_assembly import FrameAssembly
+
+
+def rendered(
+    values: Tensor,
+    geometry: Geometry,
+    scene: Scene,
+    step: Step,
+    quantisation: Quantisation = QUANTISATION,
+    workers: Sequence[Sequence[Box]] | None = None,
+    max_packets: int = 1 << 15,
+    max_voxels: int = 1 << 20,
+    threads: int = 1,
+    arrival: Random | None = None,
+    resolution: Resolution | None = None,
+) -> Tensor:
+    """The image (H, W, 4) float32, associated alpha, of values (k, j, i); they are those of the resolution's level.
+
+    `workers` are the boxes that each worker holds: together they partition the grid. `arrival` shuffles whose
+    batch comes next, and how far the splatter gets in between; else one worker after the other delivers.
+    """
+    held = resolution.geometry if resolution else geometry
+    holdings = workers or [[held.box]]
+    plan = plan_frame(scene, geometry, step, resolution)
+    assembly = FrameAssembly(
+        scene, geometry, step, frame=1, workers=range(len(holdings)), threads=threads, resolution=resolution
+    )
+    walks = []
+    for boxes in holdings:
+        sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
+        for sub_cube in sub_cubes:
+            sub_cube.pack(quantisation)
+        walks.append(FrameWalk(sub_cubes, geometry, quantisation, scene, plan))
+    delivering = list(range(len(walks)))
+    while delivering:
+        worker = arrival.choice(delivering) if arrival else delivering[0]
+        batch = walks[worker].next_batch(max_packets, max_voxels)
+        if batch is None:
+            delivering.remove(worker)
+            continue
+        assembly.arrived(worker, batch.runs, batch.packets, batch.reached, batch.last)
+        if arrival and arrival.random() < 0.5:
+            assembly.advance(arrival.randrange(1, 5000))
+    while not assembly.complete:
+        progress = assembly.advance()
+        assert progress.complete or progress.packets, f"nothing arrives any more from worker {progress.waits_for}"
+    assert not assembly.lost
+    image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32)
+    assembly.image.close()
+    return image.reshape(plan.height, plan.width, 4)
+
+
+class TableWeights:
+    """The splat server's own footprint table, as the reference takes it (reference.render.Weights)."""
+
+    def __init__(self, scene: Scene, geometry: Geometry, step: Step) -> None:
+        shape = footprint_shape(plan_frame(scene, geometry, step), scene.reconstruction)
+        self.offset_bits, self.starts, self.boxes = _table(shape)
+
+    def __call__(self, lattice: Tensor, pixel_x: Tensor, pixel_y: Tensor) -> Tensor:
+        shift = SUBPIXEL_BITS - self.offset_bits
+        rounded = (lattice + (1 << shift >> 1)) >> shift
+        whole, part = rounded >> self.offset_bits, rounded & ((1 << self.offset_bits) - 1)
+        entry = (part[:, 1] << self.offset_bits) + part[:, 0]
+        column = pixel_x - whole[:, :1] - self.starts[entry, 0][:, None]
+        row = pixel_y - whole[:, 1:] - self.starts[entry, 1][:, None]
+        height, width = self.boxes.shape[1:]
+        inside = ((row >= 0) & (row < height))[:, :, None] & ((column >= 0) & (column < width))[:, None, :]
+        row, column = row.clamp(0, height - 1), column.clamp(0, width - 1)
+        weights = self.boxes[entry[:, None, None], row[:, :, None], column[:, None, :]]
+        return torch.where(inside, weights.double(), 0.0)
+
+
+@functools.lru_cache(maxsize=4)
+def _table(shape: FootprintShape) -> tuple[int, Tensor, Tensor]:
+    """The offset bits, the boxes' left and top (entries, 2), and their weights (entries, height, width) float32."""
+    table = footprint_table(shape)
+    offsets = range(1 << table.offset_bits)
+    entries = [table.weights_at(fx, fy) for fy in offsets for fx in offsets]
+    starts = torch.tensor([entry[:2] for entry in entries])
+    boxes = torch.tensor([entry[2] for entry in entries], dtype=torch.float32)
+    return table.offset_bits, starts, boxes.reshape(-1, table.height, table.width)

@@ -1,0 +1,65 @@
+"""Takes batches of shaded packets apart, by the bits that packet_layout states."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from volsplat.mapshade_server.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk, ShadedBatch
+from volsplat.protocol.rules.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN_BYTES
+
+OFFSETS = 1 << POSITION_BITS
+
+
+@dataclass(frozen=True)
+class Packets:
+    """n shaded packets, int64."""
+
+    keys: Tensor  # (n, 2) sheet and row
+    position: Tensor  # (n, 2) x and y in 1/64 pixel
+    opacity: Tensor  # (n,) codes
+    colour: Tensor  # (n, 3) 0..255
+
+    def rows(self) -> list[list[int]]:
+        """One list of numbers for each packet: what must be equal for two walks to be equal."""
+        return torch.cat((self.keys, self.position, self.opacity[:, None], self.colour), dim=1).tolist()
+
+
+@dataclass(frozen=True)
+class Runs:
+    """n row runs, int64."""
+
+    keys: Tensor  # (n, 3) sheet, row, first
+    count: Tensor
+    origin: Tensor  # (n, 2)
+
+
+def all_batches(
+    walk: FrameWalk, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS
+) -> list[ShadedBatch]:
+    """The batches of a whole frame; they share no memory."""
+    batches = []
+    while (batch := walk.next_batch(max_packets, max_voxels)) is not None:
+        batches.append(batch)
+    return batches
+
+
+def runs_of(batches: Iterable[ShadedBatch]) -> Runs:
+    data = b"".join(batch.runs for batch in batches)
+    numbers = torch.tensor(list(memoryview(data).cast("i")), dtype=torch.int64).reshape(-1, ROW_RUN_BYTES // 4)
+    return Runs(keys=numbers[:, :3], count=numbers[:, 3], origin=numbers[:, 4:])
+
+
+def packets_of(batches: list[ShadedBatch]) -> Packets:
+    runs = runs_of(batches)
+    data = b"".join(batch.packets for batch in batches)
+    packet = torch.tensor(list(memoryview(data).cast("q")), dtype=torch.int64)
+    offset = torch.stack((packet % OFFSETS, packet >> POSITION_BITS & (OFFSETS - 1)), dim=1)
+    colour = torch.stack([packet >> shift & 255 for shift in range(COLOUR_SHIFT, 64, 8)], dim=1)
+    return Packets(
+        keys=runs.keys[:, :2].repeat_interleave(runs.count, dim=0),
+        position=runs.origin.repeat_interleave(runs.count, dim=0) + offset,
+        opacity=packet >> OPACITY_SHIFT & 0xFFF,
+        colour=colour,
+    )

@@ -1,0 +1,124 @@
+"""The slider that shifts all tables by density, in a real browser: dragged, let go, taken back."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+import pytest
+
+from support.pages.browser import browser, browser_page
+from support.pages.tables_page import SCENE, WINDOW
+from support.pages.tables_tab import TITLES, Tab, box, tab, until, url
+from volsplat.client.ui.tables.table_edits import shifted
+from volsplat.protocol.description.scene import Scene, Tables
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Locator
+
+__all__ = ["browser", "browser_page", "tab", "url"]
+
+THUMB = 14  # pixels
+ONE_PIXEL = 0.01  # of the axis
+ROUNDED = 1e-5  # places of points
+
+
+def place(tab: Tab, by: float) -> tuple[float, float]:
+    """Where the slider's thumb lies when it pushes by a share of the axis."""
+    slider = box(slider_of(tab))
+    travel = slider["width"] - THUMB
+    return (slider["x"] + THUMB / 2 + (by + 0.5) * travel, slider["y"] + slider["height"] / 2)
+
+
+def slider_of(tab: Tab) -> Locator:
+    return tab.page.get_by_label("shift of all tables by density")
+
+
+def told(tab: Tab) -> float:
+    return float(tab.page.locator(".vs-shift output").inner_text().replace("−", "-"))
+
+
+def hold(tab: Tab, *way: float) -> None:
+    tab.page.mouse.move(*place(tab, 0.0))
+    tab.page.mouse.down()
+    for by in way:
+        tab.page.mouse.move(*place(tab, by), steps=6)
+
+
+def first_point(scene: Scene) -> float:
+    return scene.tables.opac.points[0][0]
+
+
+def test_all_tables_by_density_move_together_by_what_is_told(tab: Tab) -> None:
+    hold(tab, 0.33, 0.15)  # on the way it does not pass where it ends
+    scene = tab.waits_for(lambda scene: first_point(scene) == pytest.approx(0.35, abs=ONE_PIXEL))
+    by = first_point(scene) - first_point(SCENE)
+    assert told(tab) == pytest.approx(by * (WINDOW[1] - WINDOW[0]), abs=10)
+    tables = SCENE.tables
+    moved = {which: shifted(getattr(tables, which), by) for which in ("emit", "refl", "opac")}
+    assert near(scene.tables, msgspec.structs.replace(tables, **moved))
+    tab.page.mouse.up()
+    until(tab.page, lambda: told(tab) == 0)
+    assert slider_of(tab).input_value() == "0"
+    assert tab.scene.tables == scene.tables
+
+
+def near(found: Tables, expected: Tables, apart: float = ROUNDED) -> bool:
+    """Whether all points have the same values, at about the same places."""
+    for which in TITLES:
+        now, then = getattr(found, which).points, getattr(expected, which).points
+        if [value for _, value in now] != [value for _, value in then]:
+            return False
+        if [at for at, _ in now] != pytest.approx([at for at, _ in then], abs=apart):
+            return False
+    return True
+
+
+def test_a_whole_push_is_undone_at_once_and_the_next_begins_there(tab: Tab) -> None:
+    hold(tab, 0.3, 0.1)
+    tab.page.mouse.up()
+    once = tab.settles(lambda scene: first_point(scene) == pytest.approx(0.3, abs=ONE_PIXEL))
+    until(tab.page, lambda: told(tab) == 0)
+    hold(tab, -0.2, 0.1)
+    tab.page.mouse.up()
+    tab.settles(lambda scene: first_point(scene) == pytest.approx(0.4, abs=ONE_PIXEL))
+    until(tab.page, lambda: not tab.page.get_by_label("undo").is_disabled())
+    tab.page.get_by_label("undo").click()
+    tab.waits_for(lambda scene: scene == once)
+    tab.page.get_by_label("undo").click()
+    tab.waits_for(lambda scene: scene == SCENE)
+    until(tab.page, lambda: tab.page.get_by_label("undo").is_disabled())
+
+
+def test_what_is_pushed_off_the_axis_comes_back_while_it_is_held(tab: Tab) -> None:
+    hold(tab, 0.5)
+    tab.waits_for(lambda scene: len(scene.tables.opac.points) < 4 and first_point(scene) > 0.6)
+    assert tab.tables.opac.points[-1][0] == 1.0
+    tab.page.mouse.move(*place(tab, 0.0), steps=6)
+    tab.page.mouse.up()
+    until(tab.page, lambda: told(tab) == 0)
+    back = tab.settles(lambda scene: len(scene.tables.opac.points) == len(SCENE.tables.opac.points))
+    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+
+
+def test_keys_shift_by_steps(tab: Tab) -> None:
+    slider_of(tab).focus()
+    for _ in range(4):
+        tab.page.keyboard.press("ArrowRight")
+    tab.waits_for(lambda scene: first_point(scene) == pytest.approx(0.2 + 4 / 510, abs=ROUNDED))
+
+
+def test_tables_that_shift_are_shown_without_rendering_the_page(tab: Tab) -> None:
+    tab.page.evaluate(
+        """() => {
+            window.updates = [];
+            window.socket.onAny((kind) => kind === "update" && window.updates.push(kind));
+        }"""
+    )
+    first = tab.points("opac").first
+    before = float(first.get_attribute("cx") or 0)
+    hold(tab, 0.05, 0.2)
+    tab.waits_for(lambda scene: first_point(scene) == pytest.approx(0.4, abs=ONE_PIXEL))
+    until(tab.page, lambda: float(first.get_attribute("cx") or 0) > before + 40)
+    assert tab.page.evaluate("window.updates") == []
+    tab.page.mouse.up()

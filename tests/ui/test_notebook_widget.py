@@ -1,0 +1,109 @@
+"""The viewport in a notebook: what its two halves are given, and the scene as its trait."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+import traitlets
+
+from volsplat.client import Session
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.notebook_widget import VolumeWidget, modules_from
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import BadInput
+
+VIEW = "a view"
+WAIT = 60.0  # seconds
+
+
+class Notebook:
+    """Plays the notebook's part for one widget."""
+
+    def __init__(self, session: Session) -> None:
+        heard = self.heard = asyncio.Queue[tuple[dict[str, Any], list[bytes]]]()
+
+        class Spoken(VolumeWidget):
+            def send(self, content: dict[str, Any], buffers: list[bytes] | None = None) -> None:
+                heard.put_nowait((content, buffers or []))
+
+        self.widget = Spoken(session)
+
+    def says(self, message: dict[str, Any] | None) -> None:
+        text = None if message is None else json.dumps(message)
+        self.widget._handle_custom_msg({"view": VIEW, "text": text}, [])
+
+    async def picture(self, wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+        """The header of the first picture of that kind; all are acknowledged."""
+        while True:
+            content, buffers = await asyncio.wait_for(self.heard.get(), WAIT)
+            assert content["view"] == VIEW
+            if content["text"] is None:
+                length = int.from_bytes(buffers[0][:4], "little")
+                header: dict[str, Any] = json.loads(buffers[0][4 : 4 + length])
+                self.says({"type": "shown", "number": header["number"]})
+                if wanted(header):
+                    return header
+
+
+def in_notebook(tmp_path: Path, use: Callable[[Notebook], Awaitable[None]]) -> None:
+    path = tmp_path / "shells.nrrd"
+    write_volume(path, *make_phantom("shells", (16, 16, 16)))
+
+    async def run() -> None:
+        with Session(path, workers=1) as session:
+            notebook = Notebook(session)
+            notebook.says(None)
+            notebook.says({"type": "size", "width": 40, "height": 30})
+            await use(notebook)
+            notebook.widget.close()
+
+    asyncio.run(run())
+
+
+def test_the_hand_moves_the_trait_and_the_trait_the_picture(tmp_path: Path) -> None:
+    async def use(notebook: Notebook) -> None:
+        await notebook.picture(lambda header: bool(header["last"]) and header["width"] == 40)
+        turned = {"rotation": [0.6, 0.0, 0.0, 0.8], "zoom": 2.0, "center": [8, 8, 8], "settled": True, "event": 1}
+        notebook.says({"type": "view", **turned})
+        await notebook.picture(lambda header: header["event"] == 1)
+        assert notebook.widget.scene.view.rotation == (0.6, 0.0, 0.0, 0.8)
+        view = msgspec.structs.replace(notebook.widget.scene.view, zoom=3.0)
+        notebook.widget.scene = msgspec.structs.replace(notebook.widget.scene, view=view)
+        await notebook.picture(lambda header: bool(header["last"]) and header["view"]["zoom"] == 3.0)
+
+    in_notebook(tmp_path, use)
+
+
+def test_the_trait_takes_scenes_only(tmp_path: Path) -> None:
+    async def use(notebook: Notebook) -> None:
+        before: Scene = notebook.widget.scene
+        with pytest.raises(traitlets.TraitError):
+            notebook.widget.set_trait("scene", {"order": "btf"})
+        with pytest.raises(BadInput, match="zoom"):
+            notebook.widget.scene = with_zoom(before, "near")
+        assert notebook.widget.scene == before
+        notebook.widget.scene = with_zoom(before, np.float64(3.0))
+        assert type(notebook.widget.scene.view.zoom) is float
+
+    in_notebook(tmp_path, use)
+
+
+def with_zoom(scene: Scene, zoom: Any) -> Scene:
+    return msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, zoom=zoom))
+
+
+def test_each_module_comes_after_all_that_it_imports() -> None:
+    seen: set[str] = set()
+    for name, source in modules_from("viewport.js").items():
+        assert set(re.findall(r"""from\s+["']\./([\w.]+)["']""", source)) <= seen
+        seen.add(name)
+    assert name == "viewport.js"

@@ -1,0 +1,308 @@
+"""The whole page, from the real command, used in a real browser."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import httpx
+import pytest
+import torch
+from PIL import Image as PillowImage
+
+from support.pages.browser import browser, browser_page
+from support.pages.tables_tab import until
+from support.pages.viewed import Viewed, viewed
+from support.programs.programs import TIME_LIMIT
+from volsplat.bench.commands.page_command import dragged
+from volsplat.bench.slow_link import slow_link
+from volsplat.client.image.image_file import read_scene
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.scene.scene_file import scene_from_toml
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page"]
+
+# To the end, and in the size of the window: before the page has told it, another size may be finished.
+REFINED = """() => {
+    const viewport = window.volsplatViewport, picture = viewport?.log.at(-1);
+    return picture?.last && picture.width === viewport.canvas.clientWidth * devicePixelRatio &&
+        picture.height === viewport.canvas.clientHeight * devicePixelRatio;
+}"""
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
+    write_volume(path, *make_phantom("head", (48, 64, 56)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def view(volume: Path) -> Iterator[Viewed]:
+    with viewed(volume.parent, volume, "--workers", "2") as running:
+        yield running
+
+
+@pytest.fixture
+def page(view: Viewed, browser_page: Page) -> Page:
+    """The page with the volume refined to the end."""
+    return opened(browser_page, view.url)
+
+
+def opened(page: Page, url: str) -> Page:
+    page.goto(url)
+    page.wait_for_function(REFINED)
+    return page
+
+
+def canvas(page: Page) -> torch.Tensor:
+    """What is on the canvas, (H, W, 4) uint8."""
+    size: list[int] = page.evaluate("() => { const c = window.volsplatViewport.canvas; return [c.height, c.width]; }")
+    data = page.evaluate(
+        "() => window.volsplatViewport.canvas.toDataURL('image/png').slice('data:image/png;base64,'.length)"
+    )
+    image = PillowImage.open(io.BytesIO(base64.b64decode(data))).convert("RGBA")
+    return torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(*size, 4)
+
+
+def after(page: Page, action: Any) -> torch.Tensor:
+    """The canvas once the scene that the action makes is refined to the end."""
+    return _next_last(page, action, "revision")
+
+
+def draws_again(page: Page, action: Any, image: torch.Tensor) -> None:
+    """Do something after which the same scene is drawn anew, perhaps more than once, and wait until that is seen."""
+    _next_last(page, action, "number")
+    deadline = time.monotonic() + TIME_LIMIT
+    while not torch.equal(canvas(page), image):
+        assert time.monotonic() < deadline, "the scene is not drawn as before"
+        page.wait_for_timeout(50)
+
+
+def _next_last(page: Page, action: Any, rising: str) -> torch.Tensor:
+    before = page.evaluate(f"() => window.volsplatViewport.log.at(-1).{rising}")
+    action()
+    page.wait_for_function(
+        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.{rising} > {before}; }}"
+    )
+    return canvas(page)
+
+
+def drag(page: Page, dx: float, dy: float) -> None:
+    box = page.locator(".vs-view canvas").first.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + dx, y + dy, steps=8)
+    page.mouse.up()
+
+
+def test_the_page_shows_the_volume_and_every_part_of_the_scene(page: Page) -> None:
+    assert canvas(page)[..., :3].any()
+    for words in ("Emitted", "Reflected", "Opacity", "Modulation", "Shading", "View", "Bounds"):
+        assert page.get_by_text(words, exact=True).first.is_visible()
+
+
+def test_dragging_turns_the_volume_and_nothing_stale_is_shown(page: Page) -> None:
+    before = canvas(page)
+    turned = after(page, lambda: drag(page, 120, 40))
+    assert not torch.equal(before, turned)
+    numbers = page.evaluate("() => window.volsplatViewport.log.map(p => p.number)")
+    assert numbers == sorted(set(numbers))
+
+
+def test_the_value_under_the_pointer_is_marked_in_the_tables(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    line = page.locator('section[aria-label="Opacity"] [data-part="told"]')
+    expect(line).to_have_attribute("display", "none")
+    box = page.locator(".vs-view canvas").first.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    expect(line).to_have_attribute("display", "inline")
+    page.get_by_text("Tables", exact=True).hover()
+    expect(line).to_have_attribute("display", "none")
+
+
+def test_the_bars_under_the_opacity_are_tinted_where_reflected_light_is_by_the_same_field(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    tinted = page.locator('section[aria-label="Opacity"] .vs-tinted')
+    expect(tinted).to_have_count(1)
+    for control, count in (
+        (page.get_by_role("radio", name="refl by gradient strength"), 0),
+        (page.get_by_role("radio", name="refl by density"), 1),
+        (page.get_by_role("switch", name="diffuse"), 1),
+        (page.get_by_role("switch", name="specular"), 0),  # now nothing is reflected
+        (page.get_by_role("switch", name="diffuse"), 1),
+        (page.get_by_role("switch", name="specular"), 1),
+    ):
+        control.click()
+        expect(tinted).to_have_count(count)
+    assert page.locator(".vs-tinted").count() == 1
+
+
+def test_the_shift_moves_what_is_seen_where_a_table_is_by_density(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    before = canvas(page)
+    shift = page.get_by_label("shift of all tables by density")
+    box = shift.bounding_box()
+    assert box is not None
+    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + box["width"] / 4, y, steps=6)
+    page.mouse.up()
+    until(page, lambda: not torch.equal(canvas(page), before))
+    undo = page.get_by_label("undo", exact=True)
+    undo.click()
+    until(page, lambda: torch.equal(canvas(page), before))
+    for table in ("emit", "refl", "opac"):
+        expect(shift).to_be_enabled()
+        page.get_by_role("radio", name=f"{table} by gradient strength").click()
+    expect(shift).to_be_disabled()
+    for _ in range(3):
+        undo.click()
+    expect(shift).to_be_enabled()
+
+
+def test_reloading_the_page_brings_back_what_was_seen(page: Page) -> None:
+    turned = after(page, lambda: drag(page, -80, 30))
+    page.reload()
+    page.wait_for_function(REFINED)
+    assert torch.equal(canvas(page), turned)
+
+
+def test_two_tabs_stay_in_step(view: Viewed, page: Page) -> None:
+    other = page.context.new_page()
+    opened(other, view.url)
+    number = other.evaluate("() => window.volsplatViewport.log.at(-1).number")
+    after(page, lambda: drag(page, 60, 60))
+    other.wait_for_function(
+        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.number > {number}; }}"
+    )
+    assert torch.equal(canvas(other), canvas(page))
+    other.close()
+
+
+def save(page: Page, item: str) -> bytes:
+    page.get_by_role("button", name="save").click()
+    with page.expect_download() as download:
+        page.get_by_text(item).click()
+    return download.value.path().read_bytes()
+
+
+def test_the_saved_image_is_what_is_seen_and_holds_its_scene(page: Page, volume: Path, tmp_path: Path) -> None:
+    path = tmp_path / "saved.png"
+    path.write_bytes(save(page, "image as PNG"))
+    image = PillowImage.open(path).convert("RGBA")
+    saved = torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(image.height, image.width, 4)
+    assert torch.equal(saved, canvas(page))
+    scene = read_scene(path)
+    toml = save(page, "scene as TOML").decode()
+    assert scene_from_toml(toml, scene, "saved") == scene
+    assert (scene.image.width, scene.image.height) == (image.width, image.height)
+
+
+def test_a_scene_file_is_opened_and_a_bad_one_is_told_and_changes_nothing(page: Page, tmp_path: Path) -> None:
+    scene = save(page, "scene as TOML").decode()
+    good, bad = tmp_path / "good.toml", tmp_path / "bad.toml"
+    good.write_text(scene.replace('background = "#000000"', 'background = "#204060"'))
+    bad.write_text("[image]\nbackground = 7\n")
+    page.locator("input[type=file][accept='.toml']").first.set_input_files(bad)
+    page.get_by_text("image.background").wait_for()
+    assert save(page, "scene as TOML").decode() == scene
+    shown = after(page, lambda: page.locator("input[type=file][accept='.toml']").first.set_input_files(good))
+    assert shown[0, 0, :3].tolist() == [0x20, 0x40, 0x60]
+    page.locator(".vs-view canvas").first.focus()
+    undone = after(page, lambda: page.keyboard.press("Control+z"))
+    assert undone[0, 0, :3].tolist() == [0, 0, 0]
+
+
+def test_a_copied_link_restores_the_scene(view: Viewed, page: Page) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    seen = after(page, lambda: drag(page, 33, -44))
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("copy a link").click()
+    page.get_by_text("copied").wait_for()
+    link = page.evaluate("() => navigator.clipboard.readText()")
+    assert link.startswith(f"http://127.0.0.1:{view.port}/?scene=") and "token" not in link
+    after(page, lambda: drag(page, -99, 10))
+    opened(page, link)
+    assert torch.equal(canvas(page), seen)
+    assert httpx.get(link).status_code == 403  # it opens the page to nobody
+    page.goto(view.url + "&scene=AAAA")
+    page.get_by_text("this link holds no").wait_for()
+
+
+def test_without_the_token_there_is_one_line_and_nothing_else(view: Viewed, browser_page: Page) -> None:
+    for path in ("", "/volsplat/static/viewport/viewport.js", "/_nicegui/client"):
+        answer = httpx.get(f"http://127.0.0.1:{view.port}{path}")
+        assert answer.status_code == 403 and "token" in answer.text
+    browser_page.goto(f"http://127.0.0.1:{view.port}/")
+    assert browser_page.locator("canvas").count() == 0
+
+
+def test_through_a_slow_line_nothing_stale_is_shown_and_the_lag_does_not_grow(view: Viewed, browser_page: Page) -> None:
+    with slow_link(view.port, bits_per_second=20e6, round_trip=0.04) as port:
+        page = opened(browser_page, view.url.replace(f":{view.port}/", f":{port}/"))
+        moves = dragged(page, 90)
+        page.goto("about:blank")
+    assert moves.stale() == 0
+    events = [event for event, _ in moves.sent]
+    shown = [event for _, event, _ in moves.shown]
+    assert shown[-1] >= events[-1] and shown == sorted(shown)
+    # As many pictures as moves would mean that none was left out; the last third must not be further behind.
+    assert moves.growth() < 0.5
+
+
+def test_a_lost_server_is_told_on_the_page_and_the_rest_turns_on(volume: Path, browser_page: Page) -> None:
+    with viewed(volume.parent, volume, "--workers", "2") as view:
+        page = opened(browser_page, view.url)
+        box = page.locator(".vs-view canvas").first.bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + 200, box["y"] + 200)
+        page.mouse.down()
+        page.mouse.move(box["x"] + 220, box["y"] + 200, steps=4)
+        view.mapshade_servers()[0].kill()
+        page.get_by_text("of the volume are missing").first.wait_for()
+
+        def go_on() -> None:
+            page.mouse.move(box["x"] + 260, box["y"] + 210, steps=4)
+            page.mouse.up()
+
+        left = after(page, go_on)
+        assert left[..., :3].any()
+        page.goto("about:blank")
+
+
+@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="films need ffmpeg: apt install ffmpeg")
+def test_a_movie_is_made_with_progress_and_can_be_cancelled(page: Page) -> None:
+    before = canvas(page)
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("movie…").click()
+    images = page.get_by_label("images", exact=True)
+    images.fill("5000")
+    page.get_by_text("make the movie").click()
+    page.get_by_text(re.compile(r"image \d+ of 5000")).wait_for()
+    page.get_by_role("button", name="cancel").click()
+    page.get_by_text("cancelled").wait_for()
+    images.fill("4")
+    with page.expect_download() as download:
+        page.get_by_text("make the movie").click()
+    assert download.value.path().read_bytes()[4:8] == b"ftyp"
+    page.get_by_role("button", name="key scenes").click()
+    draws_again(page, page.get_by_text("make the movie").click, before)
+    page.get_by_text("4 frames cannot pass through 0 key scenes").wait_for()

@@ -1,0 +1,153 @@
+"""The messages' declarations agree: struct, table of rules, docstring, recorded bytes; bad fields are named."""
+
+from typing import Any
+
+import msgspec
+import pytest
+
+from support.messages.message_samples import RECORDED, SAMPLES, STRATEGIES, framed, speech_for
+from volsplat.protocol.messages import greetings, messages
+from volsplat.protocol.messages.message_rules import RULES, Phase, decode_control, encode_control
+from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.roles import DATA_LINK_TO_SPLAT, Way
+from volsplat.protocol.text.errors import LocalProtocolError, RemoteProtocolError
+from volsplat.protocol.wire.framing import Decoder
+
+kinds = pytest.mark.parametrize("kind", RULES, ids=lambda kind: kind.__name__)
+
+
+def all_kinds() -> set[type[Message]]:
+    declared = [*vars(messages).values(), *vars(greetings).values()]
+    kinds = {kind for kind in declared if isinstance(kind, type) and issubclass(kind, Message)}
+    return kinds - {Message, greetings.Greeting}
+
+
+def test_every_message_has_a_rule_a_sample_and_a_strategy() -> None:
+    assert set(RULES) == set(SAMPLES) == set(STRATEGIES) == all_kinds()
+
+
+@kinds
+def test_a_docstring_begins_with_who_sends_it_to_whom(kind: type[Message]) -> None:
+    rule = RULES[kind]
+    if rule.phase is Phase.GREETING:
+        begin = "Dialler to accepter" if issubclass(kind, greetings.Hello | greetings.Proof) else "Accepter to dialler"
+    else:
+        begin = _said_together(rule.ways)
+    assert (kind.__doc__ or "").startswith(f"{begin}: ")
+
+
+def _said_together(ways: tuple[Way, ...]) -> str:
+    senders = list(dict.fromkeys(str(way.sender) for way in ways))
+    receivers = list(dict.fromkeys(str(way.receiver) for way in ways))
+    text = f"{' or '.join(senders)} to {' and '.join(receivers)}"
+    return text[0].upper() + text[1:]
+
+
+@kinds
+def test_recorded_bytes_of_this_version_decode_for_ever(kind: type[Message]) -> None:
+    path = RECORDED / f"{kind.__name__}.bin"
+    (received,) = Decoder(speech_for(kind)).feed(path.read_bytes())
+    assert (received.message, bytes(received.payload)) == SAMPLES[kind]
+
+
+@kinds
+def test_an_unknown_field_is_refused_by_name(kind: type[Message]) -> None:
+    fields = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
+    control = msgspec.msgpack.encode({**fields, "surprise": 1})
+    with pytest.raises(RemoteProtocolError, match="unknown field `surprise`"):
+        list(Decoder(speech_for(kind)).feed(framed(control)))
+
+
+@kinds
+def test_an_unknown_field_within_a_field_is_refused_by_place(kind: type[Message]) -> None:
+    fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
+    for name, value in fields.items():
+        if isinstance(value, dict) and all(isinstance(key, str) for key in value):  # others are keyed by ids
+            control = msgspec.msgpack.encode({**fields, name: {**value, "surprise": 1}})
+            with pytest.raises(RemoteProtocolError, match=rf"unknown field `surprise` - at `\$\.{name}`"):
+                list(Decoder(speech_for(kind)).feed(framed(control)))
+
+
+@kinds
+def test_a_missing_field_is_refused_by_name(kind: type[Message]) -> None:
+    fields = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
+    needed = [field.name for field in msgspec.structs.fields(kind) if field.required]
+    for name in needed:
+        control = msgspec.msgpack.encode({key: value for key, value in fields.items() if key != name})
+        with pytest.raises(RemoteProtocolError, match=f"missing required field `{name}`"):
+            list(Decoder(speech_for(kind)).feed(framed(control)))
+
+
+@kinds
+def test_a_field_of_another_type_is_refused_by_name(kind: type[Message]) -> None:
+    fields = msgspec.msgpack.decode(encode_control(SAMPLES[kind][0]))
+    for field in msgspec.structs.fields(kind):
+        control = msgspec.msgpack.encode({**fields, field.name: None})
+        with pytest.raises(RemoteProtocolError, match=rf"\$\.{field.name}"):
+            list(Decoder(speech_for(kind)).feed(framed(control)))
+
+
+@pytest.mark.parametrize(
+    ("message", "field", "value", "limit"),
+    [
+        (messages.AbortFrame(0), "$.frame", "0", "1"),
+        (messages.AbortFrame(messages.LARGEST_ID + 1), "$.frame", "2147483648", "2147483647"),
+        (greetings.Welcome(-1, bytes(32)), "$.id", "-1", "1"),
+        (greetings.Proof(bytes(31)), "$.proof", "x00", "32"),
+        (messages.ConnectedToSplatServers([1, 0]), "$.servers[1]", "0", "1"),
+        (
+            messages.ConnectToSplatServers([messages.Route(1, "here", 65536, bytes(32))]),
+            "$.routes[0].port",
+            "65536",
+            "65535",
+        ),
+        (messages.HistogramsCounted(1, 65537, 1), "$.bins", "65537", "65536"),
+        (messages.Refused("x" * 1001, ""), "$.request", "xxx", "1000"),
+        (messages.VoxelsPacked(1, 1, 1, float("nan")), "$.seconds", "nan", "0"),
+    ],
+)
+def test_a_refusal_names_field_value_and_limit(message: Message, field: str, value: str, limit: str) -> None:
+    with pytest.raises(RemoteProtocolError) as caught:
+        decode_control(encode_control(message), RULES[type(message)].phase)
+    for part in (field, value, limit):
+        assert part in str(caught.value)
+
+
+def test_boxes_without_voxels_are_refused() -> None:
+    fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.ReadSubCubes][0]))
+    for box in ([[0, 0, 0], [4, 0, 4]], [[-1, 0, 0], [4, 4, 4]], [[5, 0, 0], [4, 4, 4]]):
+        with pytest.raises(RemoteProtocolError, match="low < high"):
+            decode_control(msgspec.msgpack.encode({**fields, "boxes": [box]}), Phase.OPEN)
+
+
+@pytest.mark.parametrize("shape", [(1, 0), (0, 1), (3, 2)])
+def test_a_batch_has_a_run_for_each_packet_and_a_packet_in_each_run(shape: tuple[int, int]) -> None:
+    fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.Batch][0]))
+    control = msgspec.msgpack.encode({**fields, "run_count": shape[0], "packet_count": shape[1]})
+    with pytest.raises(RemoteProtocolError, match="each packet is in a run"):
+        list(Decoder(speech_for(messages.Batch)).feed(framed(control)))
+
+
+def test_an_empty_batch_may_say_that_a_worker_is_done() -> None:
+    control = encode_control(messages.Batch(1, 2, 0, messages.RAW, 0, 0, 3, 4, True))
+    (received,) = Decoder(speech_for(messages.Batch)).feed(framed(control))
+    assert received.payload.nbytes == 0
+
+
+def test_a_scene_that_does_not_check_is_refused_with_its_place() -> None:
+    fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.RenderFrame][0]))
+    fields["scene"]["image"] = {"width": 0}
+    with pytest.raises(RemoteProtocolError, match=r"width must be 1 to 16384 pixels, not 0.*\$\.scene\.image"):
+        decode_control(msgspec.msgpack.encode(fields), Phase.OPEN)
+
+
+def test_a_field_that_cannot_be_encoded_is_our_mistake() -> None:
+    with pytest.raises(LocalProtocolError, match="AbortFrame"):
+        encode_control(messages.AbortFrame(1 << 70))
+
+
+def test_only_the_data_link_carries_batches() -> None:
+    assert RULES[messages.Batch].ways == (DATA_LINK_TO_SPLAT,)
+    assert [kind for kind, rule in RULES.items() if rule.phase is Phase.OPEN and DATA_LINK_TO_SPLAT in rule.ways] == [
+        messages.Batch
+    ]
