@@ -27,7 +27,6 @@ class LocalServers:
     def __init__(self, on_end: Callable[[str], None]) -> None:
         self._on_end = on_end
         self._processes: list[subprocess.Popen[bytes]] = []
-        self._watchers: list[threading.Thread] = []
 
     def start(self, program: Program, address: str, token: Token) -> None:
         """Start one server that dials `address` (HOST:PORT)."""
@@ -38,12 +37,10 @@ class LocalServers:
             stdout=subprocess.DEVNULL,
             start_new_session=True,
         )
-        watcher = threading.Thread(
-            target=self._watch, args=(program, process), name=f"watch {program.title}", daemon=True
-        )
         self._processes.append(process)
-        self._watchers.append(watcher)
-        watcher.start()
+        threading.Thread(
+            target=self._watch, args=(program, process), name=f"watch {program.title}", daemon=True
+        ).start()
 
     @property
     def process_ids(self) -> list[int]:
@@ -73,7 +70,14 @@ class LocalServers:
                 if end is not None and process.poll() is None:
                     end(process)
             deadline = time.monotonic() + GRACE_SECONDS
-            for watcher in self._watchers:
-                watcher.join(max(0.0, deadline - time.monotonic()))
-            if not any(watcher.is_alive() for watcher in self._watchers):
+            if all([_ended_by(deadline, process) for process in self._processes]):
                 return
+
+
+def _ended_by(deadline: float, process: "subprocess.Popen[bytes]") -> bool:
+    """Whether the process has ended at a moment of time.monotonic()."""
+    try:
+        process.wait(max(0.0, deadline - time.monotonic()))
+    except subprocess.TimeoutExpired:
+        return False
+    return True

@@ -20,7 +20,8 @@ from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.timing import wall_seconds
-from volsplat.client.session.session import FrameAborted, Session
+from volsplat.client.session.asked_frames import FrameAborted
+from volsplat.client.session.session import Session
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Image, Scene, View
 

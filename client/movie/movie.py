@@ -24,8 +24,8 @@ from volsplat.client.image.image_file import over_background, write_image
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.image.temporary_name import temporary_name
 from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
+from volsplat.client.session.asked_frames import FrameAborted
 from volsplat.client.session.renderer import Renderer
-from volsplat.client.session.session import FrameAborted
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput, VolsplatError

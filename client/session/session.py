@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import logging
 import queue
-import socket
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -41,20 +40,16 @@ from volsplat.client.coordinator.coordinator_events import (
     FailSession,
     FrameAsked,
     Instruction,
-    MessageReceived,
     PartialImageAsked,
     ProbeAsked,
     PublishImage,
     PublishVolume,
     ReportProgress,
     Send,
-    ServerJoined,
-    ServerLost,
-    ServerProcessEnded,
     VolumeAsked,
 )
 from volsplat.client.coordinator.server_states import ServerState, VolumeIncomplete
-from volsplat.client.session.outgoing import Outgoing
+from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.probe_answers import ProbeAnswers
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
@@ -63,21 +58,14 @@ from volsplat.client.session.renderer import (
     StepOutcome,
     refined,
 )
+from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.deploy.local import LocalServers
-from volsplat.deploy.server_command import Program
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.greetings import Hello
-from volsplat.protocol.messages.refusals import refusal
-from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
-from volsplat.protocol.wire.buffer_pool import BufferPool
-from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection, Peer
-from volsplat.protocol.wire.listener import IdCounter, Listener
 from volsplat.protocol.wire.tokens import Token, new_token
 
 if TYPE_CHECKING:
@@ -88,12 +76,6 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
-FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
-Answers = queue.SimpleQueue[PublishImage | EndFrame]  # to one frame's request
-
-
-class FrameAborted(Exception):
-    """The frame was aborted, by `abort` or because a newer one was asked for."""
 
 
 class Session:
@@ -129,13 +111,7 @@ class Session:
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
-        self._connections: dict[int, Connection] = {}  # touched by the coordinator's and the receiving threads
-        self._outgoing: dict[int, Outgoing] = {}  # likewise
-        self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
-        self._connections_lock = threading.Lock()  # guards _connections and _outgoing
-        self._frames: dict[int, Answers] = {}
-        self._newest_frame = 0
-        self._frames_lock = threading.Lock()  # guards _frames and _newest_frame
+        self._frames = AskedFrames()
         self._probe_answers = ProbeAnswers()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
@@ -143,26 +119,13 @@ class Session:
         self._closed = False
         self._closing = threading.Lock()  # guards _closed, until nothing is left
 
-        token = token or new_token()
-        self._listener = Listener(
-            Role.CLIENT,
-            token,
-            host=listen.host,
-            port=listen.port,
-            assign_id=ServerIds(lambda: len(self._connections)),
-            allocate=BufferPool(),
-        )
-        self._servers = LocalServers(on_end=lambda line: self._events.put(ServerProcessEnded(line)))
+        self._links = ServerLinks(listen, token or new_token(), self._events.put, lambda: self._frames.newest)
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
-        threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
         wanted = workers or usable_cores()
         try:
             if spawn:
-                address = str(self.address)
-                self._servers.start(Program.SPLAT_SERVER, address, token)
-                for _ in range(wanted):
-                    self._servers.start(Program.MAPSHADE_SERVER, address, token)
+                self._links.start(wanted)
             self._events.put(VolumeAsked(absolute_name(name) if spawn else name, wanted, memory, held))
         except BaseException:
             self.close()
@@ -173,12 +136,12 @@ class Session:
     @property
     def address(self) -> Address:
         """Where servers join."""
-        return self._listener.address
+        return self._links.address
 
     @property
     def server_processes(self) -> list[int]:
         """Process ids of the servers that this session started."""
-        return self._servers.process_ids
+        return self._links.process_ids
 
     @property
     def servers(self) -> list[ServerState]:
@@ -208,8 +171,7 @@ class Session:
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
         scene, step = checked_scene(scene), checked_step(step)
-        frame, answers = self._ask(scene, step, whole=True)
-        *_, finished = self._drawn(frame, answers, step, partial_interval=None)
+        *_, finished = self._drawn(*self._ask(scene, step, whole=True), step, partial_interval=None)
         return finished
 
     def refine(
@@ -254,7 +216,7 @@ class Session:
         started = time.perf_counter()
         patience = partial_interval
         try:
-            while (answer := self._answer(answers, patience)) is None or answer.outcome is None:
+            while (answer := next_image(answers, patience)) is None or answer.outcome is None:
                 if answer is None:
                     self._events.put(PartialImageAsked(frame))
                     patience = None  # one request at a time: its image or the finished one will come
@@ -263,8 +225,7 @@ class Session:
                     patience = partial_interval
         finally:
             # Also where whoever asked has lost interest: then nobody need draw on.
-            with self._frames_lock:
-                del self._frames[frame]
+            self._frames.forget(frame)
             self._events.put(AbortAsked(frame))
         image = _published(answer)
         now = time.perf_counter()
@@ -294,10 +255,7 @@ class Session:
 
     def abort(self) -> None:
         """Abort what runs; whoever waits for it gets FrameAborted once every server has acknowledged."""
-        with self._frames_lock:
-            aborted = self._newest_frame
-            self._newest_frame += 1  # a refinement between two steps is superseded as well
-        self._events.put(AbortAsked(aborted))
+        self._events.put(AbortAsked(self._frames.supersede()))
 
     def close(self) -> None:
         """End the session and every server that it started, within two seconds. Safe to call twice.
@@ -312,15 +270,7 @@ class Session:
     def _close(self) -> None:
         self._events.put(None)
         self._coordinator_thread.join()
-        self._listener.close()
-        with self._connections_lock:
-            connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
-        until = time.monotonic() + FAREWELL_SECONDS
-        for posts in outgoing:
-            posts.flush(until)
-        for connection in connections:
-            connection.close()
-        self._servers.stop()
+        self._links.close()
         self._fail(PeerLost("the session is closed"))
 
     def __enter__(self) -> Session:
@@ -335,182 +285,43 @@ class Session:
 
     def _ask(self, scene: Scene, step: Step, whole: bool, after: int | None = None) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameAborted where something else was asked since frame `after`."""
-        answers: Answers = queue.SimpleQueue()
-        with self._frames_lock:
-            if self._failure is not None:
-                raise self._failure
-            if after is not None and after != self._newest_frame:
-                raise FrameAborted(f"what followed frame {after} was superseded")
-            self._newest_frame += 1
-            frame = self._newest_frame
-            self._frames[frame] = answers
+        frame, answers = self._frames.ask(after)
         self._events.put(FrameAsked(frame, scene, step, whole))
         return frame, answers
-
-    def _answer(self, answers: Answers, patience: float | None) -> PublishImage | None:
-        """The next image of a frame, or None after `patience` seconds. Raises what ended it otherwise."""
-        try:
-            answer = answers.get(timeout=patience)
-        except queue.Empty:
-            return None
-        if isinstance(answer, PublishImage):
-            return answer
-        raise answer.error or FrameAborted(f"frame {answer.frame} was aborted")
-
-    # -- threads
-
-    def _accept(self) -> None:
-        while (connection := self._listener.accept()) is not None:
-            receiver = threading.Thread(
-                target=self._receive, args=(connection,), name=f"receive from {connection.peer}", daemon=True
-            )
-            try:
-                receiver.start()
-            except RuntimeError as error:  # the system has no thread left to give
-                self._drop(connection, error)
-
-    def _drop(self, connection: Connection, cause: Exception) -> None:
-        self._listener.lines.warn(f"{connection} is dropped: {cause}")
-        connection.close()
-
-    def _receive(self, connection: Connection) -> None:
-        peer = self._peers[connection.peer.id] = connection.peer
-        try:
-            outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
-        except RuntimeError as error:  # likewise
-            self._drop(connection, error)
-            return
-        with self._connections_lock:
-            self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
-        data = Address(peer.data_host, peer.data_port)
-        elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
-        self._events.put(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
-        cause = "this side closed the connection"
-        try:
-            while (received := connection.receive()) is not None:
-                at = time.perf_counter()
-                if isinstance(received.message, messages.FrameFinished):
-                    self._tell_ends(received.message)
-                elif isinstance(received.message, messages.Refused) and received.message.peer_lost:
-                    self._tell_end_of_splat_server()
-                self._events.put(MessageReceived(peer.id, received.message, received.payload, at))
-        except VolsplatError as error:
-            cause = self._told_loss(peer, error)
-            if isinstance(error, RemoteProtocolError):
-                self._listener.lines.warn(f"{error}; the connection is closed")
-        except MemoryError:
-            cause = f"the memory does not suffice for what {peer} sends; ask for a smaller image (--size)"
-            connection.close()
-        with self._connections_lock:
-            del self._connections[peer.id], self._outgoing[peer.id]
-        outgoing.end()
-        self._events.put(ServerLost(peer.id, cause))
 
     def _coordinate(self) -> None:
         try:
             while (event := self._events.get()) is not None:
                 for instruction in self._coordinator.handle(event):
                     self._carry_out(instruction)
-        except Exception as error:  # a mistake of ours, or in `on_progress`: whoever waits must hear of it
+        except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
             log.exception("the session cannot go on")
             self._fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
-        with self._connections_lock:
-            servers = list(self._connections)
-        for server in servers:
-            self._send(server, messages.EndSession())
+        self._links.send_to_all(messages.EndSession())
 
     def _carry_out(self, instruction: Instruction) -> None:
         match instruction:
             case Send(server, message, payload):
-                self._send(server, message, payload)
+                self._links.send(server, message, payload)
             case CutOff(server, cause):
-                self._cut_off(server, cause)
+                self._links.cut_off(server, cause)
             case ReportProgress(text):
                 self._on_progress(text)
             case PublishVolume(volume):
                 self._volume = volume
                 self._volume_known.set()
-            case PublishImage(frame=frame) | EndFrame(frame=frame):
-                with self._frames_lock:
-                    answers = self._frames.get(frame)
-                if answers is not None:
-                    answers.put(instruction)
+            case PublishImage() | EndFrame():
+                self._frames.give(instruction)
             case AnswerProbe():
                 self._probe_answers.give(instruction)
             case FailSession(error):
                 self._fail(error)
 
-    def _send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
-        """Have it sent; nobody waits for a server that does not read."""
-        with self._connections_lock:
-            outgoing = self._outgoing.get(server)
-        if outgoing is not None:  # else its loss is on the way as an event
-            outgoing.post(message, *payload)
-
-    def _tell_ends(self, finished: messages.FrameFinished) -> None:
-        """Of workers that the splat server calls lost, say how their processes ended, if they did.
-
-        Of an older frame workers are lost that went on to the newest one: nobody waits for them to end.
-        """
-        with self._frames_lock:
-            lost = finished.lost if finished.frame == self._newest_frame else []
-        for worker in lost:
-            if (peer := self._peers.get(worker)) is not None:
-                self._tell_end(peer)
-
-    def _tell_end_of_splat_server(self) -> None:
-        """A map/shade server may miss the splat server before this process does; how that ended is known here alone."""
-        for peer in list(self._peers.values()):
-            if peer.role == Role.SPLAT_SERVER:
-                self._tell_end(peer)
-
-    def _tell_end(self, peer: Peer) -> None:
-        if ended := self._servers.told_end(peer.name):
-            self._events.put(ServerLost(peer.id, f"{peer} is gone: it {ended}"))
-
-    def _told_loss(self, peer: Peer, error: VolsplatError) -> str:
-        """Why a server is lost, with how its process ended where that is known."""
-        ended = self._servers.told_end(peer.name) if OWN_OUTPUT in str(error) else ""
-        return str(error).replace(OWN_OUTPUT, f"it {ended}") if ended else str(error)
-
-    def _unsent(self, peer: Peer, message: messages.Message, error: VolsplatError) -> None:
-        if isinstance(error, LocalProtocolError):  # nothing of it went out: as if the server had refused it
-            refused = refusal(message, error)
-            self._events.put(MessageReceived(peer.id, refused, memoryview(b""), time.perf_counter()))
-        else:
-            self._events.put(ServerLost(peer.id, self._told_loss(peer, error)))
-
-    def _cut_off(self, server: int, cause: str) -> None:
-        self._listener.lines.warn(f"{cause}; the connection is closed")
-        with self._connections_lock:
-            connection = self._connections.get(server)
-        if connection is not None:
-            connection.close()
-
     def _fail(self, error: VolsplatError) -> None:
-        with self._frames_lock:
-            self._failure = self._failure or error
-            waiting = list(self._frames.items())
-        for frame, answers in waiting:
-            answers.put(EndFrame(frame, error))
+        self._failure = self._failure or error
+        self._frames.fail(error)
         self._probe_answers.fail(error)
         self._volume_known.set()
-
-
-class ServerIds:
-    """Gives ids to servers; nothing but servers may join a client, and no more of them than messages can name."""
-
-    def __init__(self, present: Callable[[], int]) -> None:
-        """`present`: how many servers there are."""
-        self._present = present
-        self._counter = IdCounter()
-
-    def __call__(self, hello: Hello) -> int:
-        if hello.role not in (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER):
-            raise BadInput(f"a {hello.role} cannot join a client")
-        if self._present() >= messages.MAX_SERVERS:
-            raise BadInput(f"{messages.MAX_SERVERS} servers have joined already, which is as many as there can be")
-        return self._counter(hello)
 
 
 def _published(image: PublishImage) -> PublishedImage:

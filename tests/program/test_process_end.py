@@ -1,11 +1,16 @@
 """How a process that has ended is told of."""
 
+import os
 import subprocess
 import sys
+import threading
 
 import pytest
 
+from volsplat.deploy.local import LocalServers
 from volsplat.deploy.process_end import told_end
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.wire.tokens import new_token
 
 
 @pytest.mark.parametrize(
@@ -21,3 +26,18 @@ from volsplat.deploy.process_end import told_end
 def test_a_signal_is_named_and_a_status_points_to_the_output(ends: str, told: str) -> None:
     ended = subprocess.run([sys.executable, "-c", f"import os, signal, sys; {ends}"])
     assert told_end(ended.returncode).startswith(told)
+
+
+def test_a_start_that_is_interrupted_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(thread: threading.Thread) -> None:
+        raise KeyboardInterrupt
+
+    servers = LocalServers(on_end=lambda line: None)
+    with monkeypatch.context() as patched:
+        patched.setattr(threading.Thread, "start", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            servers.start(Program.SPLAT_SERVER, "127.0.0.1:9", new_token())
+    servers.stop()
+    (process,) = servers.process_ids
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)

@@ -40,7 +40,7 @@ carry_out = Session._carry_out
 
 def stop_and_carry_out(session, instruction):
     if isinstance(instruction, Send) and isinstance(instruction.message, HoldPart):
-        peer = session._connections[instruction.server].peer
+        peer = session._links._connections[instruction.server].peer
         os.kill(int(re.search(r"process (\\d+)", peer.name)[1]), signal.SIGSTOP)
         print("stopped", peer.name, flush=True)
     carry_out(session, instruction)

@@ -15,7 +15,7 @@ import torch
 from support.files.head_volume import head, single, skin
 from support.messages.message_samples import SAMPLES
 from volsplat.client import Session
-from volsplat.client.session.session import FrameAborted
+from volsplat.client.session.asked_frames import FrameAborted
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Refine, Step
 from volsplat.protocol.messages import messages
@@ -205,7 +205,7 @@ class LittleMemory(BufferPool):
 def test_an_image_that_the_memory_does_not_hold_is_waited_for_by_nobody(
     head: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("volsplat.client.session.session.BufferPool", LittleMemory)
+    monkeypatch.setattr("volsplat.client.session.server_links.BufferPool", LittleMemory)
     with Session(head, workers=1) as session:
         with pytest.raises(PeerLost, match="the memory does not suffice for what splat server .* sends; ask for"):
             session.render(skin(session))
@@ -221,13 +221,13 @@ def test_nobody_waits_for_the_end_of_workers_that_have_gone_on_to_a_newer_frame(
         waited_for.append(name)
         return ""
 
-    monkeypatch.setattr(session._servers, "told_end", told_end)
+    monkeypatch.setattr(session._links._local, "told_end", told_end)
     worker = next(server.id for server in session.servers if server.role is Role.MAPSHADE_SERVER)
     sample = SAMPLES[messages.FrameFinished][0]
-    for frame, times in ((session._newest_frame - 1, 0), (session._newest_frame, 1)):
+    for frame, times in ((session._frames.newest - 1, 0), (session._frames.newest, 1)):
         finished = msgspec.structs.replace(sample, frame=frame, complete=False, lost=[worker])
         assert isinstance(finished, messages.FrameFinished)
-        session._tell_ends(finished)
+        session._links._report_ends(finished)
         assert len(waited_for) == times
 
 
@@ -236,7 +236,7 @@ def test_a_refinement_that_nobody_finishes_is_forgotten_and_aborted(session: Ses
         break
     gc.collect()
     assert session.render(skin(session)).shape == (80, 96, 4)
-    assert session._frames == {}
+    assert session._frames._answers == {}
 
 
 @pytest.mark.parametrize("thread", ["receive from map/shade", "send to map/shade"])

@@ -20,7 +20,7 @@ from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import FailSession, Instruction, MessageReceived, Send, ServerLost
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session.session import ServerIds
+from volsplat.client.session.server_links import ServerIds
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Image, Step
 from volsplat.protocol.messages import messages

@@ -1,0 +1,199 @@
+"""The servers of a session: started here or by hand, joined, heard, told, and lost.
+
+Each server is heard by a thread and told by another; whatever comes of it is an event for the coordinator.
+"""
+
+import socket
+import threading
+import time
+from collections.abc import Callable
+
+from volsplat.client.coordinator.coordinator_events import (
+    Event,
+    MessageReceived,
+    ServerJoined,
+    ServerLost,
+    ServerProcessEnded,
+)
+from volsplat.client.session.outgoing import Outgoing
+from volsplat.deploy.local import LocalServers
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.greetings import Hello
+from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.buffer_pool import BufferPool
+from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection, Peer
+from volsplat.protocol.wire.listener import IdCounter, Listener
+from volsplat.protocol.wire.tokens import Token
+
+FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
+
+
+class ServerLinks:
+    """Connections to the servers that join at `listen`. `on_event` is called by any thread."""
+
+    def __init__(
+        self, listen: Address, token: Token, on_event: Callable[[Event], None], newest_frame: Callable[[], int]
+    ) -> None:
+        """`newest_frame` is the number of the frame that is waited for."""
+        self._on_event = on_event
+        self._newest_frame = newest_frame
+        self._token = token
+        self._connections: dict[int, Connection] = {}
+        self._outgoing: dict[int, Outgoing] = {}
+        self._lock = threading.Lock()  # guards _connections and _outgoing
+        self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
+        self._listener = Listener(
+            Role.CLIENT,
+            token,
+            host=listen.host,
+            port=listen.port,
+            assign_id=ServerIds(lambda: len(self._connections)),
+            allocate=BufferPool(),
+        )
+        self._local = LocalServers(on_end=lambda line: on_event(ServerProcessEnded(line)))
+        threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
+
+    @property
+    def address(self) -> Address:
+        """Where servers join."""
+        return self._listener.address
+
+    @property
+    def process_ids(self) -> list[int]:
+        """Of the servers that were started here."""
+        return self._local.process_ids
+
+    def start(self, workers: int) -> None:
+        """Start a splat server and as many map/shade servers on this machine."""
+        for program in (Program.SPLAT_SERVER, *[Program.MAPSHADE_SERVER] * workers):
+            self._local.start(program, str(self.address), self._token)
+
+    def send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
+        """Have it sent; nobody waits for a server that does not read."""
+        with self._lock:
+            outgoing = self._outgoing.get(server)
+        if outgoing is not None:  # else its loss is on the way as an event
+            outgoing.post(message, *payload)
+
+    def send_to_all(self, message: messages.Message) -> None:
+        with self._lock:
+            servers = list(self._connections)
+        for server in servers:
+            self.send(server, message)
+
+    def cut_off(self, server: int, cause: str) -> None:
+        """Close the connection to a server that does not keep to the protocol."""
+        self._listener.lines.warn(f"{cause}; the connection is closed")
+        with self._lock:
+            connection = self._connections.get(server)
+        if connection is not None:
+            connection.close()
+
+    def close(self) -> None:
+        """Close every connection once what was posted is sent, and end every server that was started here."""
+        self._listener.close()
+        with self._lock:
+            connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
+        until = time.monotonic() + FAREWELL_SECONDS
+        for posts in outgoing:
+            posts.flush(until)
+        for connection in connections:
+            connection.close()
+        self._local.stop()
+
+    def _accept(self) -> None:
+        while (connection := self._listener.accept()) is not None:
+            receiver = threading.Thread(
+                target=self._receive, args=(connection,), name=f"receive from {connection.peer}", daemon=True
+            )
+            try:
+                receiver.start()
+            except RuntimeError as error:  # the system has no thread left to give
+                self._drop(connection, error)
+
+    def _drop(self, connection: Connection, cause: Exception) -> None:
+        self._listener.lines.warn(f"{connection} is dropped: {cause}")
+        connection.close()
+
+    def _receive(self, connection: Connection) -> None:
+        peer = self._peers[connection.peer.id] = connection.peer
+        try:
+            outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
+        except RuntimeError as error:  # likewise
+            self._drop(connection, error)
+            return
+        with self._lock:
+            self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
+        data = Address(peer.data_host, peer.data_port)
+        elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
+        self._on_event(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
+        cause = self._heard_until_lost(connection)
+        with self._lock:
+            del self._connections[peer.id], self._outgoing[peer.id]
+        outgoing.end()
+        self._on_event(ServerLost(peer.id, cause))
+
+    def _heard_until_lost(self, connection: Connection) -> str:
+        """Make events of all that a server says; returns why it says no more."""
+        peer = connection.peer
+        try:
+            while (received := connection.receive()) is not None:
+                at = time.perf_counter()
+                self._report_ends(received.message)
+                self._on_event(MessageReceived(peer.id, received.message, received.payload, at))
+        except VolsplatError as error:
+            if isinstance(error, RemoteProtocolError):
+                self._listener.lines.warn(f"{error}; the connection is closed")
+            return self._cause_of_loss(peer, error)
+        except MemoryError:
+            connection.close()
+            return f"the memory does not suffice for what {peer} sends; ask for a smaller image (--size)"
+        return "this side closed the connection"
+
+    def _report_ends(self, message: messages.Message) -> None:
+        """Of servers that another server calls lost, say how their processes ended, which is known here alone.
+
+        Of an older frame workers are lost that went on to the newest one: nobody waits for them to end.
+        """
+        match message:
+            case messages.FrameFinished(frame=frame, lost=lost) if frame == self._newest_frame():
+                missed = [self._peers[worker] for worker in lost if worker in self._peers]
+            case messages.Refused(peer_lost=True):
+                missed = [peer for peer in list(self._peers.values()) if peer.role == Role.SPLAT_SERVER]
+            case _:
+                return
+        for peer in missed:
+            if ended := self._local.told_end(peer.name):
+                self._on_event(ServerLost(peer.id, f"{peer} is gone: it {ended}"))
+
+    def _cause_of_loss(self, peer: Peer, error: VolsplatError) -> str:
+        """Why a server is lost, with how its process ended if that is known."""
+        ended = self._local.told_end(peer.name) if OWN_OUTPUT in str(error) else ""
+        return str(error).replace(OWN_OUTPUT, f"it {ended}") if ended else str(error)
+
+    def _unsent(self, peer: Peer, message: messages.Message, error: VolsplatError) -> None:
+        if isinstance(error, LocalProtocolError):  # nothing of it went out: as if the server had refused it
+            refused = refusal(message, error)
+            self._on_event(MessageReceived(peer.id, refused, memoryview(b""), time.perf_counter()))
+        else:
+            self._on_event(ServerLost(peer.id, self._cause_of_loss(peer, error)))
+
+
+class ServerIds:
+    """Gives ids to servers; nothing but servers may join a client, and no more of them than messages can name."""
+
+    def __init__(self, present: Callable[[], int]) -> None:
+        """`present`: how many servers there are."""
+        self._present = present
+        self._counter = IdCounter()
+
+    def __call__(self, hello: Hello) -> int:
+        if hello.role not in (Role.MAPSHADE_SERVER, Role.SPLAT_SERVER):
+            raise BadInput(f"a {hello.role} cannot join a client")
+        if self._present() >= messages.MAX_SERVERS:
+            raise BadInput(f"{messages.MAX_SERVERS} servers have joined already, which is as many as there can be")
+        return self._counter(hello)
