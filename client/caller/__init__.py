@@ -1,1 +1,1 @@
-"""The caller of the API and the person at the keyboard: what they hand in, and how they interrupt."""
+"""What a caller or a person hands in, and how they interrupt."""

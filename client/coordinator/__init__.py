@@ -1,1 +1,1 @@
-"""Divides the volume among map/shade servers, follows what each holds, and brings frames about."""
+"""Divides the volume among servers, follows what each holds, and has frames drawn."""

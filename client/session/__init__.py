@@ -1,1 +1,1 @@
-"""A volume open for drawing, by servers or in a single process, and what is reported of its frames."""
+"""A volume open for drawing, by servers or in a single process."""

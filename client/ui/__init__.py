@@ -1,1 +1,1 @@
-"""The interactive client: a page in the browser that shows the volume and every control of the scene."""
+"""The page in the browser: the volume, and every control of the scene."""

@@ -1,4 +1,4 @@
-"""Volume readers: each describes a volume and hands over boxes of its voxels. They import nothing but `protocol`."""
+"""Volume readers: each describes a volume and hands over boxes of its voxels."""
 
 from volsplat.mapshade_server.readers.open_volume import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader

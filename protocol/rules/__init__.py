@@ -1,1 +1,1 @@
-"""What every process must work out alike: levels, lattices, the order of voxels, footprints, packet bits."""
+"""What processes must work out alike: levels, lattices, orders, footprints, packet bits."""

@@ -1,1 +1,1 @@
-"""What is shown to people: errors, names and numbers made fit to print, and never too many lines of it."""
+"""What people read: errors, and names and numbers made fit to print."""

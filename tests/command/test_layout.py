@@ -1,6 +1,5 @@
 """The package's doors: who may import whom, what lands in site-packages, what starts without torch."""
 
-import ast
 import os
 import subprocess
 import sys
@@ -10,60 +9,21 @@ from pathlib import Path
 import pytest
 
 from support.checkout import ROOT
-
-MAY_IMPORT = {
-    "protocol": set(),
-    "program": {"protocol"},
-    "mapshade_server": {"protocol", "program"},
-    "splat_server": {"protocol", "program"},
-    "deploy": {"protocol", "program"},
-    "client": {"protocol", "program", "deploy"},
-    "bench": {"client", "protocol", "program", "deploy", "mapshade_server", "splat_server"},  # and nobody imports it
-}
-PARTS = tuple(MAY_IMPORT)
-BOTH_SERVERS = Path("client/session/single.py")  # the single process runs their very stages
-
-FLOORS = {
-    "protocol": ("text geometry", "description", "rules", "messages", "wire", "."),
-    "mapshade_server/readers": ("reading", "arrays astronomy geology molecules", "vtk_files medicine zarr_arrays", "."),
-    "client": (
-        "caller histogram phantoms ui/doors",
-        "image scene",
-        "volume",
-        "coordinator",
-        "session",
-        "movie gallery",
-        "ui/viewing",
-        "ui/viewport ui/controls",
-        "ui/panels ui/tables",
-        "ui",
-        "command .",
-    ),
-    "bench": ("tables", ".", "scaling peers floors", "commands"),
-}
-"""The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""
-AT_LAST = {(Path("client/session/session.py"), "ui")}  # who asks a session for its widget loads the page's modules
-PURE = ("text", "geometry", "description", "rules", "messages")  # rooms of the protocol
-IMPURE = {"socket", "select", "subprocess", "multiprocessing", "click", "rich"}
-MOST_FILES = 25  # in a folder, so that a stranger can look over it
-
-SOURCES = [path.relative_to(ROOT) for part in PARTS for path in sorted((ROOT / part).rglob("*.py"))]
-
-
-def imported(source: Path) -> set[str]:
-    """Everything that a module imports, wherever in it: dotted, without "volsplat." if it is ours."""
-    names: set[str] = set()
-    for node in ast.walk(ast.parse((ROOT / source).read_text(encoding="utf-8"))):
-        if isinstance(node, ast.Import):
-            names |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
-            assert node.level == 0, f"{source} has a relative import"
-            names |= {f"{node.module}.{alias.name}" for alias in node.names}
-    return names
-
-
-def imported_parts(source: Path) -> set[str]:
-    return {name.split(".")[1] for name in imported(source) if name.startswith("volsplat.")}
+from support.layout import (
+    AT_LAST,
+    BOTH_SERVERS,
+    FLOORS,
+    IMPURE,
+    MAY_IMPORT,
+    MOST_FILES,
+    PARTS,
+    PURE,
+    SOURCES,
+    floor_of,
+    imported,
+    imported_parts,
+    redrawn,
+)
 
 
 @pytest.mark.parametrize("source", SOURCES, ids=str)
@@ -73,19 +33,6 @@ def test_a_part_imports_only_what_its_door_opens_to(source: Path) -> None:
     if source == BOTH_SERVERS:
         allowed |= {"mapshade_server", "splat_server"}
     assert imported_parts(source) <= allowed
-
-
-def floor_of(path: Path, part: str) -> tuple[int, str]:
-    """The floor that a file or folder of a part is on, and its room there."""
-    place = path.relative_to(part).as_posix()
-    found = [
-        (len(room), floor, room)
-        for floor, rooms in enumerate(FLOORS[part])
-        for room in rooms.split()
-        if room == "." or place == room or place.startswith(f"{room}/")
-    ]
-    _, floor, room = max(found)
-    return floor, room
 
 
 @pytest.mark.parametrize("part", FLOORS)
@@ -113,6 +60,11 @@ def test_every_room_has_its_floor(part: str) -> None:
 def test_what_is_pure_in_the_protocol_knows_no_sockets_and_no_processes(room: str) -> None:
     for source in (source for source in SOURCES if source.is_relative_to(Path("protocol", room))):
         assert not {name.split(".")[0] for name in imported(source)} & IMPURE, source
+
+
+def test_the_drawing_of_the_rooms_is_true() -> None:
+    page = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    assert redrawn(page) == page, "run in tests/: python -m support.layout ../CONTRIBUTING.md"
 
 
 def test_no_folder_is_too_full_to_look_over() -> None:

@@ -1,1 +1,1 @@
-"""Arrays of any field: Zarr, HDF5, NumPy, VTK images and raw voxels."""
+"""Arrays of any field: HDF5, NetCDF, NumPy and raw voxels."""
