@@ -23,7 +23,7 @@ from volsplat.bench.timing import wall_seconds
 from volsplat.client.session.asked_frames import FrameAborted
 from volsplat.client.session.session import Session
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import Image, Scene, View
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Image, Scene, View
 
 GOAL_SECONDS = 0.050  # at the 95th percentile
 HIGH_ZOOM = 64.0  # pixels a voxel: a packet's footprint covers tens of thousands of pixels
@@ -34,7 +34,9 @@ VIEWS = {"the whole volume": View(), f"zoom {HIGH_ZOOM:g}": View(zoom=HIGH_ZOOM)
 @click.option("--phantom", default="shells:256", metavar="NAME:SIZE", help="What is drawn (shells:256).")
 @click.option("--aborts", "count", type=click.IntRange(min=1), default=200, help="In each view (200).")
 @click.option("--workers", type=click.IntRange(min=1), default=2, help="Map/shade servers (2).")
-@click.option("--image", type=click.IntRange(16, 16384), default=1024, help="Side of the square image, pixels (1024).")
+@click.option(
+    "--image", type=click.IntRange(16, LARGEST_EXTENT), default=1024, help="Side of the square image, pixels (1024)."
+)
 @output_options()
 def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None, markdown: Path | None) -> None:
     """Abort frames at random moments, seen from random sides, and time it until the last server has acknowledged.

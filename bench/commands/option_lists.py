@@ -1,9 +1,10 @@
 """Options that are lists of numbers: 1,2,4."""
 
+from volsplat.protocol.description.scene import LARGEST_EXTENT
 from volsplat.protocol.text.errors import BadInput
 
 
-def whole_numbers(option: str, text: str, least: int = 1, most: int = 16384) -> list[int]:
+def whole_numbers(option: str, text: str, least: int = 1, most: int = LARGEST_EXTENT) -> list[int]:
     """Different whole numbers. Raises BadInput."""
     parts = text.split(",")
     if not all(part.strip().isdecimal() and least <= int(part) <= most for part in parts):

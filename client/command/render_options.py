@@ -16,7 +16,7 @@ from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.scene.view_rotation import rotation_from_option
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Bounds, Order, Scene
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Bounds, Order, Scene
 from volsplat.protocol.geometry.upright import UPS, Up
 from volsplat.protocol.text.errors import BadInput
 
@@ -108,8 +108,8 @@ def _stored_scene(image: Path) -> Scene:
 def size_from_option(text: str) -> tuple[int, int]:
     """Width and height from WxH. Raises BadInput."""
     match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-    if match is None or not all(1 <= int(number) <= 16384 for number in match.groups()):
-        raise BadInput(f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to 16384, as in 512x512")
+    if match is None or not all(1 <= int(number) <= LARGEST_EXTENT for number in match.groups()):
+        raise BadInput(f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to {LARGEST_EXTENT}, as in 512x512")
     return int(match[1]), int(match[2])
 
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from volsplat.protocol.description.scene import Field, Kernel, Order, Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Field, Kernel, Order, Step
 from volsplat.protocol.geometry.upright import UPS
 
 
@@ -111,8 +111,8 @@ KEYS: dict[str, SceneKey] = {
     "refine.striding": SceneKey(
         _SWITCH, "Of a prepared volume, A and B leave out voxels, as in the paper, instead of drawing means."
     ),
-    "image.width": SceneKey("1 to 16384 pixels", "The picture's width."),
-    "image.height": SceneKey("1 to 16384 pixels", "The picture's height."),
+    "image.width": SceneKey(f"1 to {LARGEST_EXTENT} pixels", "The picture's width."),
+    "image.height": SceneKey(f"1 to {LARGEST_EXTENT} pixels", "The picture's height."),
     "image.background": SceneKey(
         _COLOUR, "Lies under the picture in PNG, JPEG, TIFF and the page; EXR keeps its transparency instead."
     ),

@@ -17,6 +17,7 @@ from volsplat.protocol.geometry.upright import Up
 Colour = tuple[float, float, float]
 
 TABLE_ENTRIES = 256
+LARGEST_EXTENT = 16384  # pixels, of an image along either axis
 LEAST_ZOOM, GREATEST_ZOOM = 1 / 64, 256.0  # pixels per reference spacing
 
 
@@ -248,8 +249,8 @@ class Image(Part, frozen=True):
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            if not 1 <= getattr(self, name) <= 16384:
-                raise ValueError(f"{name} must be 1 to 16384 pixels, not {getattr(self, name)}")
+            if not 1 <= getattr(self, name) <= LARGEST_EXTENT:
+                raise ValueError(f"{name} must be 1 to {LARGEST_EXTENT} pixels, not {getattr(self, name)}")
         for channel in self.background:
             _check_unit("a background channel", channel)
 

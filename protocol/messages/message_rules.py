@@ -13,11 +13,11 @@ from typing import Any, NamedTuple, Union
 import msgspec
 
 from volsplat.protocol.description.block_extremes import BLOCK_BYTES, MOST_BLOCKS, block_dims
+from volsplat.protocol.description.scene import LARGEST_EXTENT
 from volsplat.protocol.description.volume import SCALAR_BYTES
 from volsplat.protocol.messages import greetings, messages
 from volsplat.protocol.messages.exchanges import Exchanges
 from volsplat.protocol.messages.messages import (
-    LARGEST_EXTENT,
     Batch,
     HistogramsCounted,
     HoldPart,

@@ -10,7 +10,7 @@ from msgspec import Meta
 
 from volsplat.protocol.description.block_extremes import MOST_BLOCKS
 from volsplat.protocol.description.machine import Machine
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
 from volsplat.protocol.description.volume import LONGEST_AXIS, MOST_VOXELS, Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Quantisation, Survey
@@ -19,7 +19,6 @@ from volsplat.protocol.text.printable import printable
 
 LARGEST_ID = 2**31 - 1
 LARGEST_COUNT = 2**62
-LARGEST_EXTENT = 16384  # pixels, as in the scene
 MAX_SERVERS = 4096
 MAX_BOXES = 4096
 MOST_LEVELS = 32

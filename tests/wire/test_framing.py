@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from support.messages.message_samples import SAMPLES, STRATEGIES, framed, lawful_kinds, sample_bytes, speech_for
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
 from volsplat.protocol.messages import greetings, messages
 from volsplat.protocol.messages.message_rules import (
     LARGEST_BATCH,
@@ -117,7 +117,7 @@ def test_a_batch_beyond_its_limit_is_refused_before_anything_is_allocated() -> N
 
 
 def test_the_largest_image_is_allowed_and_is_asked_for_once_it_is_announced() -> None:
-    side = messages.LARGEST_EXTENT
+    side = LARGEST_EXTENT
     image = messages.ImageRead(1, Step.F, True, side, side)
     data = framed(encode_control(image), payload_bytes=LARGEST_IMAGE)
     assert LARGEST_IMAGE > MOST_ALLOCATED
@@ -125,7 +125,7 @@ def test_the_largest_image_is_allowed_and_is_asked_for_once_it_is_announced() ->
 
 
 def test_an_image_larger_than_a_scene_may_ask_for_is_refused() -> None:
-    image = messages.ImageRead(1, Step.F, True, messages.LARGEST_EXTENT + 1, 1)
+    image = messages.ImageRead(1, Step.F, True, LARGEST_EXTENT + 1, 1)
     line = refusal(framed(encode_control(image)), Speech(SPLAT_TO_CLIENT))
     assert "$.width" in line and "16385" in line and "16384" in line
 
