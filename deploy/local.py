@@ -51,7 +51,7 @@ class LocalServers:
         self._on_end(f"the {program.title} (process {process.pid}) {told_end(status)}")
 
     def told_end(self, name: str) -> str:
-        """How the server of this name (see process_name) ended; "" where it was not started here or goes on.
+        """How the server of this name (see process_name) ended; "" if it was not started here or goes on.
 
         Waits a moment: a process is gone a little later than its connections.
         """

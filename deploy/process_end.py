@@ -12,7 +12,7 @@ HINTS = {
 
 
 def told_end(status: int) -> str:
-    """What `subprocess` tells as return code, in words that follow the program's name."""
+    """What `subprocess` gives as return code, in words that follow the program's name."""
     if status == 0:
         return "ended by itself"
     if status > 0:

@@ -11,7 +11,7 @@ _SHARED_OBJECTS = (".so", ".dylib")
 
 
 def load_failure(error: BaseException) -> str | None:
-    """The cause and the cure where memory is wanting or a library could not be loaded, else None."""
+    """The cause and the cure if memory does not suffice or a library could not be loaded, else None."""
     for cause in _causes(error):
         said = str(cause).strip().partition("\n")[0]
         if isinstance(cause, MemoryError) or _for_want_of_memory(cause, said):

@@ -50,7 +50,7 @@ class PlainStatus(Status):
 
 
 def task_words() -> TextColumn:
-    """The column of a progress bar that tells what is being done."""
+    """The column of a progress bar that says what is being done."""
     return TextColumn("{task.description}", markup=False)
 
 

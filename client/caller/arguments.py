@@ -1,4 +1,4 @@
-"""What a script hands in, checked and converted where it comes in: whatever is wrong with it is told to the caller.
+"""What a script hands in, checked and converted at once, so that an error reaches the caller.
 
 Scripts hold their numbers as numpy's and torch's scalars, as arrays without axes and as lists; what goes on from here
 are Python's own, as they will come out of a message on the servers' side.
@@ -42,7 +42,7 @@ def checked_step(step: Step, name: str = "step") -> Step:
 
 
 def checked_number(value: float, name: str, least: float | None = None) -> float:
-    """A number; neither NaN nor below `least` where that is set. Raises BadInput."""
+    """A number; neither NaN nor below `least` if that is set. Raises BadInput."""
     number = _own(value)
     if isinstance(number, bool) or not isinstance(number, int | float):
         raise BadInput(f"{name} must be a number, not {_shown(value)}")
@@ -94,7 +94,7 @@ def _checked_word(value: _Word, words: type[_Word], name: str) -> _Word:
 
 
 def _own(value: Any) -> Any:
-    """The value as Python's own number, text or list where it is another library's; itself where it is neither."""
+    """The value as Python's own number, text or list if it is another library's; else itself."""
     for own in (bool, int, float, str):
         if type(value) is own:
             return value

@@ -1,4 +1,4 @@
-"""Ctrl-C, and being told to end, at a moment when the exception that it raises could be lost."""
+"""Ctrl-C and other ending signals, at a moment when the exception that they raise could be lost."""
 
 import os
 import signal
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from types import FrameType
 
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-LONGEST_IMPORT_SECONDS = 1.0  # that whoever wants the program to end is made to wait for
+LONGEST_IMPORT_SECONDS = 1.0  # that a person who wants the program to end may have to wait
 
 
 @contextmanager
@@ -17,7 +17,7 @@ def interrupts_held(on_signal: Callable[[], None] | None = None) -> Iterator[Non
     """Ctrl-C and its like within wait for the end of the block, and are raised there.
 
     Without `on_signal` the block imports large libraries: what a module catches while it loads can be a
-    KeyboardInterrupt. Where that goes on for LONGEST_IMPORT_SECONDS the process ends at once; its servers notice.
+    KeyboardInterrupt. If that goes on for LONGEST_IMPORT_SECONDS the process ends at once; its servers notice.
     With it, it is called when a signal comes, and sees to it that the block ends.
     """
     before = {number: signal.getsignal(number) for number in ENDING_SIGNALS}

@@ -102,7 +102,7 @@ def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutco
 
 
 def write_report(path: Path, report: FrameReport) -> None:
-    """Write a report as JSON, whole or not at all. Raises BadInput where the file cannot be written."""
+    """Write a report as JSON, whole or not at all. Raises BadInput if the file cannot be written."""
     text = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
     temporary = temporary_name(path)
     try:

@@ -51,7 +51,7 @@ def servers_from_options(
 
 
 def shared_token(token_file: Path | None, makes: bool) -> Token | None:
-    """The token that the environment or the file gives; `makes` the file where there is none. None: no such wish."""
+    """The token that the environment or the file gives; `makes` the file if there is none. None: no such wish."""
     if makes and token_file is not None and not token_file.exists():
         token = new_token()
         token.write(token_file)

@@ -1,4 +1,4 @@
-"""What goes to one server, from a thread of its own: one that does not read holds up nobody but itself."""
+"""Sends to one server on a thread of its own, so that a server that does not read delays no other."""
 
 import threading
 import time
@@ -51,7 +51,7 @@ class Outgoing:
             )
 
     def end(self) -> None:
-        """Send nothing more. Where a send waits, closing the connection ends it."""
+        """Send nothing more. A send that waits is ended by closing the connection."""
         with self._changed:
             self._ended = True
             self._posted.clear()

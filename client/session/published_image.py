@@ -1,4 +1,4 @@
-"""An image as a splat server published it, which becomes a tensor only where one is needed."""
+"""An image as a splat server published it, which becomes a tensor only when one is asked for."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""The servers of a session: started here or by hand, joined, heard, told, and lost.
+"""The connections to the servers of a session, from joining to loss.
 
-Each server is heard by a thread and told by another; whatever comes of it is an event for the coordinator.
+One thread receives from each server and another sends to it; what comes of either is an event for the coordinator.
 """
 
 import socket

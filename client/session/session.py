@@ -163,8 +163,8 @@ class Session:
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
 
-        Raises BadInput where the scene does not fit the volume, PeerLost where a server is gone and with it a part
-        of the volume, and FrameAborted where a newer frame took its place.
+        Raises BadInput if the scene does not fit the volume, PeerLost if a server is gone and with it a part of the
+        volume, and FrameAborted if a newer frame took its place.
         """
         return self.finish(scene, step).image
 
@@ -186,8 +186,8 @@ class Session:
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
 
-        Goes on where a map/shade server is lost while others hold parts of the volume: then the outcome of each
-        finished image tells what is missing from it. Raises PeerLost where nothing can be drawn any more.
+        Goes on if a map/shade server is lost while others hold parts of the volume: then the outcome of each finished
+        image says what is missing from it. Raises PeerLost if nothing can be drawn any more.
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
@@ -224,7 +224,7 @@ class Session:
                     yield Refinement(step, _published(answer), None)
                     patience = partial_interval
         finally:
-            # Also where whoever asked has lost interest: then nobody need draw on.
+            # Also if the caller stopped asking for more images: then nobody need draw on.
             self._frames.forget(frame)
             self._events.put(AbortAsked(frame))
         image = _published(answer)
@@ -233,11 +233,11 @@ class Session:
         yield Refinement(step, image, outcome)
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
-        """The front-most voxel that is not transparent at a point of the scene's image, None where there is none.
+        """The front-most voxel that is not transparent at a point of the scene's image, None if there is none.
 
         x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The image need not
         be drawn, and a frame that runs goes on.
-        Raises BadInput where the scene does not fit the volume, and PeerLost where nothing can be drawn any more.
+        Raises BadInput if the scene does not fit the volume, and PeerLost if nothing can be drawn any more.
         """
         scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
         self.volume  # noqa: B018  until it is known there is nothing to be seen
@@ -284,7 +284,7 @@ class Session:
     # -- frames
 
     def _ask(self, scene: Scene, step: Step, whole: bool, after: int | None = None) -> tuple[int, Answers]:
-        """Ask for a frame. Raises FrameAborted where something else was asked since frame `after`."""
+        """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`."""
         frame, answers = self._frames.ask(after)
         self._events.put(FrameAsked(frame, scene, step, whole))
         return frame, answers

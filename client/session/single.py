@@ -182,7 +182,7 @@ class SingleProcess:
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, outcome))
 
     def _batches(self, walk: FrameWalk, tally: FrameTally) -> Iterator[ShadedBatch]:
-        """The walk's batches; where a thread walks apart, the next one is on its way while the last is splatted."""
+        """The walk's batches; if a thread of its own walks, the next one is on its way while the last is splatted."""
 
         def next_batch() -> ShadedBatch | None:
             began = time.perf_counter()
