@@ -23,8 +23,8 @@ from volsplat.bench.subject import shares, subject_of, subject_options, volume_f
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import record
 from volsplat.bench.views import around, seen
+from volsplat.client.command.opened_volume import Servers, memory_option, opened, servers_from_options
 from volsplat.client.session.bottleneck import bottleneck
-from volsplat.client.session.opened_volume import Servers, memory_option, opened, servers_from_options
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput

@@ -10,8 +10,8 @@ from pathlib import Path
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.opened_volume import opened_quietly, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
-from volsplat.client.session.opened_volume import opened_quietly, servers_from_options
 from volsplat.client.session.renderer import Renderer
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores

@@ -9,12 +9,12 @@ from typing import get_args
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.opened_volume import memory_option, opened_quietly, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, size_from_option, up_from_option, up_option
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.presets import PRESETS
-from volsplat.client.session.opened_volume import memory_option, opened_quietly, servers_from_options
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores

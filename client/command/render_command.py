@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.opened_volume import memory_option, opened, servers_from_options
 from volsplat.client.command.render_options import (
     SceneOptions,
     bounds_from_option,
@@ -21,7 +22,6 @@ from volsplat.client.image.empty_image import why_empty
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.frame_report import report_of, write_report
-from volsplat.client.session.opened_volume import memory_option, opened, servers_from_options
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores

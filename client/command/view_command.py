@@ -13,10 +13,10 @@ import msgspec
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.import_ahead import imported_ahead
+from volsplat.client.command.opened_volume import ignored, memory_option, opened, servers_from_options
 from volsplat.client.command.render_options import SceneOptions, up_from_option, up_option
 from volsplat.client.command.terminal_watch import ended_with_its_reader
 from volsplat.client.scene.presets import PRESETS
-from volsplat.client.session.opened_volume import ignored, memory_option, opened, servers_from_options
 from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.browser_tab import BrowserTab
 from volsplat.client.ui.doors.page_address import PageAddress
