@@ -1,9 +1,11 @@
 """The package's doors: who may import whom, what lands in site-packages, what starts without torch."""
 
 import os
+import re
 import subprocess
 import sys
 from collections import Counter
+from fnmatch import fnmatch
 from pathlib import Path
 
 import pytest
@@ -60,6 +62,9 @@ def test_every_room_has_its_floor(part: str) -> None:
 def test_what_is_pure_in_the_protocol_knows_no_sockets_and_no_processes(room: str) -> None:
     for source in (source for source in SOURCES if source.is_relative_to(Path("protocol", room))):
         assert not {name.split(".")[0] for name in imported(source)} & IMPURE, source
+
+
+FILE_NAME = re.compile(r"(?<![\w./-])((?:[\w*]+/)*[\w*]+\.(?:py|pyi|cpp|h|js|css))\b")
 
 
 def test_the_drawing_of_the_rooms_is_true() -> None:
@@ -120,3 +125,16 @@ def test_no_file_names_a_place_that_only_one_machine_has() -> None:
         if path.is_file() and not path.is_symlink() and path.suffix in (".py", ".md", ".cpp", ".h", ".toml", ".txt"):
             text = path.read_text(encoding="utf-8")
             assert not any(word in text for word in forbidden), name
+
+
+def test_the_docs_name_files_that_are_there() -> None:
+    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, encoding="utf-8", check=True).stdout
+    files = listed.split()
+    pages = [name for name in files if name.endswith(".md") and name != "CHANGELOG.md"]
+    missing = [
+        f"{page}: {name}"
+        for page in pages
+        for name in FILE_NAME.findall((ROOT / page).read_text(encoding="utf-8"))
+        if not any(fnmatch(file, name) or fnmatch(file, f"*/{name}") for file in files)
+    ]
+    assert missing == []
