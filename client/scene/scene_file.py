@@ -11,8 +11,9 @@ from typing import Any
 import msgspec
 
 from volsplat.client.scene.colours import colour_from_hex, hex_of_colour
-from volsplat.client.scene.scene_keys import KEYS, SECTIONS
-from volsplat.protocol.description.scene import Part, Scene
+from volsplat.client.scene.scene_keys import KEYS, SECTIONS, SceneKey
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene_key import Part, Section, declarations
 from volsplat.protocol.text.errors import BadInput
 
 _COMMENT_WIDTH = 110
@@ -63,12 +64,12 @@ def scene_toml(scene: Scene, title: str = "A volsplat scene") -> str:
     for section, explanation in SECTIONS.items():
         if section:
             lines += ["", *_comment(explanation), f"[{section}]"]
-        for key, (allowed, meaning) in KEYS.items():
-            if key.rpartition(".")[0] == section:
-                lines += ["", *_comment(meaning)] if meaning else []
+        for key in KEYS.values():
+            if key.section == section:
+                lines += ["", *_comment(key.meaning)] if key.meaning else []
                 default = _default_of(key)
-                lines += _comment(f"Allowed: {allowed}." + (f" Default: {default}." if default else ""))
-                lines.append(f"{key.rpartition('.')[2]} = {toml_value(_value_at(scene, key), key)}")
+                lines += _comment(f"Allowed: {key.allowed}." + (f" Default: {default}." if default else ""))
+                lines.append(f"{key.name} = {toml_value(key.of(scene), key.place)}")
     return "\n".join(lines) + "\n"
 
 
@@ -80,28 +81,9 @@ def _comment(text: str) -> list[str]:
     return [f"# {line}" for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, _COMMENT_WIDTH)]
 
 
-def _value_at(scene: Scene, key: str) -> Any:
-    value: Any = scene
-    for part in key.split("."):
-        value = getattr(value, part)
-    return value
-
-
-def _default_of(key: str) -> str:
-    """The TOML of a key's default, or nothing where the default depends on the volume or is a table."""
-    section, _, name = key.rpartition(".")
-    if section.startswith("tables"):
-        return ""
-    kind = _part_type(section)
-    field = next(field for field in msgspec.structs.fields(kind) if field.name == name)
-    return toml_value(field.default, key)
-
-
-def _part_type(section: str) -> type[Part]:
-    kind: type[Part] = Scene
-    for part in filter(None, section.split(".")):
-        kind = next(field.type for field in msgspec.structs.fields(kind) if field.name == part)
-    return kind
+def _default_of(key: SceneKey) -> str:
+    """The TOML of a key's default, or nothing if the default depends on the volume or is a table."""
+    return "" if key.section.startswith("tables") else toml_value(key.declared.default, key.place)
 
 
 def toml_value(value: Any, key: str) -> str:
@@ -134,19 +116,15 @@ def _syntax_message(name: str, problem: str) -> str:
 
 
 def _refuse_unknown_keys(name: str, given: dict[str, Any], kind: type[Part], section: str) -> None:
-    known = {field.name: field.type for field in msgspec.structs.fields(kind)}
+    known = {declared.name: declared for declared in declarations(kind)}
     for key, value in given.items():
         place = f"{section}.{key}" if section else key
         if key not in known:
             raise BadInput(f"{name}: {_shown_key(place)}: unknown key; {_suggestion(key, section, list(known))}")
-        if _is_part(known[key]):
+        if isinstance(known[key].key, Section):
             if not isinstance(value, dict):
                 raise BadInput(f"{name}: {place}: must be a table of keys, [{place}], not {_shown(value)}")
-            _refuse_unknown_keys(name, value, known[key], place)
-
-
-def _is_part(kind: Any) -> bool:
-    return isinstance(kind, type) and issubclass(kind, Part)
+            _refuse_unknown_keys(name, value, known[key].kind, place)
 
 
 def _shown_key(place: str) -> str:
@@ -157,7 +135,7 @@ def _suggestion(key: str, section: str, known: list[str]) -> str:
     near = difflib.get_close_matches(key, known, n=1)
     if near:
         return f"did you mean '{near[0]}'?"
-    elsewhere = [place for place in KEYS if place.rpartition(".")[2] == key]
+    elsewhere = [place for place, known_key in KEYS.items() if known_key.name == key]
     if elsewhere:
         return f"did you mean {' or '.join(elsewhere)}?"
     return f"{'[' + section + ']' if section else 'a scene'} has {', '.join(known)}"

@@ -1,61 +1,40 @@
 """The scene: everything that decides the image except the volume (design, sections 2, 3.9 and 5).
 
-The same struct is the UI's state, Python's argument, the wire's message and the TOML file's content. Intensities
-and opacities are 0..1, display-referred sRGB. A scene checks itself when it is made and raises ValueError naming
-the field; msgspec adds the path when it decodes one.
+The same struct is the UI's state, Python's argument, the wire's message and the TOML file's content; what is declared
+beside each key (scene_key) makes its comments, options, controls and docs. Intensities and opacities are 0..1,
+display-referred sRGB. A scene checks itself when it is made and raises ValueError naming the field; msgspec adds the
+path when it decodes one.
 """
 
 import math
 from enum import StrEnum
-from typing import Literal
+from typing import Annotated, Literal
 
-import msgspec
-
+from volsplat.protocol.description.scene_key import (
+    UNIT_INTERVAL,
+    Buttons,
+    Key,
+    Limits,
+    Menu,
+    Part,
+    PartOf,
+    Section,
+    Slide,
+    Swatch,
+    Switch,
+    check_within,
+)
+from volsplat.protocol.description.table_points import check_positions, interpolated
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.geometry.upright import Up
 
 Colour = tuple[float, float, float]
 
 TABLE_ENTRIES = 256
-LARGEST_EXTENT = 16384  # pixels, of an image along either axis
 LEAST_ZOOM, GREATEST_ZOOM = 1 / 64, 256.0  # pixels per reference spacing
+LARGEST_EXTENT = 16384  # pixels, of an image along either axis
 
-
-def _check_finite(name: str, values: tuple[float, ...]) -> None:
-    if not all(math.isfinite(value) for value in values):
-        raise ValueError(f"{name} must be finite, not {list(values)}")
-
-
-def _check_unit(name: str, value: float) -> None:
-    if not 0.0 <= value <= 1.0:
-        raise ValueError(f"{name} must be 0 to 1, not {value}")
-
-
-def _check_positions(positions: list[float]) -> None:
-    if not positions:
-        raise ValueError("a table needs at least one point")
-    for position in positions:
-        _check_unit("a point's position", position)
-    if any(later < earlier for earlier, later in zip(positions, positions[1:], strict=False)):
-        raise ValueError(f"points must be in rising order of position, not {positions}")
-
-
-def _interpolated(points: list[tuple[float, float]]) -> list[float]:
-    """The table's 256 entries at positions n / 255, by straight lines between points."""
-    entries = []
-    right = 0
-    for n in range(TABLE_ENTRIES):
-        position = n / (TABLE_ENTRIES - 1)
-        while right < len(points) and points[right][0] <= position:
-            right += 1
-        if right == 0:
-            entries.append(points[0][1])
-        elif right == len(points):
-            entries.append(points[-1][1])
-        else:
-            (p0, v0), (p1, v1) = points[right - 1], points[right]
-            entries.append(v0 + (v1 - v0) * ((position - p0) / (p1 - p0)))
-    return entries
+_COLOUR = '"#rrggbb" or [r, g, b], each 0 to 1'
 
 
 class Field(StrEnum):
@@ -94,10 +73,6 @@ class Step(StrEnum):
     F = "F"
 
 
-class Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of the scene's parts: immutable, keyword-only, strict about unknown keys."""
-
-
 class ColourTable(Part, frozen=True):
     """256 colours, given as points (position 0..1, colour) that are joined by straight lines.
 
@@ -105,28 +80,42 @@ class ColourTable(Part, frozen=True):
     the table is constant. A freehand table is one point for each entry, at n / 255.
     """
 
-    points: tuple[tuple[float, Colour], ...]
+    points: Annotated[
+        tuple[tuple[float, Colour], ...],
+        Key(
+            "",
+            PartOf("tables"),
+            allowed=f"[[position, colour], ...], positions 0 to 1 in rising order, colours {_COLOUR}",
+        ),
+    ]
 
     def __post_init__(self) -> None:
-        _check_positions([position for position, _ in self.points])
+        check_positions([position for position, _ in self.points])
         for _, colour in self.points:
             for channel in colour:
-                _check_unit("a colour channel", channel)
+                check_within("a colour channel", channel)
 
     def entries(self) -> list[Colour]:
-        channels = [_interpolated([(p, c[n]) for p, c in self.points]) for n in range(3)]
+        channels = [interpolated([(p, c[n]) for p, c in self.points], TABLE_ENTRIES) for n in range(3)]
         return list(zip(*channels, strict=True))
 
 
 class ScalarTable(Part, frozen=True):
     """256 opacities 0..1, given as points (position 0..1, value); see ColourTable."""
 
-    points: tuple[tuple[float, float], ...]
+    points: Annotated[
+        tuple[tuple[float, float], ...],
+        Key(
+            "",
+            PartOf("tables"),
+            allowed="[[position, value], ...], positions 0 to 1 in rising order, values 0 to 1",
+        ),
+    ]
 
     def __post_init__(self) -> None:
-        _check_positions([position for position, _ in self.points])
+        check_positions([position for position, _ in self.points])
         for _, value in self.points:
-            _check_unit("a table value", value)
+            check_within("a table value", value)
 
     @property
     def greatest(self) -> float:
@@ -134,50 +123,78 @@ class ScalarTable(Part, frozen=True):
         return max(value for _, value in self.points)
 
     def entries(self) -> list[float]:
-        return _interpolated(list(self.points))
+        return interpolated(list(self.points), TABLE_ENTRIES)
 
 
 class Tables(Part, frozen=True):
     """The four shading tables (paper: "Shading")."""
 
-    emit: ColourTable
-    refl: ColourTable
-    opac: ScalarTable
-    modu: ScalarTable = ScalarTable(points=((0.0, 1.0),))
+    emit: Annotated[ColourTable, Section("The colour that a sample gives off by itself.")]
+    refl: Annotated[
+        ColourTable,
+        Section("The colour that a sample reflects: times L.G for diffuse, times H.G to a power for specular light."),
+    ]
+    opac: Annotated[ScalarTable, Section("The opacity of a sample for a thickness of one reference spacing.")]
+    modu: Annotated[
+        ScalarTable,
+        Section(
+            "A factor on that opacity: a ramp over gradient strength brings out surfaces, one over screen-z\n"
+            "makes a depth cue."
+        ),
+    ] = ScalarTable(points=((0.0, 1.0),))
 
 
 class CrossBar(Part, frozen=True):
     """Which packet field indexes each table."""
 
-    emit: Field = Field.DENSITY
-    refl: Field = Field.DENSITY
-    opac: Field = Field.DENSITY
-    modu: Field = Field.STRENGTH
+    emit: Annotated[Field, Key("The field that chooses the emitted colour.", PartOf("cross-bar"))] = Field.DENSITY
+    refl: Annotated[Field, Key("The field that chooses the reflected colour.", PartOf("cross-bar"))] = Field.DENSITY
+    opac: Annotated[Field, Key("The field that chooses the opacity.", PartOf("cross-bar"))] = Field.DENSITY
+    modu: Annotated[Field, Key("The field that chooses the factor on the opacity.", PartOf("cross-bar"))] = (
+        Field.STRENGTH
+    )
 
 
 class Shading(Part, frozen=True):
     """The shading rules' switches: a part that is off counts as 0, modulation that is off as 1."""
 
-    emitted: bool = True
-    diffuse: bool = True
-    specular: bool = True
-    modulation: bool = True
-    specular_power: float = 20.0
-    two_sided: bool = False
-
-    def __post_init__(self) -> None:
-        if not (math.isfinite(self.specular_power) and 0 < self.specular_power <= 1000):
-            raise ValueError(f"specular_power must be above 0 and at most 1000, not {self.specular_power}")
+    emitted: Annotated[bool, Key("Emitted light.", Switch("emitted"))] = True
+    diffuse: Annotated[bool, Key("Diffuse reflection.", Switch("diffuse"))] = True
+    specular: Annotated[bool, Key("Specular reflection.", Switch("specular"))] = True
+    modulation: Annotated[bool, Key("Modulation of the opacity.", Switch("modulation"))] = True
+    specular_power: Annotated[
+        float,
+        Key(
+            "The n of the specular rule: a higher power gives smaller, sharper highlights.",
+            Slide("specular power", step=0.01, logarithmic=True, least=1.0),
+            Limits(0.0, 1000.0, above=True),
+        ),
+    ] = 20.0
+    two_sided: Annotated[bool, Key("Light surfaces from behind, too.", Switch("two-sided"))] = False
 
 
 class Light(Part, frozen=True):
     """The direction *towards* the light, along screen axes (world) or the volume's physical axes (grid)."""
 
-    direction: tuple[float, float, float] = (0.3, 0.5, 1.0)
-    fixed_to: Literal["world", "grid"] = "world"
+    direction: Annotated[
+        tuple[float, float, float],
+        Key(
+            "From the volume towards the light, along the axes that fixed_to names.",
+            PartOf("light"),
+            allowed="[x, y, z], any length but zero",
+        ),
+    ] = (0.3, 0.5, 1.0)
+    fixed_to: Annotated[
+        Literal["world", "grid"],
+        Key(
+            "World: the light stays with the viewer, along screen axes. Grid: it turns with the volume's physical"
+            " axes.",
+            PartOf("light"),
+        ),
+    ] = "world"
 
     def __post_init__(self) -> None:
-        _check_finite("direction", self.direction)
+        super().__post_init__()
         if self.direction == (0.0, 0.0, 0.0):
             raise ValueError("direction must not be (0, 0, 0)")
 
@@ -188,26 +205,63 @@ class View(Part, frozen=True):
     `up` is the physical axis that stands upright (see upright); "auto" is what the file tells, or a guess.
     """
 
-    rotation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
-    up: Up | Literal["auto"] = "auto"
-    zoom: float | Literal["fit"] = "fit"  # pixels per reference spacing
-    center: tuple[float, float, float] | Literal["middle"] = "middle"  # grid point at the image's centre
+    rotation: Annotated[
+        tuple[float, float, float, float],
+        Key(
+            "From upright axes (see up) to the screen's. [0, 0, 0, 1] looks from above, with the back up; the front"
+            " is\n[-0.70710678, 0, 0, 0.70710678], the viewer at -y with z up.",
+            PartOf("sides"),
+            allowed="[x, y, z, w], a quaternion of any length but zero",
+        ),
+    ] = (0.0, 0.0, 0.0, 1.0)
+    up: Annotated[
+        Up | Literal["auto"],
+        Key(
+            "The physical axis that stands upright, as z, before rotation; nothing is mirrored. Auto is what the file\n"
+            "tells, or a guess by the end at which what is there tapers; `volsplat info` says which.",
+            PartOf("up"),
+        ),
+    ] = "auto"
+    zoom: Annotated[
+        float | Literal["fit"],
+        Key(
+            "The reference spacing is the cube root of a voxel's volume. Fit shows all that is visible under the"
+            " tables\nand bounds, from whichever side: the smallest ball about it fills the image.",
+            PartOf("moves"),
+            Limits(LEAST_ZOOM, GREATEST_ZOOM),
+            "pixels per voxel",
+            allowed='1/64 to 256 pixels per reference spacing, or "fit"',
+        ),
+    ] = "fit"
+    center: Annotated[
+        tuple[float, float, float] | Literal["middle"],
+        Key(
+            "The grid point shown at the image's centre. Middle is that of the grid, or of what a fit shows.",
+            PartOf("centre"),
+            allowed='[i, j, k] in voxels, fractions allowed, or "middle"',
+        ),
+    ] = "middle"
 
     def __post_init__(self) -> None:
-        _check_finite("rotation", self.rotation)
+        super().__post_init__()
         if not any(self.rotation):
             raise ValueError("rotation must not be all zeros")
-        if not isinstance(self.zoom, str) and not LEAST_ZOOM <= self.zoom <= GREATEST_ZOOM:
-            raise ValueError(f'zoom must be 1/64 to 256 pixels per voxel or "fit", not {self.zoom}')
-        if not isinstance(self.center, str):
-            _check_finite("center", self.center)
 
 
 class Bounds(Part, frozen=True):
     """The part of the grid that is drawn: low <= (i, j, k) < high; -1 in `high` means up to the end."""
 
-    low: Index = (0, 0, 0)
-    high: Index = (-1, -1, -1)
+    low: Annotated[
+        Index, Key("The first voxel on each axis.", PartOf("bounds"), allowed="[i, j, k], whole voxels from 0")
+    ] = (0, 0, 0)
+    high: Annotated[
+        Index,
+        Key(
+            "One past the last voxel on each axis.",
+            PartOf("bounds"),
+            allowed="[i, j, k], whole voxels, above low; -1 means up to the end",
+        ),
+    ] = (-1, -1, -1)
 
 
 class Kernel(StrEnum):
@@ -220,12 +274,16 @@ class Kernel(StrEnum):
 
 
 class Reconstruction(Part, frozen=True):
-    kernel: Kernel = Kernel.GAUSSIAN
-    radius: float | Literal["default"] = "default"  # where the kernel is cut, in voxels
-
-    def __post_init__(self) -> None:
-        if not isinstance(self.radius, str) and not 1.0 <= self.radius <= 4.0:
-            raise ValueError(f'radius must be 1 to 4 voxels or "default", not {self.radius}')
+    kernel: Annotated[Kernel, Key("The kernel's shape.", Menu("kernel"))] = Kernel.GAUSSIAN
+    radius: Annotated[
+        float | Literal["default"],
+        Key(
+            "Where the kernel is cut. A smaller one is faster, a larger one smoother.",
+            Slide("radius", step=0.1, tip="in voxels, where the kernel is cut"),
+            Limits(1.0, 4.0),
+            "voxels",
+        ),
+    ] = "default"
 
 
 class Refine(Part, frozen=True):
@@ -234,36 +292,78 @@ class Refine(Part, frozen=True):
     `striding` has steps A and B leave out voxels of a prepared volume too, as in the paper, instead of taking means.
     """
 
-    lit_from: Step = Step.E
-    bare_buffer: bool = False
-    striding: bool = False
+    lit_from: Annotated[
+        Step,
+        Key(
+            "The step at which diffuse light joins; specular joins one step later, at F, when this is E.",
+            Buttons("lit from step"),
+        ),
+    ] = Step.E
+    bare_buffer: Annotated[
+        bool,
+        Key(
+            "Show a step's partial image alone, as in the paper, not over the finished step before it.",
+            Switch("bare buffer", "show what is being drawn without the finished step under it"),
+        ),
+    ] = False
+    striding: Annotated[
+        bool,
+        Key(
+            "Of a prepared volume, A and B leave out voxels, as in the paper, instead of drawing means.",
+            Switch(
+                "striding",
+                "steps A and B leave out voxels, as in the paper, instead of drawing the means of a coarser level",
+            ),
+        ),
+    ] = False
 
 
 class Image(Part, frozen=True):
     """The picture. `background` lies under PNG, JPEG and the page, never under EXR or the returned tensor."""
 
-    width: int = 512
-    height: int = 512
-    background: Colour = (0.0, 0.0, 0.0)
-    edges: bool = False  # the white edges of the paper's plates
-
-    def __post_init__(self) -> None:
-        for name in ("width", "height"):
-            if not 1 <= getattr(self, name) <= LARGEST_EXTENT:
-                raise ValueError(f"{name} must be 1 to {LARGEST_EXTENT} pixels, not {getattr(self, name)}")
-        for channel in self.background:
-            _check_unit("a background channel", channel)
+    width: Annotated[int, Key("The picture's width.", PartOf("size"), Limits(1, LARGEST_EXTENT), "pixels")] = 512
+    height: Annotated[int, Key("The picture's height.", PartOf("size"), Limits(1, LARGEST_EXTENT), "pixels")] = 512
+    background: Annotated[
+        Colour,
+        Key(
+            "Lies under the picture in PNG, JPEG, TIFF and the page; EXR keeps its transparency instead.",
+            Swatch("background"),
+            UNIT_INTERVAL,
+            allowed=_COLOUR,
+        ),
+    ] = (0.0, 0.0, 0.0)
+    edges: Annotated[bool, Key("Draw the volume's boundary as white edges.", Switch("white edges of the volume"))] = (
+        False  # as on the paper's plates
+    )
 
 
 class Quantise(Part, frozen=True):
     """How voxels become 8 bits: the density window in the data's own units, and the code of directions."""
 
-    window: tuple[float, float] | Literal["auto"] = "auto"
-    directions: Literal["octahedral", "paper"] = "octahedral"
+    window: Annotated[
+        tuple[float, float] | Literal["auto"],
+        Key(
+            "These values become density 0 and 255. Auto keeps 8-bit data, and takes the range between the 0.05 and"
+            " 99.95\npercentiles of any other.",
+            PartOf("density window"),
+            allowed='[low, high] in the volume\'s own units, or "auto"',
+        ),
+    ] = "auto"
+    directions: Annotated[
+        Literal["octahedral", "paper"],
+        Key(
+            "The 15-bit code of gradient directions: octahedral is within 1.3 degrees, the paper's 5+5+5 bits within"
+            " 2.7.",
+            Buttons(
+                "directions",
+                tip="the code of gradient directions: octahedral is finer, the paper’s bands under sharp highlights",
+            ),
+        ),
+    ] = "octahedral"
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not isinstance(self.window, str):
-            _check_finite("window", self.window)
             if self.window[0] >= self.window[1]:
                 raise ValueError(f"window must rise, not {list(self.window)}")
             if not 0.0 < (TABLE_ENTRIES - 1) / (self.window[1] - self.window[0]) < math.inf:
@@ -273,14 +373,48 @@ class Quantise(Part, frozen=True):
 class Scene(Part, frozen=True):
     """All that a person sets."""
 
-    tables: Tables
-    cross_bar: CrossBar = CrossBar()
-    shading: Shading = Shading()
-    light: Light = Light()
-    view: View = View()
-    bounds: Bounds = Bounds()
-    reconstruction: Reconstruction = Reconstruction()
-    order: Order = Order.FASTEST
-    refine: Refine = Refine()
-    image: Image = Image()
-    quantise: Quantise = Quantise()
+    tables: Annotated[
+        Tables,
+        Section(
+            "The four shading tables of 256 entries. A table is given by points that are joined by straight lines;\n"
+            "position 0 is entry 0, position 1 is entry 255. Two points at one position make a step. Before the first"
+            " and\nafter the last point a table is constant. All colours are display-referred sRGB."
+        ),
+    ]
+    cross_bar: Annotated[
+        CrossBar,
+        Section(
+            "Which field of a voxel indexes each table. Density is windowed (see quantise.window); strength is\n"
+            "the gradient's length; gradient-i, -j, -k is its direction; screen-x runs right, screen-y up, screen-z"
+            " towards\nthe viewer, all three over the volume's bounding sphere; grid-i, -j, -k run over the whole"
+            " volume."
+        ),
+    ] = CrossBar()
+    shading: Annotated[
+        Shading,
+        Section("Switches for the parts of the shading rules. A part that is off counts as 0, modulation as 1."),
+    ] = Shading()
+    light: Annotated[Light, Section("One light, infinitely far away.")] = Light()
+    view: Annotated[View, Section("The orthographic view. Screen x runs right, y up, z towards the viewer.")] = View()
+    bounds: Annotated[Bounds, Section("The part of the grid that is drawn: low <= (i, j, k) < high.")] = Bounds()
+    reconstruction: Annotated[
+        Reconstruction, Section("The kernel that carries samples to the screen in the steps D to F.")
+    ] = Reconstruction()
+    order: Annotated[
+        Order,
+        Key(
+            "Combine samples back to front, so that what is later hidden can be watched, or front to back.\n"
+            "Fastest is front to back wherever something can be hidden.",
+            Buttons(
+                "order",
+                labelled=False,
+                words={Order.BACK_TO_FRONT: "back to front", Order.FRONT_TO_BACK: "front to back"},
+            ),
+        ),
+    ] = Order.FASTEST
+    refine: Annotated[Refine, Section("How the image refines through the steps A to F.")] = Refine()
+    image: Annotated[Image, Section("The picture.")] = Image()
+    quantise: Annotated[
+        Quantise,
+        Section("How the volume's values become the 8 bits that index the tables. A change reads the volume anew."),
+    ] = Quantise()

@@ -1,6 +1,8 @@
 """Scenes as TOML: what is written reads back equal, and what is wrong is named with its place."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -10,7 +12,8 @@ from hypothesis import strategies as st
 from support.scenes.scenes import scenes
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml, scene_toml
 from volsplat.client.scene.scene_keys import KEYS, SECTIONS
-from volsplat.protocol.description.scene import ColourTable, Field, Part, ScalarTable, Scene, Tables, View
+from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, Tables, View
+from volsplat.protocol.description.scene_key import Part, declarations
 from volsplat.protocol.text.errors import BadInput
 
 BASE = Scene(
@@ -23,20 +26,29 @@ BASE = Scene(
 )
 
 
-def leaf_keys(kind: type[Part], section: str = "") -> set[str]:
-    keys: set[str] = set()
-    for field in msgspec.structs.fields(kind):
-        place = f"{section}.{field.name}" if section else field.name
-        if isinstance(field.type, type) and issubclass(field.type, Part):
-            keys |= leaf_keys(field.type, place)
+def test_every_key_of_a_scene_says_what_it_means_and_what_may_stand_there() -> None:
+    builtins = msgspec.to_builtins(BASE)
+    assert set(KEYS) == set(leaves(builtins))
+    for key in KEYS.values():
+        assert key.allowed and (key.meaning or key.section.startswith("tables.")), key.place
+        assert SECTIONS[key.section] or key.section == "", key.place
+
+
+def leaves(builtins: dict[str, Any], section: str = "") -> Iterator[str]:
+    for name, value in builtins.items():
+        place = f"{section}.{name}".removeprefix(".")
+        if isinstance(value, dict):
+            yield from leaves(value, place)
         else:
-            keys.add(place)
-    return keys
+            yield place
 
 
-def test_every_key_of_a_scene_is_explained_once() -> None:
-    assert set(KEYS) == leaf_keys(Scene)
-    assert {key.rpartition(".")[0] for key in KEYS} <= set(SECTIONS)
+def test_a_key_that_declares_nothing_is_refused_by_name() -> None:
+    class Silent(Part, frozen=True):
+        depth: float = 1.0
+
+    with pytest.raises(TypeError, match=r"Silent\.depth declares no Key or Section"):
+        declarations(Silent)
 
 
 @given(scene=scenes(), title=st.text())
@@ -47,9 +59,9 @@ def test_a_written_scene_reads_back_equal_over_any_base(scene: Scene, title: str
 @given(scene=scenes())
 def test_a_written_scene_has_every_key_with_its_allowed_values(scene: Scene) -> None:
     text = scene_toml(scene)
-    for key, (allowed, _) in KEYS.items():
-        assert f"\n{key.rpartition('.')[2]} = " in text
-        assert f"Allowed: {allowed}." in " ".join(line.removeprefix("# ") for line in text.splitlines())
+    for key in KEYS.values():
+        assert f"\n{key.name} = " in text
+        assert f"Allowed: {key.allowed}." in " ".join(line.removeprefix("# ") for line in text.splitlines())
 
 
 @given(
