@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
-BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(wildcard */kernels/*.cpp */kernels/*.h */kernels/paths/*)
+BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(wildcard kernels/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
 
 .DEFAULT_GOAL := help
 .PHONY: help install demo test bench clean

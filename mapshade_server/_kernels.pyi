@@ -14,10 +14,10 @@ class Array(Protocol):
 _Vector = Sequence[float]
 
 def cpu_paths() -> list[str]:
-    """The instruction sets that this CPU can run, slowest first: of baseline, avx2 and avx512."""
+    """The instruction sets that this CPU can run, narrowest first: of baseline, avx2 and avx512."""
 
 def cpu_path() -> str:
-    """The one in use. Raises BadInput where VOLSPLAT_CPU_PATH names one that cannot be used."""
+    """The one in use. Raises BadInput if VOLSPLAT_CPU_PATH names one that cannot be used."""
 
 def set_cpu_path(name: str) -> None:
     """Use another one from now on; the bits stay the same. Raises BadInput for one that is not in cpu_paths()."""
@@ -64,9 +64,6 @@ def pack(
     octahedral: bool,
 ) -> Array:
     """The voxel packets of a box within a source array: uint32 (k, j, i). `second` as above."""
-
-def bare_loop(packets: Array) -> int:
-    """The exclusive or of voxel packets: the floor that benchmarks compare the walk with."""
 
 def power(base: float, exponent: float) -> float:
     """base^exponent for 0 <= base <= 1, the same bits on every machine."""

@@ -7,10 +7,11 @@ _Axis: TypeAlias = tuple[int, int, int, int, int, bool]  # low, high, stride, fi
 def cpu_paths() -> list[str]:
     """The instruction sets of this machine, narrowest first: baseline, avx2, avx512."""
 
-def set_cpu_path(name: str) -> None:
-    """Splat on this path from now on. Raises ValueError where the machine lacks it."""
+def cpu_path() -> str:
+    """The one in use. Raises BadInput if VOLSPLAT_CPU_PATH names one that cannot be used."""
 
-def cpu_path() -> str: ...
+def set_cpu_path(name: str) -> None:
+    """Use another one from now on. Raises BadInput for one that is not in cpu_paths()."""
 
 class BatchMemory:
     """A batch's row runs (24 bytes each) and packets (8 bytes each), pinned while this lives; ValueError if cut.

@@ -101,7 +101,7 @@ def walk_rates(volume: PackedVolume, rounds: int, on_round: Callable[[], None]) 
     first = volume.first_density(VISIBLE)
     floor = _Floor(volume, first)
     for path in floors.cpu_paths():
-        with kernels_on(_kernels, path):
+        with kernels_on(_kernels, path), kernels_on(floors, path):
 
             def walk(view: str, first: int) -> float:
                 sent = 0
@@ -121,8 +121,8 @@ def walk_rates(volume: PackedVolume, rounds: int, on_round: Callable[[], None]) 
                 walk(view, first)
                 return walk(view, first)
 
-            def bare(path: str = path) -> float:
-                seconds = thread_seconds(lambda: floor.run(path))
+            def bare() -> float:
+                seconds = thread_seconds(floor.run)
                 assert floor.shaded == volume.from_density[first]
                 return seconds
 
@@ -172,9 +172,9 @@ class _Floor:
         self._light = torch.rand(1 << 15, generator=torch.Generator().manual_seed(2))
         self._out = torch.empty(volume.voxels, dtype=torch.uint64)
 
-    def run(self, path: str) -> None:
+    def run(self) -> None:
         tables = (self._opacity, self._emit, self._refl, self._light)
-        self.shaded = floors.bare_shade(path, self._packets, *tables, self._out)
+        self.shaded = floors.bare_shade(self._packets, *tables, self._out)
 
 
 def _levels(colours: Sequence[tuple[float, float, float]]) -> Tensor:

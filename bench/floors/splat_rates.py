@@ -76,8 +76,8 @@ def splat_rates(splats: int, rounds: int, on_round: Callable[[], None]) -> Itera
     for side, rows in itertools.product(SIDES, Rows):
         block = Block(side, rows, splats)
         for path in floors.cpu_paths():
-            with kernels_on(_kernels, path):
-                yield SplatRates(side, rows, path, block.measured(path, rounds, on_round))
+            with kernels_on(_kernels, path), kernels_on(floors, path):
+                yield SplatRates(side, rows, path, block.measured(rounds, on_round))
 
 
 class Block:
@@ -98,7 +98,7 @@ class Block:
         self._image = ImageBuffer(SIZE, SIZE)
         self._floor = _floor(side, positions)
 
-    def measured(self, path: str, rounds: int, on_round: Callable[[], None]) -> dict[str, list[float]]:
+    def measured(self, rounds: int, on_round: Callable[[], None]) -> dict[str, list[float]]:
         """Splats a second of each order and of the floor."""
 
         def kernel(order: Order) -> float:
@@ -109,7 +109,7 @@ class Block:
             order.value: (lambda n, order=order: kernel(order))  # type: ignore[misc]
             for order in TRAVERSAL_ORDERS
         }
-        contenders[FLOOR] = lambda n: thread_seconds(lambda: self._floor.run(path))
+        contenders[FLOOR] = lambda n: thread_seconds(lambda: self._floor.run())
         kernel(Order.BACK_TO_FRONT)
         self._check()
         seconds = interleaved(contenders, range(rounds), lambda n: on_round())

@@ -27,8 +27,8 @@ bool same(const Visibility& a, const Visibility& b) { return std::memcmp(&a, &b,
 
 RowLists::RowLists(std::size_t rows, std::size_t voxels)
     : rows_(rows, Row{0, kUnknown}),
-      packets_(large_memory((voxels + kSpare) * sizeof(std::uint32_t))),
-      positions_(large_memory((voxels + kSpare) * sizeof(std::uint16_t))) {}
+      packets_(large_array<std::uint32_t>(voxels + kSpare)),
+      positions_(large_array<std::uint16_t>(voxels + kSpare)) {}
 
 void RowLists::prefetch(std::size_t soon, std::size_t later) const {
   if (later < rows_.size()) __builtin_prefetch(&rows_[later]);
@@ -39,8 +39,8 @@ void RowLists::prefetch(std::size_t soon, std::size_t later) const {
 }
 
 void RowLists::add(std::size_t row, const VisibleVoxels& voxels) {
-  std::memcpy(packets() + filled_, voxels.packets, voxels.count * sizeof(std::uint32_t));
-  std::memcpy(positions() + filled_, voxels.positions, voxels.count * sizeof(std::uint16_t));
+  std::memcpy(packets_.get() + filled_, voxels.packets, voxels.count * sizeof(std::uint32_t));
+  std::memcpy(positions_.get() + filled_, voxels.positions, voxels.count * sizeof(std::uint16_t));
   rows_[row] = {filled_, voxels.count};
   filled_ += voxels.count;
 }

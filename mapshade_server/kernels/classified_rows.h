@@ -12,8 +12,8 @@
 #include <memory>
 #include <vector>
 
-#include "memory.h"
-#include "paths/path_kernels.h"
+#include "kernels/large_memory.h"
+#include "paths/map_shade_kernels.h"
 #include "source_volume.h"
 
 namespace volsplat {
@@ -26,7 +26,7 @@ class RowLists {
 
   bool holds(std::size_t row) const { return rows_[row].count != kUnknown; }
   VisibleVoxels at(std::size_t row) const {
-    return {positions() + rows_[row].begin, packets() + rows_[row].begin, rows_[row].count};
+    return {positions_.get() + rows_[row].begin, packets_.get() + rows_[row].begin, rows_[row].count};
   }
   // Has a row that is walked soon, and where one that is walked later lies, brought from memory.
   void prefetch(std::size_t soon, std::size_t later) const;
@@ -49,11 +49,9 @@ class RowLists {
     std::uint64_t count : 24;
   };
 
-  std::uint32_t* packets() const { return static_cast<std::uint32_t*>(packets_.get()); }
-  std::uint16_t* positions() const { return static_cast<std::uint16_t*>(positions_.get()); }
-
   std::vector<Row> rows_;
-  LargeMemory packets_, positions_;
+  LargeArray<std::uint32_t> packets_;
+  LargeArray<std::uint16_t> positions_;
   std::size_t filled_ = 0, most_filled_ = 0;
 };
 

@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "tile_map.h"
+#include "kernels/tile_map.h"
 
 namespace volsplat {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "hidden_places.h"
-#include "paths/path_kernels.h"
+#include "paths/map_shade_kernels.h"
 #include "walk_plan.h"
 
 namespace volsplat {

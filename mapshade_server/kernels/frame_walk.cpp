@@ -6,7 +6,7 @@
 #include <cstdlib>
 #include <limits>
 
-#include "cpu_path.h"
+#include "paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -71,7 +71,7 @@ std::int64_t reach(double pixels) {
 
 FrameWalk::FrameWalk(const WalkPlan& plan, const ShadingTables& tables, const std::vector<PacketBox>& boxes,
                      const std::uint64_t* closed_tiles)
-    : kernels_(path_kernels()),
+    : kernels_(map_shade_kernels()),
       plan_(plan),
       tables_(tables),
       equal_blocks_(with_equal_blocks(plan_.visits_of(2))),

@@ -7,17 +7,12 @@
 #include <vector>
 
 #include "closed_tiles.h"
+#include "kernels/packet_layout.h"
 #include "row_shading.h"
 #include "visible_rows.h"
 #include "walk_plan.h"
 
 namespace volsplat {
-
-// Samples of one sheet and row; 24 bytes on the wire.
-struct RowRun {
-  std::uint32_t sheet, row, first, count;
-  std::int32_t origin_x, origin_y;  // 1/64 pixel
-};
 
 struct Batch {
   std::vector<RowRun> runs;
@@ -78,7 +73,7 @@ class FrameWalk {
   std::int64_t ordinal(int level, std::int64_t traversal) const;
   Ordinals traversal_range(int level, const Ordinals& ordinals) const;
 
-  const PathKernels& kernels_;
+  const MapShadeKernels& kernels_;
   WalkPlan plan_;
   ShadingTables tables_;
   Ordinals equal_blocks_;

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <array>
 
-#include "cpu_path.h"
-#include "tile_map.h"
+#include "paths/map_shade_kernels.h"
+#include "kernels/tile_map.h"
 
 namespace volsplat {
 
@@ -47,7 +47,7 @@ std::uint32_t word_after(const std::uint32_t* row, std::int64_t words, std::int6
 
 HiddenPlaces::HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::int64_t height,
                            const SampleReach& reach)
-    : kernels_(path_kernels()),
+    : kernels_(map_shade_kernels()),
       tiles_(tiles),
       width_(width),
       height_(height),

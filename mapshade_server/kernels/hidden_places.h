@@ -4,7 +4,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "paths/path_kernels.h"
+#include "paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -30,7 +30,7 @@ class HiddenPlaces {
   void join_rows(std::int64_t tile_row);
   void join_row(std::int64_t tile_row, std::uint32_t* hidden);
 
-  const PathKernels& kernels_;
+  const MapShadeKernels& kernels_;
   const std::uint64_t* tiles_;
   const std::int64_t width_, height_, tile_rows_, tile_words_;
   const SampleReach reach_;

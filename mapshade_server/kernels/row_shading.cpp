@@ -1,7 +1,7 @@
 // Looks up opacities first, then the indices of the colour tables for what is left.
 #include "row_shading.h"
 
-#include "cpu_path.h"
+#include "paths/map_shade_kernels.h"
 #include "shading_tables.h"
 
 namespace volsplat {
@@ -13,7 +13,7 @@ int axis_after(Field field, Field first) { return static_cast<int>(field) - stat
 }  // namespace
 
 RowShading::RowShading(const WalkPlan& plan, const ShadingTables& tables, std::size_t longest_row)
-    : kernels_(path_kernels()), plan_(plan), tables_(tables), room_(longest_row + kSpare), codes_(room_) {}
+    : kernels_(map_shade_kernels()), plan_(plan), tables_(tables), room_(longest_row + kSpare), codes_(room_) {}
 
 SurvivingSamples RowShading::survivors(const SampleRow& row, const VisibleVoxels& voxels) {
   const bool all_opaque = look_up_opacity(row, voxels);

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "paths/path_kernels.h"
+#include "paths/map_shade_kernels.h"
 #include "walk_plan.h"
 
 namespace volsplat {
@@ -48,7 +48,7 @@ class RowShading {
   VisibleVoxels without_transparent(const VisibleVoxels& voxels);
   TableIndices indices(Field field, const SampleRow& row, const VisibleVoxels& voxels, Bytes& bytes) const;
 
-  const PathKernels& kernels_;
+  const MapShadeKernels& kernels_;
   const WalkPlan& plan_;
   const ShadingTables& tables_;
   std::size_t room_;

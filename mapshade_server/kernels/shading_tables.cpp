@@ -4,7 +4,7 @@
 #include <algorithm>
 #include <cmath>
 
-#include "cpu_path.h"
+#include "paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -60,7 +60,7 @@ std::vector<float> light_table(bool octahedral, const Lighting& lighting) {
   std::vector<float> table(kDirectionCodes, 0.0f);
   if (!lighting.diffuse && !lighting.specular) return table;
   const DirectionTable& directions = direction_table(octahedral);
-  path_kernels().light({directions.x.data(), directions.y.data(), directions.z.data()}, kDirectionCodes, lighting,
+  map_shade_kernels().light({directions.x.data(), directions.y.data(), directions.z.data()}, kDirectionCodes, lighting,
                        table.data());
   return table;
 }
@@ -76,7 +76,7 @@ std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu,
       continue;
     }
     for (int o = 0; o < kTableEntries; ++o) thin[o] = opac[o] * modu[m];
-    path_kernels().opacity_codes(thin.data(), kTableEntries, exponent, row);
+    map_shade_kernels().opacity_codes(thin.data(), kTableEntries, exponent, row);
   }
   return codes;
 }

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "cpu_path.h"
+#include "paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -98,7 +98,7 @@ bool VisibleRows::classify_into_lists(std::int64_t sheet, std::int64_t row) {
   Columns columns{0, 0, 1};
   if (axis == 0) {
     make_lanes(1, lines.count);
-    counts_[0] = static_cast<std::uint32_t>(path_kernels().classify_row(
+    counts_[0] = static_cast<std::uint32_t>(map_shade_kernels().classify_row(
         box_.packets + sheet * strides_[0] + row * strides_[1], static_cast<std::size_t>(lines.count), 0, visibility_,
         positions_.data(), packets_.data()));
   } else {
@@ -132,7 +132,7 @@ VisibleVoxels VisibleRows::contiguous_row(std::int64_t sheet, std::int64_t row, 
   }
   const std::size_t first = static_cast<std::size_t>(samples.begin - piece_of(samples.begin).begin);
   counts_[0] = static_cast<std::uint32_t>(
-      path_kernels().classify_row(packets, n, first, visibility_, positions_.data(), packets_.data()));
+      map_shade_kernels().classify_row(packets, n, first, visibility_, positions_.data(), packets_.data()));
   return lane(0);
 }
 
@@ -173,7 +173,7 @@ void VisibleRows::classify_columns(std::int64_t other, const Columns& columns, c
   }
   const std::int64_t other_stride = strides_[sheets_along_i() ? 1 : 0];
   const std::uint32_t* source = box_.packets + columns.first + other * other_stride + lines.first * strides_[2];
-  path_kernels().classify_columns(source, strides_[2] * lines.step, static_cast<std::size_t>(lines.count), wanted,
+  map_shade_kernels().classify_columns(source, strides_[2] * lines.step, static_cast<std::size_t>(lines.count), wanted,
                                   visibility_, {positions_.data(), packets_.data(), pitch_}, counts_.data());
 }
 

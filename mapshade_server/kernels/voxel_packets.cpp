@@ -5,7 +5,7 @@
 #include <limits>
 #include <utility>
 
-#include "cpu_path.h"
+#include "paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -83,7 +83,7 @@ void for_each_row(const SourceVolume& source, const Interior& interior, const st
                   const Visit& visit) {
   const std::int64_t n = interior.size[0];
   if (n * interior.size[1] * interior.size[2] == 0) return;
-  const PathKernels& kernels = path_kernels();
+  const MapShadeKernels& kernels = map_shade_kernels();
   std::vector<double> numbers(4 * (n + kSpare));
   const std::int64_t pitch = n + kSpare;
   const GradientRow gradient{numbers.data(), numbers.data() + pitch, numbers.data() + 2 * pitch,
@@ -150,7 +150,7 @@ RowExtremes survey(const SourceVolume& source, const Interior& interior, const s
   constexpr double kInfinity = std::numeric_limits<double>::infinity();
   RowExtremes extremes{kInfinity, -kInfinity, 0.0, 0};
   for_each_row(source, interior, matrix, [&](std::int64_t, std::int64_t, const double* values, const GradientRow& g) {
-    path_kernels().survey(values, g.length, interior.size[0], &extremes);
+    map_shade_kernels().survey(values, g.length, interior.size[0], &extremes);
   });
   return extremes;
 }
@@ -182,7 +182,7 @@ void pack(const SourceVolume& source, const Interior& interior, const std::array
   Strengths strengths(second, n);
   for_each_row(source, interior, matrix,
                [&](std::int64_t k, std::int64_t j, const double* values, const GradientRow& g) {
-                 path_kernels().pack(values, strengths.row(k, j, g), g, n, numbers,
+                 map_shade_kernels().pack(values, strengths.row(k, j, g), g, n, numbers,
                                      packets + (k * interior.size[1] + j) * n);
                });
 }

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "paths/path_kernels.h"
+#include "paths/map_shade_kernels.h"
 #include "source_volume.h"
 
 namespace volsplat {

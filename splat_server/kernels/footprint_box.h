@@ -1,4 +1,4 @@
-// What the weights of a footprint table are computed from. No std header here: see CMakeLists.txt.
+// What the weights of a footprint table are computed from.
 #pragma once
 #include <stddef.h>
 #include <stdint.h>

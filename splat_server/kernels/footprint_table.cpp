@@ -3,7 +3,7 @@
 #include <cmath>
 #include <stdexcept>
 
-#include "splat.h"
+#include "paths/splat_kernels.h"
 
 namespace volsplat {
 namespace {
@@ -56,7 +56,7 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
     clamped_ = ellipse.amplitude * projection.at_square(0) > 1;  // P falls from its middle on
     const int offsets = 1 << offset_bits;
     weight_count_ = static_cast<std::size_t>(offsets) * offsets * height_ * pitch_;
-    memory_ = large_memory(weight_count_ + 2 * kWeightMargin);
+    memory_ = zeros(weight_count_ + 2 * kWeightMargin);
     const std::vector<float> scaled = projection.over_half_chord(ellipse.amplitude);
     const auto intervals = static_cast<std::int32_t>(scaled.size()) - 2;
     const FootprintBox box{static_cast<float>(ellipse.qxx),
@@ -72,7 +72,7 @@ FootprintTable::FootprintTable(const KernelProjection& projection, const Ellipse
                            offsets,
                            start_x_.at.data(),
                            start_y_.at.data()};
-    fill_footprints(box, weights());
+    splat_kernels().fill_footprints(box, weights());
     find_spans();
 }
 

@@ -5,7 +5,7 @@
 #include <vector>
 
 #include "kernel_projection.h"
-#include "large_memory.h"
+#include "kernels/large_memory.h"
 #include "splat_job.h"
 
 namespace volsplat {
@@ -47,7 +47,7 @@ private:
     bool clamped_;
     Starts start_x_, start_y_;
     std::size_t weight_count_;
-    LargeMemory memory_;
+    LargeArray<float> memory_;
     std::vector<RowSpan> spans_;
 };
 

@@ -1,5 +1,4 @@
-// Four pixels of four channels turned: from channel by channel to pixel by pixel, or back. No std header here: see
-// CMakeLists.txt.
+// Four pixels of four channels turned: from channel by channel to pixel by pixel, or back.
 #pragma once
 
 namespace volsplat {

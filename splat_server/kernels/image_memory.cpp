@@ -13,8 +13,6 @@ std::int64_t plane_of(int pixels) {
     return ((pixels + 2 * kMarginPixels + kLinePixels - 1) / kLinePixels | 1) * kLinePixels;
 }
 
-std::int64_t tiles_along(int pixels) { return (pixels + kTileSide - 1) / kTileSide; }
-
 int checked(int pixels) {
     if (pixels < 1 || pixels > 65535) throw std::invalid_argument("an image must be 1 to 65535 pixels wide and high");
     return pixels;
@@ -23,12 +21,12 @@ int checked(int pixels) {
 }  // namespace
 
 ImageMemory::TileMap::TileMap(int width, int height)
-    : rows(tiles_along(height)), row_words((tiles_along(width) + 63) / 64), words(rows * row_words + 1, 0) {}
+    : rows(volsplat::tile_rows(height)), row_words(volsplat::tile_words(width)), words(rows * row_words + 1, 0) {}
 
 ImageMemory::ImageMemory(int width, int height)
     : width_(checked(width)),
       height_(checked(height)),
-      memory_(large_memory(4 * std::max(plane_of(width) * height, plane_of(height) * width))),
+      memory_(zeros(4 * std::max(plane_of(width) * height, plane_of(height) * width))),
       first_pixel_(memory_.get() + kMarginPixels),
       tiles_by_rows_(width, height),
       tiles_by_columns_(height, width) {

@@ -8,7 +8,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "large_memory.h"
+#include "kernels/large_memory.h"
 #include "splat_job.h"
 
 namespace volsplat {
@@ -59,7 +59,7 @@ private:
     bool by_columns_;
     int line_pixels_, lines_;
     std::int64_t plane_;
-    LargeMemory memory_;  // of zeros, but for the lines that are not empty
+    LargeArray<float> memory_;  // of zeros, but for the lines that are not empty
     float* first_pixel_;
     std::atomic<int> line_begin_, line_end_;  // read while another thread splats
     TileMap tiles_by_rows_, tiles_by_columns_;

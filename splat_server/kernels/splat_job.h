@@ -1,22 +1,18 @@
-// Plain structs that the splat loops of every instruction set share. No std header here: see CMakeLists.txt.
+// Plain structs that the splat loops of every instruction set share.
 #pragma once
 #include <stddef.h>
 #include <stdint.h>
 
+#include "kernels/axis_visits.h"
+#include "kernels/packet_layout.h"
+#include "kernels/tile_map.h"
+
 namespace volsplat {
 
-constexpr int kSubpixelBits = 6;         // positions are multiples of 1/64 pixel (protocol/rules/packet_layout.py)
-constexpr int kPacketBytes = 8;
-constexpr int kPositionBits = 14;
-constexpr int kPositionMask = (1 << kPositionBits) - 1;
 constexpr int kRunPixels = 1 << (kPositionBits - kSubpixelBits);  // a run's packets lie so near to its origin
-constexpr int kOpacityShift = 28;
-constexpr int kOpacityMask = (1 << 12) - 1;
-constexpr int kColourShift = 40;
+constexpr int kOpacityMask = (1 << (kColourShift - kOpacityShift)) - 1;
 constexpr double kLargestHalfExtent = 16384;
 constexpr float kFrozenAlpha = 1.0f - 1.0f / 1024.0f;  // front-to-back: from here on a pixel no longer changes
-
-constexpr int kTileSide = 4;  // of closed tiles (protocol/rules/closed_tiles.py)
 
 // Footprints of up to so many pixels a row are splatted as one box of whole vectors, and of a wide one each row as far
 // as the footprint may reach there.
@@ -25,18 +21,6 @@ constexpr int kNarrowBox = 16, kWideBox = 32;
 constexpr int kMarginPixels = kWideBox;
 // So many floats on either side of a footprint table may be read.
 constexpr int kWeightMargin = 16;
-
-struct RowRun {  // 24 bytes on the wire
-    uint32_t sheet, row, first, count;
-    int32_t x0, y0;  // 1/64 pixel
-};
-
-// Static, so that each instruction set has its own.
-static inline RowRun run_at(const unsigned char* runs, uint64_t n) {
-    RowRun run;
-    __builtin_memcpy(&run, runs + n * sizeof run, sizeof run);
-    return run;
-}
 
 struct SpanView {  // consecutive runs of one batch; the addresses need no alignment
     const unsigned char* runs;
@@ -58,15 +42,15 @@ struct FootprintView {
     bool clamped;  // some weight may exceed 1, so that min(1, w A) can bite
 };
 
-struct AxisView {  // protocol.traversal.AxisVisits
-    int64_t low, high, stride, first, count;
+struct CellAxis {
+    AxisVisits visits;
     bool ascending;
 };
 
 struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a step (protocol/rules/frame_plan.py)
     int64_t origin[2];
     int64_t half_step[2][3];  // of x and of y, along the sheet, row and sample axes
-    AxisView axes[3];
+    CellAxis axes[3];
 };
 
 enum class Reach { footprint, cell, pixel };

@@ -3,7 +3,6 @@
 #include <algorithm>
 
 #include "image_publishing.h"
-#include "splat.h"
 
 namespace volsplat {
 namespace {

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <cstdint>
 
-#include "splat.h"
+#include "paths/splat_kernels.h"
 
 namespace volsplat {
 namespace {
@@ -51,7 +51,7 @@ StripedJob::StripedJob(const SplatJob& job, const std::vector<RowSpan>& stripes)
     }
     const auto begins_before_end = [](std::int32_t line, const Part& part) { return line < part.lines.end; };
     std::vector<RowSpan> rows(number_of_runs(job));
-    find_run_rows(job, rows.data());
+    splat_kernels().find_run_rows(job, rows.data());
     auto reached = rows.begin();
     for (std::size_t s = 0; s < job.span_count; ++s) {
         SpanView run = job.spans[s];
@@ -86,7 +86,7 @@ SplatOutcome StripedJob::splat(std::size_t stripe) const {
     SplatJob job = job_;
     job.spans = part.spans.data(), job.span_count = part.spans.size();
     job.row_begin = part.lines.begin, job.row_end = part.lines.end;
-    return volsplat::splat(job);
+    return splat_kernels().splat(job);
 }
 
 }  // namespace volsplat

@@ -5,6 +5,7 @@ import torch
 
 from tolerances import SUM_OF_WEIGHTED_ADDS
 from volsplat.bench import _kernels
+from volsplat.bench.floors.cpu_paths import kernels_on
 
 PATHS = _kernels.cpu_paths()
 
@@ -27,7 +28,8 @@ def test_the_bare_splat_adds_weighted_samples_to_boxes_back_to_front(path: str, 
     for x, y in corners.tolist():
         box = expected[y : y + side, x : x + side]
         box += weights * (sample - box)
-    _kernels.BareSplat(image, corners, weights, sample).run(path)
+    with kernels_on(_kernels, path):
+        _kernels.BareSplat(image, corners, weights, sample).run()
     assert torch.allclose(image.double(), expected, rtol=0, atol=SUM_OF_WEIGHTED_ADDS)
 
 
@@ -50,7 +52,8 @@ def test_the_bare_map_shade_shades_the_visible_packets_in_their_order(path: str,
     emit, refl = (200 * torch.rand((256, 4), generator=chance) for _ in range(2))
     light = torch.rand(1 << 15, generator=chance)
     shaded = torch.zeros(count, dtype=torch.uint64)
-    sent = _kernels.bare_shade(path, packets.to(torch.uint32), opacity.to(torch.uint16), emit, refl, light, shaded)
+    with kernels_on(_kernels, path):
+        sent = _kernels.bare_shade(packets.to(torch.uint32), opacity.to(torch.uint16), emit, refl, light, shaded)
     codes = opacity[packets & 0xFFFF]
     visible = packets[codes > 0]
     density = visible & 255

@@ -11,14 +11,13 @@ typedef float Row __attribute__((vector_size(32)));
 typedef float Row __attribute__((vector_size(16)));
 #endif
 
-// `corners` are the top left pixels (x, y) of boxes of `side` x `side`; `weights` are given for each channel.
 template <int kSide>
-static void splat_boxes(float* image, int64_t pitch, const int32_t* corners, int64_t count, const float* weights,
+static void splat_boxes(float* image, std::int64_t pitch, const std::int32_t* corners, std::int64_t count, const float* weights,
                         const float* sample) {
   constexpr int kFloats = sizeof(Row) / 4;
   Row colour;
   for (int n = 0; n < kFloats; ++n) colour[n] = sample[n % 4];
-  for (int64_t s = 0; s < count; ++s) {
+  for (std::int64_t s = 0; s < count; ++s) {
     float* pixel = image + (corners[2 * s + 1] * pitch + corners[2 * s]) * 4;
     const float* weight = weights;
     for (int y = 0; y < kSide; ++y, pixel += pitch * 4, weight += kSide * 4)
@@ -33,7 +32,7 @@ static void splat_boxes(float* image, int64_t pitch, const int32_t* corners, int
   }
 }
 
-void bare_splat(float* image, int64_t pitch, const int32_t* corners, int64_t count, int side, const float* weights,
+void bare_splat(float* image, std::int64_t pitch, const std::int32_t* corners, std::int64_t count, int side, const float* weights,
                 const float* sample) {
   if (side == 4) splat_boxes<4>(image, pitch, corners, count, weights, sample);
   if (side == 8) splat_boxes<8>(image, pitch, corners, count, weights, sample);

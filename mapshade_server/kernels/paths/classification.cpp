@@ -1,7 +1,7 @@
 // Finds the voxels that can be seen, by two bits each: one for its density, one for its strength. Most voxels of a
 // volume end here.
 #include "kept_lanes.h"
-#include "path_functions.h"
+#include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 

@@ -1,6 +1,7 @@
 // Looks up opacity codes, and the bytes of packet fields that do not lie in the packet itself.
 #include "intrinsics.h"
-#include "path_functions.h"
+#include "kernels/packet_layout.h"
+#include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 
@@ -46,7 +47,7 @@ bool opacity_by_indices(const TableIndices& opac, const TableIndices& modu, std:
 }
 
 void direction_bytes(const std::uint32_t* packets, std::size_t n, const std::uint8_t* table, std::uint8_t* bytes) {
-  for (std::size_t at = 0; at < n; ++at) bytes[at] = table[packets[at] >> 16 & 0x7FFF];
+  for (std::size_t at = 0; at < n; ++at) bytes[at] = table[packets[at] >> kDirectionShift & kDirectionMask];
 }
 
 void screen_bytes(const std::uint16_t* positions, std::size_t n, std::int64_t start, std::int64_t step,

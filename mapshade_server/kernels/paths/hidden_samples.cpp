@@ -1,6 +1,6 @@
 // Leaves out samples that lie where the image is closed, one bit looked up for each.
 #include "kept_lanes.h"
-#include "path_functions.h"
+#include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 

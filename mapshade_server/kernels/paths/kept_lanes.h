@@ -1,7 +1,7 @@
 // Some neighbouring voxels of a row at once, and the writing of those that are kept next to each other.
 #pragma once
 #include "intrinsics.h"
-#include "path_kernels.h"
+#include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 

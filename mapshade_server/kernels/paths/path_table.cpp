@@ -1,12 +1,24 @@
 // Lists the kernels of one instruction set.
-#include "path_functions.h"
+#include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 
-extern const PathKernels kKernels = {
-    classify_row,       classify_columns, leave_out_hidden, opacity_by_packet,
-    opacity_by_indices, direction_bytes,  screen_bytes,     grid_bytes,
-    shade,              power,            light,            opacity_codes,
-    gradient,           survey,           pack};
+extern constinit const MapShadeKernels kMapShadeKernels = {
+    .classify_row = classify_row,
+    .classify_columns = classify_columns,
+    .leave_out_hidden = leave_out_hidden,
+    .opacity_by_packet = opacity_by_packet,
+    .opacity_by_indices = opacity_by_indices,
+    .direction_bytes = direction_bytes,
+    .screen_bytes = screen_bytes,
+    .grid_bytes = grid_bytes,
+    .shade = shade,
+    .power = power,
+    .light = light,
+    .opacity_codes = opacity_codes,
+    .gradient = gradient,
+    .survey = survey,
+    .pack = pack,
+};
 
 }  // namespace volsplat::VOLSPLAT_PATH

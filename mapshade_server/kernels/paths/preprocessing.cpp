@@ -1,13 +1,13 @@
 // Gradients and quantisation of one row of source values (paper: "Shading"; rules: protocol/rules/index_rules.py).
-#include "path_functions.h"
+#include "kernels/packet_layout.h"
+#include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 
 namespace {
 
 constexpr double kLargest = 1.7976931348623157e308;
-constexpr std::uint32_t kNoData = 1u << 31;
-constexpr int kDirectionShift = 16;
+constexpr std::uint32_t kNoData = 1u << kNoDataBit;
 constexpr std::uint32_t kOctahedralSide = 181;
 constexpr std::uint32_t kOctahedralNoGradient = kOctahedralSide * kOctahedralSide;
 constexpr std::uint32_t kPaperNoGradient = 16 | 16 << 5 | 16 << 10;

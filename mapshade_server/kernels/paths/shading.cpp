@@ -3,16 +3,12 @@
 // A colour is emit + refl * light, clamped to 0..1 and rounded to bytes, in float32. Positions are exact in float64:
 // counted from the run's origin they have 14 bits before the point and 26 behind it.
 #include "intrinsics.h"
-#include "path_functions.h"
+#include "kernels/packet_layout.h"
+#include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 
 namespace {
-
-// The bits of a shaded packet; see protocol/rules/packet_layout.py.
-constexpr int kYShift = 14;
-constexpr int kOpacityShift = 28;
-constexpr int kColourShift = 40;
 
 constexpr double kLatticeUnit = 1.0 / 67108864.0;  // 1/64 pixel is 2^26 of the fixed-point unit
 constexpr std::int64_t kHalfUnit = std::int64_t{1} << 25;
@@ -67,7 +63,7 @@ class GroupShading : public RunShading {
     const __m512i colours = colours_of(s);
     const __m512i codes = widened(samples_.opacity + s);
     const __m512i n = _mm512_sub_epi32(widened(samples_.voxels.positions + s), _mm512_set1_epi32(lowest_));
-    const __m512i place = _mm512_or_si512(offsets(x_, n), _mm512_slli_epi32(offsets(y_, n), kYShift));
+    const __m512i place = _mm512_or_si512(offsets(x_, n), _mm512_slli_epi32(offsets(y_, n), kPositionBits));
     const __m512i low = _mm512_or_si512(place, _mm512_slli_epi32(codes, kOpacityShift));
     const __m512i high = _mm512_or_si512(_mm512_srli_epi32(codes, 32 - kOpacityShift),
                                          _mm512_slli_epi32(colours, kColourShift - 32));
@@ -117,7 +113,7 @@ class GroupShading : public RunShading {
 
   __m512i colours_of(std::size_t s) const {
     const __m512i packet = _mm512_loadu_si512(samples_.voxels.packets + s);
-    const __m512i direction = _mm512_and_si512(_mm512_srli_epi32(packet, 16), _mm512_set1_epi32(0x7FFF));
+    const __m512i direction = _mm512_and_si512(_mm512_srli_epi32(packet, kDirectionShift), _mm512_set1_epi32(kDirectionMask));
     const __m512 light = _mm512_i32gather_ps(direction, tables_.light, 4);
     return _mm512_packus_epi16(_mm512_packs_epi32(levels<0>(s, light), levels<1>(s, light)),
                                _mm512_packs_epi32(levels<2>(s, light), levels<3>(s, light)));
@@ -139,7 +135,7 @@ class GroupShading : public RunShading {
     const __m256i colours = colours_of(s);
     const __m256i codes = widened(samples_.opacity + s);
     const __m256i n = _mm256_sub_epi32(widened(samples_.voxels.positions + s), _mm256_set1_epi32(lowest_));
-    const __m256i place = _mm256_or_si256(offsets(x_, n), _mm256_slli_epi32(offsets(y_, n), kYShift));
+    const __m256i place = _mm256_or_si256(offsets(x_, n), _mm256_slli_epi32(offsets(y_, n), kPositionBits));
     __m256i low = _mm256_or_si256(place, _mm256_slli_epi32(codes, kOpacityShift));
     __m256i high = _mm256_or_si256(_mm256_srli_epi32(codes, 32 - kOpacityShift),
                                    _mm256_slli_epi32(colours, kColourShift - 32));
@@ -184,7 +180,7 @@ class GroupShading : public RunShading {
 
   __m256i colours_of(std::size_t s) const {
     const __m256i packet = _mm256_loadu_si256(reinterpret_cast<const __m256i*>(samples_.voxels.packets + s));
-    const __m256i direction = _mm256_and_si256(_mm256_srli_epi32(packet, 16), _mm256_set1_epi32(0x7FFF));
+    const __m256i direction = _mm256_and_si256(_mm256_srli_epi32(packet, kDirectionShift), _mm256_set1_epi32(kDirectionMask));
     const __m256 light = _mm256_i32gather_ps(tables_.light, direction, 4);
     return _mm256_packus_epi16(_mm256_packs_epi32(levels<0>(s, light), levels<1>(s, light)),
                                _mm256_packs_epi32(levels<2>(s, light), levels<3>(s, light)));
@@ -201,13 +197,13 @@ class GroupShading : public RunShading {
 
   void write(std::size_t s, bool, std::uint64_t* out) const {
     const std::int32_t n = samples_.voxels.positions[s] - lowest_;
-    *out = x_.at(n) | static_cast<std::uint64_t>(y_.at(n)) << kYShift |
+    *out = x_.at(n) | static_cast<std::uint64_t>(y_.at(n)) << kPositionBits |
            static_cast<std::uint64_t>(samples_.opacity[s]) << kOpacityShift |
            static_cast<std::uint64_t>(colour_bytes(s)) << kColourShift;
   }
 
  private:
-  float light(std::size_t s) const { return tables_.light[samples_.voxels.packets[s] >> 16 & 0x7FFF]; }
+  float light(std::size_t s) const { return tables_.light[samples_.voxels.packets[s] >> kDirectionShift & kDirectionMask]; }
 
 #if defined(__SSE2__)
 

@@ -1,5 +1,5 @@
 // Fills the tables that change with the view: light of all directions, and opacity codes (paper: "Shading").
-#include "path_functions.h"
+#include "map_shade_kernels.h"
 #include "powers.h"
 
 namespace volsplat::VOLSPLAT_PATH {

@@ -1,6 +1,6 @@
 // One coordinate of a sheet over the pixels: a fraction of integers that floating point tells in almost every place.
 #pragma once
-#include "../splat_job.h"
+#include "splat_server/kernels/splat_job.h"
 #include "pixel_vectors.h"
 
 namespace volsplat {

@@ -1,5 +1,5 @@
 // Fills a footprint table; the same bits on every path, so that a table may be kept when the path changes.
-#include "splat_loops.h"
+#include "splat_kernels.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {

@@ -6,7 +6,7 @@
 #include <immintrin.h>
 #endif
 
-#include "../splat_job.h"
+#include "splat_server/kernels/splat_job.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {

@@ -1,7 +1,7 @@
 // Which rows of pixels each run reaches, so that a stripe need not decode the runs that do not.
 #include "shaded_sample.h"
 #include "sheet_cells.h"
-#include "splat_loops.h"
+#include "splat_kernels.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {

@@ -1,6 +1,6 @@
 // Shaded packets and row runs decoded (protocol/rules/packet_layout.py).
 #pragma once
-#include "../splat_job.h"
+#include "splat_server/kernels/splat_job.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {

@@ -7,7 +7,7 @@
 // sheet it stays in its row and place. So whatever a ray passes through shares a side with what comes next, and a closed
 // shell one voxel thin lets no ray through.
 #pragma once
-#include "../splat_job.h"
+#include "splat_server/kernels/splat_job.h"
 #include "cell_coordinate.h"
 
 namespace volsplat {
@@ -17,7 +17,7 @@ namespace {
 // Pixels along one coordinate from a sample to the next on an axis.
 inline double pixels_apart(const CellView& cells, int coordinate, int axis) {
     return size_of(static_cast<double>(cells.half_step[coordinate][axis])) * 2 *
-           static_cast<double>(cells.axes[axis].stride) / kFixedOne;
+           static_cast<double>(cells.axes[axis].visits.stride) / kFixedOne;
 }
 
 class SheetCells {
@@ -33,7 +33,7 @@ public:
         for (int face = 0; face < kFaces && area_ != 0; ++face) {
             rows_at_[face].set_slopes(sign * sample_y_, -sign * sample_x_, area_ * sign);
             samples_at_[face].set_slopes(-sign * row_y_, sign * row_x_, area_ * sign);
-            samples_at_[face].set_blocks(block_start(view_.axes[2], 0), view_.axes[2].stride);
+            samples_at_[face].set_blocks(samples().block_start(0), samples().stride);
         }
         const int64_t sheet_x = view_.half_step[0][0], sheet_y = view_.half_step[1][0];
         row_aside_ = aside(Wide(sheet_x) * sample_y_ - Wide(sheet_y) * sample_x_, view_.axes[1]);
@@ -53,7 +53,7 @@ public:
     void enter_row(uint32_t sheet, uint32_t row) {
         int64_t low, high;
         if (sheet != sheet_) enter_sheet(sheet);
-        block(view_.axes[1], ordinal(view_.axes[1], row), low, high);
+        block(view_.axes[1].visits, ordinal(view_.axes[1], row), low, high);
         u_low_ = 2 * low - 1, u_high_ = 2 * high - 1;
         for (int c = 0; c < 2; ++c)
             middle_[c] = static_cast<double>(origin_[c] + (low + high - 1) * view_.half_step[c][1]);
@@ -67,11 +67,10 @@ public:
         const double from_x = static_cast<double>(x64) * (kFixedOne / 64) - middle_[0];
         const double from_y = static_cast<double>(y64) * (kFixedOne / 64) - middle_[1];
         const double middle = from_x * along_x_ + from_y * along_y_;
-        const AxisView& axis = view_.axes[2];
         // Within half a voxel of its middle a block belongs to one ordinal only, so rounding cannot matter.
         const double place =
-            (middle + 0.5 - static_cast<double>(block_start(axis, 0))) / static_cast<double>(axis.stride);
-        if (place >= static_cast<double>(axis.count)) return axis.count - 1;
+            (middle + 0.5 - static_cast<double>(samples().block_start(0))) / static_cast<double>(samples().stride);
+        if (place >= static_cast<double>(samples().count)) return samples().count - 1;
         return place > 0 ? static_cast<int64_t>(place) : 0;
     }
 
@@ -90,8 +89,8 @@ public:
     // touch, within the job's.
     RowSpan enter_cells(int64_t least, int64_t greatest) {
         int64_t low, high, unused;
-        block(view_.axes[2], least, low, unused);
-        block(view_.axes[2], greatest, unused, high);
+        block(samples(), least, low, unused);
+        block(samples(), greatest, unused, high);
         v_low_ = 2 * low - 1, v_high_ = 2 * high - 1;
         if (!rows_at_[0].level() && !samples_at_[0].level()) return rows_around();
         if (samples_at_[0].level())
@@ -154,7 +153,7 @@ private:
 
     // How far along an axis of its own a sheet is shifted on the screen for each half voxel that it lies deeper; 0 where
     // rounding alone shifts it against the order of traversal, for a pixel's samples must come in that order.
-    double aside(Wide numerator, const AxisView& axis) const {
+    double aside(Wide numerator, const CellAxis& axis) const {
         if (area_ < 0) numerator = -numerator;
         const bool rises = (numerator < 0) == view_.axes[0].ascending;  // in the order of the sheets
         if (numerator == 0 || rises != axis.ascending) return 0;
@@ -164,7 +163,7 @@ private:
     void enter_sheet(uint32_t sheet) {
         sheet_ = sheet;
         int64_t low, high;
-        block(view_.axes[0], ordinal(view_.axes[0], sheet), low, high);
+        block(view_.axes[0].visits, ordinal(view_.axes[0], sheet), low, high);
         const int64_t middle = low + high - 1;
         const bool far_is_low = view_.axes[0].ascending != job_.front_to_back;
         for (int face = 0; face < kFaces; ++face) {
@@ -185,19 +184,14 @@ private:
                                job_.image.height);
     }
 
-    static int64_t ordinal(const AxisView& axis, uint32_t visited) {
-        return axis.ascending ? int64_t(visited) : axis.count - 1 - int64_t(visited);
+    const AxisVisits& samples() const { return view_.axes[2].visits; }
+
+    static int64_t ordinal(const CellAxis& axis, uint32_t visited) {
+        return axis.ascending ? int64_t(visited) : axis.visits.count - 1 - int64_t(visited);
     }
 
-    // Where the block of an ordinal begins, but for the outermost ones, which reach to the bounds.
-    static int64_t block_start(const AxisView& axis, int64_t o) {
-        return axis.first + axis.stride * o - axis.stride / 2;
-    }
-
-    static void block(const AxisView& axis, int64_t o, int64_t& low, int64_t& high) {
-        const int64_t start = block_start(axis, o);
-        low = o == 0 ? axis.low : start;
-        high = o == axis.count - 1 ? axis.high : start + axis.stride;
+    static void block(const AxisVisits& visits, int64_t o, int64_t& low, int64_t& high) {
+        low = visits.block_low(o), high = visits.block_high(o);
     }
 
     const SplatJob& job_;

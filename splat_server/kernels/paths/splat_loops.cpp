@@ -1,5 +1,5 @@
 // The splat loops (paper: "Combining"), compiled once per instruction set.
-#include "splat_loops.h"
+#include "splat_kernels.h"
 
 #include "cell_loop.h"
 #include "footprint_loop.h"

@@ -1,4 +1,4 @@
-#include "bind_combining.h"
+#include "combining.h"
 
 #include <nanobind/ndarray.h>
 #include <nanobind/stl/array.h>
@@ -12,13 +12,12 @@
 #include <stdexcept>
 #include <utility>
 
-#include "bind_merge.h"
-#include "cpu_path.h"
-#include "edge_layer.h"
-#include "footprint_table.h"
-#include "image_memory.h"
-#include "image_publishing.h"
-#include "splat_queue.h"
+#include "merge.h"
+#include "splat_server/kernels/edge_layer.h"
+#include "splat_server/kernels/footprint_table.h"
+#include "splat_server/kernels/image_memory.h"
+#include "splat_server/kernels/image_publishing.h"
+#include "splat_server/kernels/splat_queue.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -42,7 +41,7 @@ CellView cell_view(const Map& x, const Map& y, const std::array<Axis, 3>& axes) 
     for (int n = 0; n < 3; ++n) {
         const auto [low, high, stride, first, count, ascending] = axes[n];
         if (stride < 1 || count < 1) throw std::invalid_argument("an axis of cells needs a stride and a count");
-        view.axes[n] = {low, high, stride, first, count, ascending};
+        view.axes[n] = {{low, high, stride, first, count}, ascending};
     }
     return view;
 }
@@ -170,10 +169,6 @@ nb::object closed_tiles(nb::handle_t<PythonImage> self) {
 }  // namespace
 
 void bind_combining(nb::module_& m) {
-    m.def("cpu_paths", &cpu_paths);
-    m.def("set_cpu_path", &set_cpu_path, "name"_a);
-    m.def("cpu_path", &cpu_path);
-
     nb::class_<KernelProjection>(m, "KernelProjection")
         .def(nb::init<const std::string&, double, double>(), "kernel"_a, "parameter"_a, "radius"_a)
         .def("at_square", &KernelProjection::at_square, "rho_square"_a);

@@ -1,12 +1,10 @@
 // The hot loops that exist once for each instruction set, and the numbers they take. All sets give the same bits.
-//
-// Files in this folder are compiled with AVX2 or AVX-512 switched on. They include no standard header that holds
-// inline functions: the linker would keep one copy of such a function, and it might be the one this machine's CPU
-// cannot run.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+
+#include "kernels/path_table.h"
 
 namespace volsplat {
 
@@ -126,61 +124,88 @@ struct Lighting {
   double specular_power;
 };
 
-struct PathKernels {
+// The kernels of one instruction set.
+struct MapShadeKernels {
   // Writes the visible ones of n packets, the first of which has the position `first`; returns how many. Both
   // outputs need n + kSpare elements.
-  std::size_t (*classify_row)(const std::uint32_t* row, std::size_t n, std::size_t first,
-                              const Visibility& visibility, std::uint16_t* positions, std::uint32_t* packets);
+  Kernel<std::size_t(const std::uint32_t* row, std::size_t n, std::size_t first, const Visibility& visibility,
+                     std::uint16_t* positions, std::uint32_t* packets)> classify_row;
 
   // The rows l < kStripLanes made of source[n * stride + l], as far as their bit in `wanted` is set.
-  void (*classify_columns)(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
-                           const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts);
+  Kernel<void(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
+              const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts)> classify_columns;
 
   // Writes the voxels that are not hidden; returns how many. `line`, rounded down, is the first pixel that each of them
   // reaches. Both outputs need voxels.count + kSpare elements.
-  std::size_t (*leave_out_hidden)(const VisibleVoxels& voxels, const HiddenMap& map, const RowLine& line,
-                                  std::uint16_t* positions, std::uint32_t* packets);
+  Kernel<std::size_t(const VisibleVoxels& voxels, const HiddenMap& map, const RowLine& line, std::uint16_t* positions,
+                     std::uint32_t* packets)> leave_out_hidden;
 
   // Opacity codes at density | strength << 8; tells whether none of them is 0. The table has spare elements.
-  bool (*opacity_by_packet)(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table,
-                            std::uint16_t* codes);
+  Kernel<bool(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table,
+              std::uint16_t* codes)> opacity_by_packet;
 
   // Opacity codes at opac | modu << 8; tells whether none of them is 0.
-  bool (*opacity_by_indices)(const TableIndices& opac, const TableIndices& modu, std::size_t n,
-                             const std::uint16_t* table, std::uint16_t* codes);
+  Kernel<bool(const TableIndices& opac, const TableIndices& modu, std::size_t n, const std::uint16_t* table,
+              std::uint16_t* codes)> opacity_by_indices;
 
   // Bytes of direction codes.
-  void (*direction_bytes)(const std::uint32_t* packets, std::size_t n, const std::uint8_t* table, std::uint8_t* bytes);
+  Kernel<void(const std::uint32_t* packets, std::size_t n, const std::uint8_t* table,
+              std::uint8_t* bytes)> direction_bytes;
 
   // (start + position * step) >> 32, clamped to 0..255; no value is beyond 2^52.
-  void (*screen_bytes)(const std::uint16_t* positions, std::size_t n, std::int64_t start, std::int64_t step,
-                       std::uint8_t* bytes);
+  Kernel<void(const std::uint16_t* positions, std::size_t n, std::int64_t start, std::int64_t step,
+              std::uint8_t* bytes)> screen_bytes;
 
   // table[position * step].
-  void (*grid_bytes)(const std::uint16_t* positions, std::size_t n, const std::uint8_t* table, std::int64_t step,
-                     std::uint8_t* bytes);
+  Kernel<void(const std::uint16_t* positions, std::size_t n, const std::uint8_t* table, std::int64_t step,
+              std::uint8_t* bytes)> grid_bytes;
 
   // Writes a run's shaded packets.
-  void (*shade)(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line,
-                const RunSamples& run, std::uint64_t* out);
+  Kernel<void(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
+              std::uint64_t* out)> shade;
 
   // base^exponent for a base of 0 to 1, the same bits on every machine.
-  double (*power)(double base, double exponent);
+  Kernel<double(double base, double exponent)> power;
 
   // What multiplies the reflected colour, for each direction.
-  void (*light)(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table);
+  Kernel<void(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table)> light;
 
   // 12-bit codes of 1 - (1 - thin)^exponent.
-  void (*opacity_codes)(const double* thin, std::size_t n, double exponent, std::uint16_t* codes);
+  Kernel<void(const double* thin, std::size_t n, double exponent, std::uint16_t* codes)> opacity_codes;
 
   // Differences by two steps, one-sided next to missing neighbours, turned physical by the row-major 3x3 `matrix`.
-  void (*gradient)(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out);
+  Kernel<void(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out)> gradient;
 
-  void (*survey)(const double* values, const double* length, std::size_t n, RowExtremes* extremes);
+  Kernel<void(const double* values, const double* length, std::size_t n, RowExtremes* extremes)> survey;
 
   // `strengths` are the gradient's lengths or a second scalar.
-  void (*pack)(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
-               const QuantisationNumbers& numbers, std::uint32_t* packets);
+  Kernel<void(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
+              const QuantisationNumbers& numbers, std::uint32_t* packets)> pack;
 };
 
+// Those of the CPU path in use.
+const MapShadeKernels& map_shade_kernels();
+
 }  // namespace volsplat
+
+#if defined(VOLSPLAT_PATH)
+namespace volsplat::VOLSPLAT_PATH {
+
+FunctionOf<&MapShadeKernels::classify_row> classify_row;
+FunctionOf<&MapShadeKernels::classify_columns> classify_columns;
+FunctionOf<&MapShadeKernels::leave_out_hidden> leave_out_hidden;
+FunctionOf<&MapShadeKernels::opacity_by_packet> opacity_by_packet;
+FunctionOf<&MapShadeKernels::opacity_by_indices> opacity_by_indices;
+FunctionOf<&MapShadeKernels::direction_bytes> direction_bytes;
+FunctionOf<&MapShadeKernels::screen_bytes> screen_bytes;
+FunctionOf<&MapShadeKernels::grid_bytes> grid_bytes;
+FunctionOf<&MapShadeKernels::shade> shade;
+FunctionOf<&MapShadeKernels::power> power;
+FunctionOf<&MapShadeKernels::light> light;
+FunctionOf<&MapShadeKernels::opacity_codes> opacity_codes;
+FunctionOf<&MapShadeKernels::gradient> gradient;
+FunctionOf<&MapShadeKernels::survey> survey;
+FunctionOf<&MapShadeKernels::pack> pack;
+
+}  // namespace volsplat::VOLSPLAT_PATH
+#endif

@@ -1,14 +1,42 @@
 // Checks and converts what Python gives, so that the walk itself need not.
-#include "python_frame_walk.h"
+#include "frame_walk.h"
 
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <array>
 #include <cstring>
+#include <memory>
+#include <optional>
+#include <stdexcept>
+#include <tuple>
+#include <utility>
+#include <vector>
 
-#include "shading_tables.h"
-#include "tile_map.h"
+#include "arrays.h"
+#include "kernels/tile_map.h"
+#include "mapshade_server/kernels/frame_walk.h"
+#include "mapshade_server/kernels/shading_tables.h"
 
 namespace volsplat {
 
+using namespace nb::literals;
+
 namespace {
+
+using PacketArray = nb::ndarray<const std::uint32_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
+using ColourArray = nb::ndarray<const float, nb::shape<256, 4>, nb::c_contig, nb::device::cpu>;
+using OpacityArray = nb::ndarray<const std::uint16_t, nb::shape<65536>, nb::c_contig, nb::device::cpu>;
+using VisibilityArray = nb::ndarray<const std::uint8_t, nb::shape<64>, nb::c_contig, nb::device::cpu>;
+using LightArray = nb::ndarray<const float, nb::shape<32768>, nb::c_contig, nb::device::cpu>;
+using GradientByteArray = nb::ndarray<const std::uint8_t, nb::shape<3, 32768>, nb::c_contig, nb::device::cpu>;
+using GridByteArray = nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using TileArray = nb::ndarray<const std::uint64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
+using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<ClassifiedRows>>;
+
 
 Dda dda_of(const std::array<std::int64_t, 4>& numbers) {
   return {numbers[0], {numbers[1], numbers[2], numbers[3]}};
@@ -44,14 +72,14 @@ ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<O
   Field* fields[4] = {&tables.emit, &tables.refl, &tables.opac, &tables.modu};
   for (int table = 0; table < 4; ++table) {
     if (cross_bar[table] < 0 || cross_bar[table] > static_cast<int>(Field::grid_k)) {
-      throw nb::value_error("the cross-bar names a field that does not exist");
+      throw std::invalid_argument("the cross-bar names a field that does not exist");
     }
     *fields[table] = static_cast<Field>(cross_bar[table]);
   }
   for (const OpacityArray& codes : opacity) tables.opacity.push_back(codes.data());
   for (int number : opacity_of_class) {
     if (number < 0 || number >= static_cast<int>(opacity.size())) {
-      throw nb::value_error("a block class names an opacity table that does not exist");
+      throw std::invalid_argument("a block class names an opacity table that does not exist");
     }
   }
   tables.opacity_of_class = opacity_of_class;
@@ -68,11 +96,37 @@ Index3 size_of(const PacketArray& packets) {
 void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
   if (static_cast<std::int64_t>(tiles.shape(0)) != tile_rows(plan.height) ||
       static_cast<std::int64_t>(tiles.shape(1)) != tile_words(plan.width)) {
-    throw nb::value_error("the map of closed tiles is not that of the image's size");
+    throw std::invalid_argument("the map of closed tiles is not that of the image's size");
   }
 }
 
-}  // namespace
+// Keeps alive what the walk borrows, and hands out batches as memoryviews.
+class PythonFrameWalk {
+ public:
+  PythonFrameWalk(std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
+                  const std::array<std::array<std::int64_t, 5>, 3>& visits, const std::array<std::int64_t, 4>& x,
+                  const std::array<std::int64_t, 4>& y, const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
+                  const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach,
+                  const std::array<int, 4>& cross_bar, ColourArray emit, ColourArray refl, LightArray light,
+                  std::vector<OpacityArray> opacity, const std::array<int, 27>& opacity_of_class,
+                  const VisibilityArray& visibility, GradientByteArray gradient_bytes,
+                  std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles);
+
+  // (runs, packets, run count, packet count, (sheet, row) reached, last, voxels visited)
+  nb::tuple next_batch(std::int64_t max_packets, std::int64_t max_voxels);
+
+ private:
+  // What the walk points into
+  std::vector<PythonBox> boxes_;
+  ColourArray emit_, refl_;
+  LightArray light_;
+  std::vector<OpacityArray> opacity_;
+  GradientByteArray gradient_bytes_;
+  std::array<GridByteArray, 3> grid_bytes_;
+  std::optional<TileArray> closed_tiles_;
+
+  std::unique_ptr<FrameWalk> walk_;
+};
 
 PythonFrameWalk::PythonFrameWalk(
     std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
@@ -107,7 +161,7 @@ PythonFrameWalk::PythonFrameWalk(
   tables.gradient_bytes = gradient_bytes_.data();
   for (int axis = 0; axis < 3; ++axis) {
     if (static_cast<std::int64_t>(grid_bytes_[axis].size()) < plan.visits[axis].high) {
-      throw nb::value_error("the grid's bytes do not cover the bounds");
+      throw std::invalid_argument("the grid's bytes do not cover the bounds");
     }
     tables.grid_bytes[axis] = grid_bytes_[axis].data();
   }
@@ -115,7 +169,7 @@ PythonFrameWalk::PythonFrameWalk(
   std::vector<PacketBox> packet_boxes;
   for (const auto& [packets, low, classified] : boxes_) {
     if (!classified || classified->size() != size_of(packets)) {
-      throw nb::value_error("a box's classified rows are not those of its voxel packets");
+      throw std::invalid_argument("a box's classified rows are not those of its voxel packets");
     }
     packet_boxes.push_back({packets.data(), low, size_of(packets), classified});
   }
@@ -123,7 +177,7 @@ PythonFrameWalk::PythonFrameWalk(
 }
 
 nb::tuple PythonFrameWalk::next_batch(std::int64_t max_packets, std::int64_t max_voxels) {
-  if (max_packets < 1 || max_voxels < 1) throw nb::value_error("a batch needs room for at least one packet and voxel");
+  if (max_packets < 1 || max_voxels < 1) throw std::invalid_argument("a batch needs room for at least one packet and voxel");
   const std::shared_ptr<Batch> batch = free_batch();
   {
     nb::gil_scoped_release unlocked;
@@ -133,6 +187,28 @@ nb::tuple PythonFrameWalk::next_batch(std::int64_t max_packets, std::int64_t max
                         view_of(batch, batch->packets.data(), batch->packet_count * sizeof(std::uint64_t)),
                         batch->runs.size(), batch->packet_count,
                         nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last, batch->voxels_visited);
+}
+
+}  // namespace
+
+void bind_frame_walk(nb::module_& m) {
+  nb::class_<ClassifiedRows>(m, "ClassifiedRows")
+      .def(nb::init<const Index3&, double>(), "size"_a, "share"_a)
+      .def_prop_ro("bytes", &ClassifiedRows::bytes)
+      .def_prop_ro("axes", &ClassifiedRows::axes);
+
+  nb::class_<PythonFrameWalk>(m, "FrameWalk")
+      .def(nb::init<std::vector<PythonBox>, const std::array<int, 3>&, const std::array<bool, 3>&,
+                    const std::array<std::array<std::int64_t, 5>, 3>&, const std::array<std::int64_t, 4>&,
+                    const std::array<std::int64_t, 4>&, const std::array<std::array<std::int64_t, 4>, 3>&,
+                    const std::array<std::int64_t, 2>&, const std::array<double, 2>&, const std::array<int, 4>&,
+                    ColourArray, ColourArray, LightArray, std::vector<OpacityArray>, const std::array<int, 27>&,
+                    const VisibilityArray&, GradientByteArray, std::array<GridByteArray, 3>,
+                    std::optional<TileArray>>(),
+           "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "screen_index"_a, "image"_a, "reach"_a,
+           "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a, "visibility"_a,
+           "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none())
+      .def("next_batch", &PythonFrameWalk::next_batch, "max_packets"_a, "max_voxels"_a);
 }
 
 }  // namespace volsplat

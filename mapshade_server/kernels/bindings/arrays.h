@@ -9,7 +9,7 @@
 #include <utility>
 #include <vector>
 
-#include "source_volume.h"
+#include "mapshade_server/kernels/source_volume.h"
 
 namespace volsplat {
 

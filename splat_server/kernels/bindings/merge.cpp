@@ -1,4 +1,4 @@
-#include "bind_merge.h"
+#include "merge.h"
 
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>

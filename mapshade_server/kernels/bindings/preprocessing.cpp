@@ -1,16 +1,33 @@
 // Checks boxes, releases the GIL, and wraps results.
-#include "python_preprocessing.h"
+#include "preprocessing.h"
 
-#include "voxel_packets.h"
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
+#include <nanobind/stl/pair.h>
+#include <nanobind/stl/vector.h>
+
+#include <array>
+#include <optional>
+#include <stdexcept>
+#include <utility>
+
+#include "arrays.h"
+#include "kernels/large_memory.h"
+#include "mapshade_server/kernels/shading_tables.h"
+#include "mapshade_server/kernels/voxel_packets.h"
 
 namespace volsplat {
 
+using namespace nb::literals;
+
 namespace {
+
+using Matrix3 = std::array<double, 9>;  // row-major
 
 Interior interior_of(const SourceVolume& source, const Index3& low, const Index3& size) {
   for (int axis = 0; axis < 3; ++axis) {
     if (low[axis] < 0 || size[axis] < 0 || low[axis] + size[axis] > source.size[axis]) {
-      throw nb::value_error("the box does not lie within the source array");
+      throw std::invalid_argument("the box does not lie within the source array");
     }
   }
   return {low, size};
@@ -19,7 +36,7 @@ Interior interior_of(const SourceVolume& source, const Index3& low, const Index3
 Blocks blocks_of(const Index3& begin, const Index3& block_size, const Index3& block_count, const Index3& size) {
   for (int axis = 0; axis < 3; ++axis) {
     if (begin[axis] < 0 || block_size[axis] < 1 || begin[axis] + size[axis] > block_size[axis] * block_count[axis]) {
-      throw nb::value_error("the box does not lie within the blocks");
+      throw std::invalid_argument("the box does not lie within the blocks");
     }
   }
   return {begin, block_size, block_count};
@@ -29,11 +46,9 @@ Blocks blocks_of(const Index3& begin, const Index3& block_size, const Index3& bl
 std::optional<SourceVolume> second_of(const std::optional<SourceArray>& second, const Index3& size) {
   if (!second) return std::nullopt;
   const SourceVolume volume = source_of(*second);
-  if (volume.size != size) throw nb::value_error("the second scalar must have the shape of the box");
+  if (volume.size != size) throw std::invalid_argument("the second scalar must have the shape of the box");
   return volume;
 }
-
-}  // namespace
 
 nb::tuple python_survey(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix) {
   const SourceVolume volume = source_of(source);
@@ -104,7 +119,7 @@ nb::object python_light_table(bool octahedral, const Vector3& light, const Vecto
 }
 
 nb::object python_colour_table(const std::vector<Vector3>& colours) {
-  if (colours.size() != kTableEntries) throw nb::value_error("a colour table needs 256 entries");
+  if (colours.size() != kTableEntries) throw std::invalid_argument("a colour table needs 256 entries");
   std::vector<float> table;
   for (const Vector3& colour : colours) {
     for (double channel : colour) table.push_back(static_cast<float>(channel));
@@ -115,11 +130,30 @@ nb::object python_colour_table(const std::vector<Vector3>& colours) {
 
 nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent) {
   if (opac.size() != kTableEntries || modu.size() != kTableEntries) {
-    throw nb::value_error("a scalar table needs 256 entries");
+    throw std::invalid_argument("a scalar table needs 256 entries");
   }
   std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent);
   codes.resize(codes.size() + kSpare);
   return owned_array(std::move(codes), kTableEntries * kTableEntries);
+}
+
+}  // namespace
+
+void bind_preprocessing(nb::module_& m) {
+  m.def("give_freed_memory_back", &give_freed_memory_back);
+  m.def("survey", &python_survey, "source"_a, "low"_a, "size"_a, "matrix"_a);
+  m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "density"_a,
+        "strength"_a, "begin"_a, "block_size"_a, "block_count"_a);
+  m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "window_low"_a,
+        "density_scale"_a, "strength_low"_a, "strength_scale"_a, "octahedral"_a);
+  m.def("power", [](double base, double exponent) { return map_shade_kernels().power(base, exponent); }, "base"_a,
+        "exponent"_a);
+  m.def("direction_vectors", &python_direction_vectors, "octahedral"_a);
+  m.def("gradient_bytes", &python_gradient_bytes, "octahedral"_a, "axes"_a);
+  m.def("light_table", &python_light_table, "octahedral"_a, "light"_a, "half"_a, "diffuse"_a, "specular"_a,
+        "two_sided"_a, "specular_power"_a);
+  m.def("colour_table", &python_colour_table, "colours"_a);
+  m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
 }
 
 }  // namespace volsplat

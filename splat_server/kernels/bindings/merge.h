@@ -5,7 +5,7 @@
 
 #include <vector>
 
-#include "merge.h"
+#include "splat_server/kernels/merge.h"
 
 namespace volsplat {
 

@@ -1,8 +1,8 @@
 // Scalar types and memory that arrays share with Python.
-#include "python_arrays.h"
+#include "arrays.h"
 
-#include "memory.h"
-#include "paths/path_kernels.h"
+#include "kernels/large_memory.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -35,8 +35,8 @@ SourceVolume source_of(const SourceArray& array) {
 
 PacketMemory packet_memory(const Index3& size) {
   const std::size_t packets = static_cast<std::size_t>(size[0] * size[1] * size[2]) + kSpare;
-  void* memory = large_memory(packets * sizeof(std::uint32_t)).release();
-  return {static_cast<std::uint32_t*>(memory), nb::capsule(memory, [](void* p) noexcept { FreeMemory()(p); })};
+  std::uint32_t* memory = large_array<std::uint32_t>(packets).release();
+  return {memory, nb::capsule(memory, [](void* p) noexcept { FreeMemory()(p); })};
 }
 
 }  // namespace volsplat

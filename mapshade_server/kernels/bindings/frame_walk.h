@@ -1,0 +1,10 @@
+// FrameWalk as Python sees it.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace volsplat {
+
+void bind_frame_walk(nanobind::module_& m);
+
+}  // namespace volsplat

@@ -1,0 +1,35 @@
+// The hot loops that exist once for each instruction set.
+#pragma once
+
+#include "kernels/path_table.h"
+#include "splat_server/kernels/footprint_box.h"
+#include "splat_server/kernels/splat_job.h"
+
+namespace volsplat {
+
+// The kernels of one instruction set.
+struct SplatKernels {
+    // Splats spans of merged runs into rows of the image.
+    Kernel<SplatOutcome(const SplatJob& job)> splat;
+
+    // Writes the rows of pixels that each run of the job reaches.
+    Kernel<void(const SplatJob& job, RowSpan* rows)> find_run_rows;
+
+    // Writes [offsets y][offsets x][height][pitch] weights into zeros.
+    Kernel<void(const FootprintBox& box, float* weights)> fill_footprints;
+};
+
+// Those of the CPU path in use.
+const SplatKernels& splat_kernels();
+
+}  // namespace volsplat
+
+#if defined(VOLSPLAT_PATH)
+namespace volsplat::VOLSPLAT_PATH {
+
+FunctionOf<&SplatKernels::splat> splat;
+FunctionOf<&SplatKernels::find_run_rows> find_run_rows;
+FunctionOf<&SplatKernels::fill_footprints> fill_footprints;
+
+}  // namespace volsplat::VOLSPLAT_PATH
+#endif
