@@ -158,7 +158,7 @@ class DataLinks:
             received = link.receive()
             if received is None:
                 return
-            assert isinstance(received.message, messages.Batch), "message_rules lets nothing else through"
+            assert isinstance(received.message, messages.Batch), "no other message goes this way"
             self._take(link, received.message, received.payload)
 
     def _hold_back(self, link: Connection) -> bool:

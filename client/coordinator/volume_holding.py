@@ -21,7 +21,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.message_rules import HISTOGRAM_BYTES
+from volsplat.protocol.messages.volume_messages import HISTOGRAM_BYTES
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.rules.levels import Prepared, Resolution, own_resolution, resolution_of
 from volsplat.protocol.text.errors import RemoteProtocolError

@@ -1,7 +1,7 @@
 """What may be said in an open connection between the client and a server, and when.
 
-The client asks, a server answers: each request opens an exchange, and a server says nothing outside of one. The table
-below holds every exchange; the one in docs/protocol.md is drawn from it. Both ends keep the exchanges of their
+The client asks, a server answers: each request opens an exchange, and a server says nothing outside of one. Requests
+declare theirs (see message); the table in docs/protocol.md is drawn from that. Both ends keep the exchanges of their
 connection, so that a message out of turn ends that connection (see connection) and reaches nobody.
 
 A server works through its requests in order (probes aside). So what it answers of one frame, or of one assignment of
@@ -10,93 +10,29 @@ sub-cubes, ends all exchanges about older ones.
 
 import threading
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
-from enum import Enum
 
-from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.messages import MAX_SERVERS, Message
+from volsplat.protocol.messages.frame_messages import ImageRead, RenderFrame
+from volsplat.protocol.messages.message import MAX_SERVERS, OTHERS_AT_ONCE, Exchange, Message
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, Way
+from volsplat.protocol.messages.session_messages import Refused
+from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.text.printable import printable
 
 RISING = ("frame", "assignment")  # ids that order what they name
-PROBES_AT_ONCE = 1024
-PARTS_AT_ONCE = 4  # each brings its values along
-OTHERS_AT_ONCE = 64
-
-
-class State(Enum):
-    ASKED = "asked"
-    FINISHED = "finished"  # the frame is; its image follows
-    OVER = "over"
-
-
-Answers = Mapping[State, Mapping[type[Message], State]]  # which may come in a state, and where they lead
-
-
-@dataclass(frozen=True)
-class Exchange:
-    """A kind of request, and what may be answered to it. Refused ends any."""
-
-    named_by: tuple[str, ...]  # the fields that tell exchanges of this kind apart, in the request and its answers
-    answers: Answers
-    at_once: int = OTHERS_AT_ONCE  # so many may wait for an answer …
-    newest: bool = False  # … or else the oldest is forgotten: one with a newer name takes the place of older ones
-
-
-def _answered_by(answer: type[Message]) -> Answers:
-    return {State.ASKED: {answer: State.OVER}}
-
 
 EXCHANGES: dict[Way, dict[type[Message], Exchange]] = {
-    CLIENT_TO_MAPSHADE: {
-        messages.DescribeVolume: Exchange((), _answered_by(messages.VolumeDescribed)),
-        messages.ReadSubCubes: Exchange(("assignment",), _answered_by(messages.SubCubesRead)),
-        messages.LendVolume: Exchange(("assignment",), _answered_by(messages.VolumeLent)),
-        messages.ReadPart: Exchange(("assignment", "part"), _answered_by(messages.PartRead), at_once=MAX_SERVERS),
-        messages.AwaitParts: Exchange(("assignment",), _answered_by(messages.SubCubesRead)),
-        messages.HoldPart: Exchange(("assignment",), _answered_by(messages.PartHeld), at_once=PARTS_AT_ONCE),
-        messages.CountHistograms: Exchange(("assignment",), _answered_by(messages.HistogramsCounted)),
-        messages.PackVoxels: Exchange(("assignment",), _answered_by(messages.VoxelsPacked)),
-        messages.DescribeMachine: Exchange((), _answered_by(messages.MachineDescribed)),
-        messages.OpenPackets: Exchange(
-            ("assignment",), _answered_by(messages.VoxelsPacked), at_once=MAX_SERVERS, newest=True
-        ),
-        messages.ConnectToSplatServers: Exchange((), _answered_by(messages.ConnectedToSplatServers)),
-        messages.RenderFrame: Exchange(
-            ("frame",), _answered_by(messages.FrameMapped), at_once=MAX_SERVERS, newest=True
-        ),
-        messages.AbortFrame: Exchange(("frame",), _answered_by(messages.FrameAborted), at_once=MAX_SERVERS),
-        messages.ProbeVoxels: Exchange(("probe",), _answered_by(messages.VoxelProbed), at_once=PROBES_AT_ONCE),
-    },
-    CLIENT_TO_SPLAT: {
-        messages.ReadImage: Exchange(("frame",), _answered_by(messages.ImageRead), at_once=MAX_SERVERS, newest=True),
-        messages.RenderFrame: Exchange(
-            ("frame",),
-            {
-                State.ASKED: {messages.FrameFinished: State.FINISHED},
-                State.FINISHED: {messages.ImageRead: State.OVER},
-            },
-            at_once=MAX_SERVERS,
-            newest=True,
-        ),
-        messages.AbortFrame: Exchange(("frame",), _answered_by(messages.FrameAborted), at_once=MAX_SERVERS),
-    },
+    way: {kind: kind.exchanges[way] for kind in MESSAGES if way in kind.exchanges}
+    for way in (CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT)
 }
 
 
 def superseded(older: Message | None, newer: Message) -> bool:
     """Whether a request that waits needs no answer any more, now that a newer one of its kind is here."""
-    kind = type(newer)
-    exchange = next((kinds[kind] for kinds in EXCHANGES.values() if kind in kinds and kinds[kind].newest), None)
-    return (
-        exchange is not None
-        and type(older) is kind
-        and _name(older, exchange.named_by) != _name(newer, exchange.named_by)
-    )
-
-
-UNANSWERED = (messages.InviteWorkers, messages.EndSession)
+    if type(older) is not type(newer):
+        return False
+    return any(kind.newest and _name(older, kind) != _name(newer, kind) for kind in newer.exchanges.values())
 
 
 @dataclass
@@ -104,7 +40,7 @@ class _Open:
     """An exchange that is not over."""
 
     name: tuple[object, ...]  # values of the fields that name it
-    state: State = State.ASKED
+    answered: int = 0  # answers that have come
 
 
 class Exchanges:
@@ -112,6 +48,7 @@ class Exchanges:
 
     def __init__(self, asking: Way) -> None:
         """`asking` is the way that the requests go."""
+        self._asking = asking
         self._kinds = EXCHANGES[asking]
         self._lock = threading.Lock()  # guards what follows
         self._open: dict[type[Message], deque[_Open]] = {kind: deque() for kind in self._kinds}  # oldest first
@@ -122,9 +59,9 @@ class Exchanges:
         with self._lock:
             if type(message) in self._kinds:
                 self._check_request(message)
-            elif not isinstance(message, UNANSWERED):
+            elif self._asking not in message.ways:
                 self._find(message)
-                if isinstance(message, messages.ImageRead):
+                if isinstance(message, ImageRead):
                     self._check_size(message)
 
     def said(self, message: Message) -> None:
@@ -133,25 +70,25 @@ class Exchanges:
             kind = self._kinds.get(type(message))
             if kind is not None:
                 waiting = self._open[type(message)]
-                waiting.append(_Open(_name(message, kind.named_by)))
+                waiting.append(_Open(_name(message, kind)))
                 if len(waiting) > kind.at_once:
                     waiting.popleft()
-                if isinstance(message, messages.RenderFrame):
+                if isinstance(message, RenderFrame):
                     self._note_size(message)
-            elif not isinstance(message, UNANSWERED):
+            elif self._asking not in message.ways:
                 self._answered(message)
 
     def _check_request(self, request: Message) -> None:
         kind, waiting = self._kinds[type(request)], self._open[type(request)]
         if kind.newest:
-            name = _name(request, kind.named_by)
+            name = _name(request, kind)
             too_many = sum(exchange.name == name for exchange in waiting) >= OTHERS_AT_ONCE
         else:
             too_many = len(waiting) >= kind.at_once
         if too_many:
             raise ValueError(f"{_told(request)} came while too many before it wait for an answer ({len(waiting)})")
 
-    def _check_size(self, image: messages.ImageRead) -> None:
+    def _check_size(self, image: ImageRead) -> None:
         """Before there is memory for it: what was not asked for may be larger than any memory."""
         width, height = self._sizes.get(image.frame, (image.width, image.height))
         if (image.width, image.height) != (width, height):
@@ -159,15 +96,15 @@ class Exchanges:
                 f"{_told(image)} has {image.width} x {image.height} pixels, but {width} x {height} were asked for"
             )
 
-    def _note_size(self, request: messages.RenderFrame) -> None:
+    def _note_size(self, request: RenderFrame) -> None:
         self._sizes[request.frame] = (request.scene.image.width, request.scene.image.height)
         if len(self._sizes) > MAX_SERVERS:
             del self._sizes[next(iter(self._sizes))]
 
     def _answered(self, answer: Message) -> None:
-        request, exchange, state = self._find(answer)
-        exchange.state = state
-        if state is State.OVER:
+        request, exchange = self._find(answer)
+        exchange.answered += 1
+        if isinstance(answer, Refused) or exchange.answered == len(self._kinds[request].answers):
             self._open[request].remove(exchange)
         for key in RISING:
             if newest := getattr(answer, key, 0):
@@ -182,32 +119,32 @@ class Exchanges:
         if key == "frame":
             self._sizes = {frame: size for frame, size in self._sizes.items() if frame >= newest}
 
-    def _find(self, answer: Message) -> tuple[type[Message], _Open, State]:
-        """The exchange in which this is an answer, and the state that it leads to. Raises ValueError for none."""
-        for request, exchange, state in self._answerable(answer):
+    def _find(self, answer: Message) -> tuple[type[Message], _Open]:
+        """The exchange in which this is an answer, with its request. Raises ValueError for none."""
+        for request, exchange in self._answerable(answer):
             named_by = self._kinds[request].named_by
             known = [n for n, key in enumerate(named_by) if hasattr(answer, key)]  # Refused names no part
             if all(exchange.name[n] == getattr(answer, named_by[n]) for n in known):
-                return request, exchange, state
+                return request, exchange
         raise ValueError(f"{_told(answer)} came unasked")
 
-    def _answerable(self, answer: Message) -> Iterator[tuple[type[Message], _Open, State]]:
+    def _answerable(self, answer: Message) -> Iterator[tuple[type[Message], _Open]]:
         """Open exchanges in which a message of this kind may come."""
         for request, kind in self._kinds.items():
             for exchange in self._open[request]:
-                if isinstance(answer, messages.Refused):
+                if isinstance(answer, Refused):
                     if answer.request == request.__name__:
-                        yield request, exchange, State.OVER
-                elif (state := kind.answers[exchange.state].get(type(answer))) is not None:
-                    yield request, exchange, state
+                        yield request, exchange
+                elif isinstance(answer, kind.answers[exchange.answered]):
+                    yield request, exchange
 
 
-def _name(message: Message, named_by: tuple[str, ...]) -> tuple[object, ...]:
-    return tuple(getattr(message, key) for key in named_by)
+def _name(message: Message, kind: Exchange) -> tuple[object, ...]:
+    return tuple(getattr(message, key) for key in kind.named_by)
 
 
 def _told(message: Message) -> str:
     """A message for a person: its kind, and the ids that it carries."""
     ids = [f"{key}={id}" for key in ("frame", "assignment", "probe") if (id := getattr(message, key, 0))]
-    of = [f"request={printable(message.request)[:40]}"] if isinstance(message, messages.Refused) else []
+    of = [f"request={printable(message.request)[:40]}"] if isinstance(message, Refused) else []
     return type(message).__name__ + (f" ({', '.join(of + ids)})" if of or ids else "")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 from msgspec import Meta
 
-from volsplat.protocol.messages.messages import LARGEST_ID, Line, Message, ServerId
+from volsplat.protocol.messages.message import IdOrNone, Line, Message, ServerId
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.versions import VersionRange
 
@@ -34,7 +34,7 @@ class Hello(Greeting, frozen=True):
     oldest: Version
     newest: Version
     nonce: Nonce
-    server: Annotated[int, Meta(ge=0, le=LARGEST_ID)] = 0
+    server: IdOrNone = 0
     data_host: Annotated[str, Meta(max_length=255)] = ""
     data_port: Annotated[int, Meta(ge=0, le=65535)] = 0
     name: Annotated[str, Meta(max_length=255)] = ""

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from volsplat.protocol.messages.exchanges import EXCHANGES, Exchanges
-from volsplat.protocol.messages.message_rules import Speech
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role, Way
+from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
 
@@ -29,7 +29,7 @@ KEEPALIVE_INTERVAL_SECONDS = 5
 KEEPALIVE_PROBES = 3  # … this many unanswered questions later
 TIMEVAL = struct.Struct("@ll")  # seconds and microseconds, as SO_SNDTIMEO takes them
 OWN_OUTPUT = "its own output tells why"  # of a peer that is gone
-ON_THE_WAY = 2 << 20  # bytes by the local door, if the system allows: with more, too much is hidden when it arrives
+ON_THE_WAY = 2 << 20  # bytes by a Unix socket, if the system allows: with more, too much is hidden when it arrives
 MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
 
 
@@ -40,7 +40,7 @@ class ConnectionClosed(VolsplatError):
 @dataclass(frozen=True)
 class Peer:
     """Who is at the other end. `id` is its id in the session (0 for the client), `host` and `port` its address;
-    a caller by the local door has no port (see local_door).
+    a caller by a Unix socket has no port (see unix_socket).
 
     `data_host` and `data_port`: where a splat server takes data links; 0 for all others.
     """
@@ -134,7 +134,7 @@ class Connection:
         """From now on, a peer that has not taken what was sent for so long is gone: for one that always reads.
 
         Over TCP the system asks for no sign of life while something is on its way, and would wait for a quarter of an
-        hour; by the local door a send would wait without end.
+        hour; by a Unix socket a send would wait without end.
         """
         with suppress(OSError):  # it is closed already
             if self._socket.family == socket.AF_UNIX:

@@ -12,14 +12,10 @@ from collections.abc import Callable, Iterator
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple
 
-from volsplat.protocol.messages.message_rules import (
-    LARGEST_PAYLOAD,
-    Phase,
-    Speech,
-    decode_control,
-    encode_control,
-)
-from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.control_part import decode_control, encode_control
+from volsplat.protocol.messages.message import Message
+from volsplat.protocol.messages.speech import Speech
+from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.text.errors import LocalProtocolError, RemoteProtocolError
 
 if TYPE_CHECKING:
@@ -28,6 +24,7 @@ if TYPE_CHECKING:
 HEADER = struct.Struct("<IIQ")
 MAGIC = int.from_bytes(b"VSPL", "little")
 LARGEST_CONTROL = 1 << 20
+LARGEST_PAYLOAD = max(kind.largest_payload for kind in MESSAGES)
 LARGEST_GREETING = 4096  # control part of a peer that has not proved itself; it may send no payload
 
 # Gives the memory that a payload of so many bytes is received into: at least as long, contiguous, writable.
@@ -41,7 +38,7 @@ class Received(NamedTuple):
     payload: memoryview
 
 
-class _Part(Enum):
+class _Section(Enum):
     HEADER = "header"
     CONTROL = "control part"
     PAYLOAD = "payload"
@@ -68,12 +65,12 @@ class Decoder:
         self._message: Message | None = None
         self._payload_bytes = 0
         self._broken: str | None = None
-        self._expect(_Part.HEADER, self._header)
+        self._expect(_Section.HEADER, self._header)
 
     @property
     def between_messages(self) -> bool:
         """True where the stream may end: no message has begun."""
-        return self._part == _Part.HEADER and self._filled == 0
+        return self._section == _Section.HEADER and self._filled == 0
 
     def wanted(self) -> memoryview:
         """Where the next bytes go, never empty."""
@@ -89,7 +86,7 @@ class Decoder:
         if self._filled < len(self._target):
             return None
         try:
-            return self._part_filled()
+            return self._section_filled()
         except RemoteProtocolError as error:
             self._broken = str(error)
             raise
@@ -110,20 +107,20 @@ class Decoder:
         if self._broken is not None:
             raise RemoteProtocolError(self._broken)
 
-    def _expect(self, part: _Part, target: memoryview) -> None:
-        self._part, self._target, self._filled = part, target, 0
+    def _expect(self, section: _Section, target: memoryview) -> None:
+        self._section, self._target, self._filled = section, target, 0
 
-    def _part_filled(self) -> Received | None:
-        if self._part == _Part.HEADER:
+    def _section_filled(self) -> Received | None:
+        if self._section == _Section.HEADER:
             self._header_filled()
             return None
-        if self._part == _Part.CONTROL:
+        if self._section == _Section.CONTROL:
             return self._control_filled()
         return self._whole(self._target)
 
     def _header_filled(self) -> None:
         magic, control_bytes, payload_bytes = HEADER.unpack(self._header)
-        greeting = self._speech.phase == Phase.GREETING
+        greeting = self._speech.greeting
         largest_control = LARGEST_GREETING if greeting else LARGEST_CONTROL
         largest_payload = 0 if greeting else LARGEST_PAYLOAD
         if magic != MAGIC:
@@ -135,10 +132,10 @@ class Decoder:
         if control_bytes > len(self._control):
             self._control = memoryview(bytearray(control_bytes))
         self._payload_bytes = payload_bytes
-        self._expect(_Part.CONTROL, self._control[:control_bytes])
+        self._expect(_Section.CONTROL, self._control[:control_bytes])
 
     def _control_filled(self) -> Received | None:
-        message = decode_control(self._target, self._speech.phase)
+        message = decode_control(self._target, self._speech.greeting)
         try:
             announced = self._speech.payload_bytes(message)
         except ValueError as error:
@@ -153,7 +150,7 @@ class Decoder:
         memory = memoryview(self._allocate(message, announced)).cast("B")
         if memory.readonly or len(memory) < announced:
             raise LocalProtocolError(f"allocate must give {announced} writable bytes, but gave {len(memory)}")
-        self._expect(_Part.PAYLOAD, memory[:announced])
+        self._expect(_Section.PAYLOAD, memory[:announced])
         return None
 
     def _whole(self, payload: memoryview) -> Received:
@@ -161,7 +158,7 @@ class Decoder:
         received = Received(self._message, payload)
         self._speech.said(received.message)
         self._message = None
-        self._expect(_Part.HEADER, self._header)
+        self._expect(_Section.HEADER, self._header)
         return received
 
 
@@ -181,7 +178,7 @@ def encode(message: Message, *payload: "Buffer", speech: Speech | None = None) -
         raise LocalProtocolError(str(error)) from error
     if payload_bytes != announced:
         raise LocalProtocolError(f"the payload has {payload_bytes} bytes, but {name} announces {announced}")
-    largest = LARGEST_GREETING if speech.phase == Phase.GREETING else LARGEST_CONTROL
+    largest = LARGEST_GREETING if speech.greeting else LARGEST_CONTROL
     if len(control) > largest:
         raise LocalProtocolError(f"{name} has {len(control)} bytes of control, but its limit is {largest}")
     speech.said(message)

@@ -15,8 +15,8 @@ import secrets
 from collections.abc import Callable
 from enum import Enum
 
+from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.greetings import NONCE_BYTES, Challenge, Hello, Proof, Rejected, Welcome
-from volsplat.protocol.messages.message_rules import encode_control
 from volsplat.protocol.messages.messages import LONGEST_LINE, Message
 from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange

@@ -30,7 +30,7 @@ HANDSHAKE_SECONDS = 5.0
 MOST_PENDING = 64  # handshakes at a time
 BACKLOG = 128
 SHORTAGE_PAUSE_SECONDS = 0.1  # when the system has no socket left to give
-HERE = Address(LOOPBACK, 0)  # of callers that come by the local door
+HERE = Address(LOOPBACK, 0)  # of callers that come by the Unix socket
 
 log = logging.getLogger(__name__)
 

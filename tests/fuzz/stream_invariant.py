@@ -7,9 +7,9 @@ from collections.abc import Callable
 
 import msgspec
 
-from volsplat.protocol.messages.message_rules import RULES, Speech
-from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import DIALLED, Role, Way
+from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import BadInput, RemoteProtocolError
 from volsplat.protocol.wire.framing import HEADER, LARGEST_CONTROL, Decoder
 from volsplat.protocol.wire.handshake import AccepterHandshake, DiallerHandshake, State, new_hello
@@ -29,10 +29,8 @@ def outcome(data: bytes, way: Way | None, chunk: int) -> tuple[list[tuple[Messag
     heard: list[tuple[Message, bytes]] = []
 
     def allocate(message: Message, nbytes: int) -> bytearray:
-        payload = RULES[type(message)].payload
-        assert payload is not None, f"{type(message).__name__} has no payload, but {nbytes} bytes were asked for"
-        assert 0 < nbytes <= payload.limit
-        assert nbytes == payload.announced(message)
+        assert 0 < nbytes <= message.largest_payload, type(message).__name__
+        assert nbytes == message.payload_bytes()
         if nbytes > MOST_ALLOCATED:
             raise Declined
         return bytearray(nbytes)

@@ -105,7 +105,7 @@ def test_between_frames_a_screen_goes_on_with_what_is_left_and_a_script_is_told(
             with pytest.raises(PeerLost) as told:
                 asks(scene)
             assert str(told.value) == watched.loss and "\n" not in watched.loss
-        place = "on this machine" if sys.platform == "linux" else "127.0.0.1"  # see protocol.local_door
+        place = "on this machine" if sys.platform == "linux" else "127.0.0.1"  # see unix_socket
         assert lost.name in watched.loss and place in watched.loss and "i 0-31, j " in watched.loss
         with pytest.raises(PeerLost, match="missing"):
             list(finished_whole(session.refine(scene)))

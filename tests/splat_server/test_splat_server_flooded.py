@@ -15,8 +15,8 @@ from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.message_rules import Speech
 from volsplat.protocol.messages.roles import DATA_LINK_TO_SPLAT, Role
+from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.rules.levels import own_resolution
 from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.addresses import Address

@@ -17,8 +17,8 @@ import pytest
 
 from support.messages.message_samples import SAMPLES, framed, sample_bytes
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.greetings import Hello
-from volsplat.protocol.messages.message_rules import encode_control
 from volsplat.protocol.messages.messages import AbortFrame, Batch, Message
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
@@ -60,7 +60,7 @@ class Lines(logging.Handler):
 
 @pytest.fixture(params=list(HOSTS.values()), ids=list(HOSTS))
 def host(request: pytest.FixtureRequest) -> str:
-    """Where listeners listen: once for callers who come by the local door, and once for others."""
+    """Where listeners listen: once for callers who come by the Unix socket, and once for others."""
     return str(request.param)
 
 

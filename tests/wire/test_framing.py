@@ -10,15 +10,8 @@ from hypothesis import strategies as st
 from support.messages.message_samples import SAMPLES, STRATEGIES, framed, lawful_kinds, sample_bytes, speech_for
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
 from volsplat.protocol.messages import greetings, messages
-from volsplat.protocol.messages.message_rules import (
-    LARGEST_BATCH,
-    LARGEST_IMAGE,
-    LARGEST_PAYLOAD,
-    RULES,
-    Speech,
-    encode_control,
-)
-from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.control_part import encode_control
+from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import (
     CLIENT_TO_MAPSHADE,
     CLIENT_TO_SPLAT,
@@ -27,12 +20,14 @@ from volsplat.protocol.messages.roles import (
     SPLAT_TO_CLIENT,
     Way,
 )
+from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.text.errors import LocalProtocolError, RemoteProtocolError
 from volsplat.protocol.wire.framing import (
     HEADER,
     LARGEST_CONTROL,
     LARGEST_GREETING,
+    LARGEST_PAYLOAD,
     MAGIC,
     Decoder,
     encode,
@@ -40,7 +35,7 @@ from volsplat.protocol.wire.framing import (
 
 FUZZ_EXAMPLES = 500  # a millisecond each
 
-kinds = pytest.mark.parametrize("kind", RULES, ids=lambda kind: kind.__name__)
+kinds = pytest.mark.parametrize("kind", SAMPLES, ids=lambda kind: kind.__name__)
 
 
 def refusal(data: bytes, speech: Speech) -> str:
@@ -109,18 +104,18 @@ def test_another_protocol_is_told_by_its_magic() -> None:
 
 
 def test_a_batch_beyond_its_limit_is_refused_before_anything_is_allocated() -> None:
-    packets = LARGEST_BATCH // SHADED_PACKET_BYTES
+    packets = messages.Batch.largest_payload // SHADED_PACKET_BYTES
     batch = messages.Batch(1, 2, 0, "raw", 1, packets, 0, 0, False)
     size = ROW_RUN_BYTES + packets * SHADED_PACKET_BYTES
     line = refusal(framed(encode_control(batch), payload_bytes=size), Speech(DATA_LINK_TO_SPLAT))
-    assert str(size) in line and str(LARGEST_BATCH) in line
+    assert str(size) in line and str(messages.Batch.largest_payload) in line
 
 
 def test_the_largest_image_is_allowed_and_is_asked_for_once_it_is_announced() -> None:
     side = LARGEST_EXTENT
     image = messages.ImageRead(1, Step.F, True, side, side)
-    data = framed(encode_control(image), payload_bytes=LARGEST_IMAGE)
-    assert LARGEST_IMAGE > MOST_ALLOCATED
+    data = framed(encode_control(image), payload_bytes=messages.ImageRead.largest_payload)
+    assert messages.ImageRead.largest_payload > MOST_ALLOCATED
     assert outcome(data, SPLAT_TO_CLIENT, len(data)) == ([], "declined")
 
 
@@ -241,23 +236,22 @@ def test_any_messages_survive(data: st.DataObject) -> None:
         payload = data.draw(st.randoms(use_true_random=False)).randbytes(speech.payload_bytes(message))
         said.append((message, payload))
         stream += b"".join(encode(message, payload, speech=speech))
-        if RULES[type(message)].ends:
+        if message.ends:
             break
     assert check_stream(stream, way) == said
 
 
 _lengths = st.sampled_from((0, 1, 15, 16, 255, 4096, 4097, 1 << 20, (1 << 20) + 1, (1 << 32) - 1))
-_long_lengths = _lengths | st.sampled_from((1 << 24, LARGEST_IMAGE, LARGEST_IMAGE + 1, 1 << 63, (1 << 64) - 1))
+_long_lengths = _lengths | st.sampled_from((1 << 24, LARGEST_PAYLOAD, LARGEST_PAYLOAD + 1, 1 << 63, (1 << 64) - 1))
 _headers = st.builds(HEADER.pack, st.just(MAGIC) | st.integers(0, 2**32 - 1), _lengths, _long_lengths)
-_hostile = st.lists(st.binary(max_size=40) | _headers | st.sampled_from(list(RULES)).map(sample_bytes), max_size=4).map(
-    b"".join
-)
+_samples = st.sampled_from(list(SAMPLES)).map(sample_bytes)
+_hostile = st.lists(st.binary(max_size=40) | _headers | _samples, max_size=4).map(b"".join)
 
 
 @st.composite
 def mutated(draw: st.DrawFn) -> bytes:
     """A valid message with some bytes changed, left out or put in."""
-    data = bytearray(sample_bytes(draw(st.sampled_from(list(RULES)))))
+    data = bytearray(sample_bytes(draw(st.sampled_from(list(SAMPLES)))))
     for _ in range(draw(st.integers(1, 4))):
         place = draw(st.integers(0, len(data)))
         data[place : place + draw(st.integers(0, 4))] = draw(st.binary(max_size=4))
@@ -267,7 +261,7 @@ def mutated(draw: st.DrawFn) -> bytes:
 @st.composite
 def remade(draw: st.DrawFn) -> bytes:
     """A mutated control part under a header that fits it, so that the damage reaches the message."""
-    message, payload = SAMPLES[draw(st.sampled_from(list(RULES)))]
+    message, payload = SAMPLES[draw(st.sampled_from(list(SAMPLES)))]
     control = bytearray(encode_control(message))
     for _ in range(draw(st.integers(1, 3))):
         place = draw(st.integers(0, len(control) - 1))

@@ -1,4 +1,4 @@
-"""The messages' declarations agree: struct, table of rules, docstring, recorded bytes; bad fields are named."""
+"""The messages' declarations agree: struct, ways, docstring, recorded bytes; bad fields are named."""
 
 from typing import Any
 
@@ -7,32 +7,26 @@ import pytest
 
 from support.messages.message_samples import RECORDED, SAMPLES, STRATEGIES, framed, speech_for
 from volsplat.protocol.messages import greetings, messages
-from volsplat.protocol.messages.message_rules import RULES, Phase, decode_control, encode_control
-from volsplat.protocol.messages.messages import Message
+from volsplat.protocol.messages.control_part import decode_control, encode_control
+from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import DATA_LINK_TO_SPLAT, Way
+from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
 from volsplat.protocol.text.errors import LocalProtocolError, RemoteProtocolError
 from volsplat.protocol.wire.framing import Decoder
 
-kinds = pytest.mark.parametrize("kind", RULES, ids=lambda kind: kind.__name__)
+kinds = pytest.mark.parametrize("kind", SAMPLES, ids=lambda kind: kind.__name__)
 
 
-def all_kinds() -> set[type[Message]]:
-    declared = [*vars(messages).values(), *vars(greetings).values()]
-    kinds = {kind for kind in declared if isinstance(kind, type) and issubclass(kind, Message)}
-    return kinds - {Message, greetings.Greeting}
-
-
-def test_every_message_has_a_rule_a_sample_and_a_strategy() -> None:
-    assert set(RULES) == set(SAMPLES) == set(STRATEGIES) == all_kinds()
+def test_every_message_has_a_sample_and_a_strategy() -> None:
+    assert set(SAMPLES) == set(STRATEGIES) == {*GREETINGS, *MESSAGES}
 
 
 @kinds
 def test_a_docstring_begins_with_who_sends_it_to_whom(kind: type[Message]) -> None:
-    rule = RULES[kind]
-    if rule.phase is Phase.GREETING:
+    if kind in GREETINGS:
         begin = "Dialler to accepter" if issubclass(kind, greetings.Hello | greetings.Proof) else "Accepter to dialler"
     else:
-        begin = _said_together(rule.ways)
+        begin = _said_together(kind.ways)
     assert (kind.__doc__ or "").startswith(f"{begin}: ")
 
 
@@ -108,7 +102,7 @@ def test_a_field_of_another_type_is_refused_by_name(kind: type[Message]) -> None
 )
 def test_a_refusal_names_field_value_and_limit(message: Message, field: str, value: str, limit: str) -> None:
     with pytest.raises(RemoteProtocolError) as caught:
-        decode_control(encode_control(message), RULES[type(message)].phase)
+        decode_control(encode_control(message), isinstance(message, greetings.Greeting))
     for part in (field, value, limit):
         assert part in str(caught.value)
 
@@ -117,7 +111,7 @@ def test_boxes_without_voxels_are_refused() -> None:
     fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.ReadSubCubes][0]))
     for box in ([[0, 0, 0], [4, 0, 4]], [[-1, 0, 0], [4, 4, 4]], [[5, 0, 0], [4, 4, 4]]):
         with pytest.raises(RemoteProtocolError, match="low < high"):
-            decode_control(msgspec.msgpack.encode({**fields, "boxes": [box]}), Phase.OPEN)
+            decode_control(msgspec.msgpack.encode({**fields, "boxes": [box]}))
 
 
 @pytest.mark.parametrize("shape", [(1, 0), (0, 1), (3, 2)])
@@ -138,7 +132,7 @@ def test_a_scene_that_does_not_check_is_refused_with_its_place() -> None:
     fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.RenderFrame][0]))
     fields["scene"]["image"] = {"width": 0}
     with pytest.raises(RemoteProtocolError, match=r"width must be 1 to 16384 pixels, not 0.*\$\.scene\.image"):
-        decode_control(msgspec.msgpack.encode(fields), Phase.OPEN)
+        decode_control(msgspec.msgpack.encode(fields))
 
 
 def test_a_field_that_cannot_be_encoded_is_our_mistake() -> None:
@@ -147,7 +141,5 @@ def test_a_field_that_cannot_be_encoded_is_our_mistake() -> None:
 
 
 def test_only_the_data_link_carries_batches() -> None:
-    assert RULES[messages.Batch].ways == (DATA_LINK_TO_SPLAT,)
-    assert [kind for kind, rule in RULES.items() if rule.phase is Phase.OPEN and DATA_LINK_TO_SPLAT in rule.ways] == [
-        messages.Batch
-    ]
+    assert messages.Batch.ways == (DATA_LINK_TO_SPLAT,)
+    assert [kind for kind in MESSAGES if DATA_LINK_TO_SPLAT in kind.ways] == [messages.Batch]

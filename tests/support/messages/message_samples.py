@@ -17,10 +17,12 @@ from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene,
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import greetings, messages
-from volsplat.protocol.messages.message_rules import RULES, Phase, Speech, encode_control
+from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role, Way
+from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.messages.versions import SPOKEN
+from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.levels import Prepared, Resolution
 from volsplat.protocol.rules.packet_layout import ROW_RUN
@@ -113,15 +115,14 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
 
 def speech_for(kind: type[Message]) -> Speech:
     """A connection on which messages of this kind may go."""
-    rule = RULES[kind]
-    return Speech() if rule.phase is Phase.GREETING else Speech(rule.ways[0])
+    return Speech(kind.ways[0]) if kind.ways else Speech()
 
 
 def lawful_kinds(way: Way | None) -> list[type[Message]]:
     """What may be said on that way; None is the handshake."""
     if way is None:
-        return [kind for kind, rule in RULES.items() if rule.phase is Phase.GREETING]
-    return [kind for kind, rule in RULES.items() if rule.phase is Phase.OPEN and way in rule.ways]
+        return list(GREETINGS)
+    return [kind for kind in MESSAGES if way in kind.ways]
 
 
 def framed(control: bytes, payload: bytes = b"", *, control_bytes: int | None = None, payload_bytes: int | None = None,
@@ -299,7 +300,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
 
 def main() -> None:
     RECORDED.mkdir(parents=True, exist_ok=True)
-    for kind in RULES:
+    for kind in SAMPLES:
         path = RECORDED / f"{kind.__name__}.bin"
         if not path.exists():
             path.write_bytes(sample_bytes(kind))

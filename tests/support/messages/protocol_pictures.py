@@ -10,8 +10,8 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from volsplat.protocol.messages.exchanges import EXCHANGES, State
-from volsplat.protocol.messages.message_rules import RULES, Phase
+from volsplat.protocol.messages.exchanges import EXCHANGES
+from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.wire.handshake import BEGIN, TRANSITIONS, Side
 
 
@@ -30,29 +30,25 @@ def handshake_picture(side: Side) -> str:
 def message_table() -> str:
     """All messages of an open connection, who may send them to whom, and the most bytes that may follow."""
     lines = ["| message | from → to | payload, at most |", "|---|---|---|"]
-    for kind, rule in RULES.items():
-        if rule.phase is Phase.OPEN:
-            ways = "<br>".join(f"{way.sender} → {way.receiver}" for way in rule.ways)
-            limit = f"{rule.payload.limit} bytes" if rule.payload else "none"
-            lines.append(f"| {kind.__name__} | {ways} | {limit} |")
+    for kind in MESSAGES:
+        ways = "<br>".join(f"{way.sender} → {way.receiver}" for way in kind.ways)
+        limit = f"{kind.largest_payload} bytes" if kind.largest_payload else "none"
+        lines.append(f"| {kind.__name__} | {ways} | {limit} |")
     return "\n".join(lines)
 
 
 def exchange_table() -> str:
-    """What may be said once a connection is open: the states of each exchange, and where its answers lead."""
+    """What a server owes for each request, once a connection is open."""
     lines = [
-        "| from the client to a | request | named by | may wait | state | answer | then |",
-        "|---|---|---|---|---|---|---|",
+        "| from the client to a | request | named by | may wait | answer |",
+        "|---|---|---|---|---|",
     ]
     for way, kinds in EXCHANGES.items():
         for request, kind in kinds.items():
             named_by = " and ".join(kind.named_by) or "its place"
             waits = f"the newest {kind.at_once}" if kind.newest else str(kind.at_once)
-            for state, leads in kind.answers.items():
-                for answer, after in leads.items():
-                    first = state is State.ASKED
-                    head = [str(way.receiver), request.__name__, named_by, waits] if first else [""] * 4
-                    lines.append(f"| {' | '.join([*head, state.value, answer.__name__, after.value])} |")
+            answers = ", then ".join(answer.__name__ for answer in kind.answers)
+            lines.append(f"| {way.receiver} | {request.__name__} | {named_by} | {waits} | {answers} |")
     return "\n".join(lines)
 
 

@@ -1,0 +1,249 @@
+"""Messages about a frame: asked for by the client, mapped and shaded, splatted, read; and probes of its voxels."""
+
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
+
+from volsplat.protocol.description.machine import Machine
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.messages.message import (
+    MAX_SERVERS,
+    AssignmentId,
+    Count,
+    Detail,
+    FrameId,
+    Line,
+    Message,
+    Ordinal,
+    ProbeId,
+    Seconds,
+    ServerId,
+    ServerIds,
+    asks,
+    says,
+)
+from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, DATA_LINK_TO_SPLAT
+from volsplat.protocol.rules.closed_tiles import tile_map_bytes
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
+
+RGBA_BYTES = 16  # four float32
+RAW: Literal["raw"] = "raw"  # the one encoding of batches so far
+
+Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
+
+
+class MapShadeStats(Detail, frozen=True):
+    """What a frame cost one map/shade server.
+
+    Seconds follow each other: planning, then map/shade and sending by turns. `waiting_seconds` is the part of sending
+    that back-pressure held up.
+    """
+
+    voxels_visited: Count
+    packets: Count
+    batches: Count
+    bytes: Count
+    planning_seconds: Seconds
+    map_shade_seconds: Seconds
+    sending_seconds: Seconds
+    waiting_seconds: Seconds
+    peak_memory_bytes: Count
+    machine: Machine
+
+
+class SplatStats(Detail, frozen=True):
+    """What a frame cost the splat server.
+
+    `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, splatted and
+    published, and, while nothing was splatted, merged, waited and answered requests for partial images.
+    `held_back_seconds` tells for each worker how long its connection was not read because its buffers were full.
+    `hidden_packets` came, but were left out as hidden.
+    """
+
+    packets: Count
+    hidden_packets: Count
+    bytes: Count
+    frame_seconds: Seconds
+    planning_seconds: Seconds
+    merge_seconds: Seconds
+    splat_seconds: Seconds
+    waiting_seconds: Seconds
+    answering_seconds: Seconds
+    held_back_seconds: dict[ServerId, Seconds]
+    peak_memory_bytes: Count
+    machine: Machine
+
+
+class FrameMapped(Message, frozen=True):
+    """Map/shade server to client: all batches of the frame are on their way."""
+
+    frame: FrameId
+    stats: MapShadeStats
+
+
+class FrameFinished(Message, frozen=True):
+    """Splat server to client: the image will not change any more. `lost` are workers it had to do without.
+
+    Where there are none, the image follows in an ImageRead of its own accord.
+    """
+
+    frame: FrameId
+    complete: bool
+    lost: ServerIds
+    stats: SplatStats
+
+
+class ImageRead(Message, frozen=True):
+    """Splat server to client: payload (height, width, 4) float32, RGBA 0..1, alpha associated, top row first."""
+
+    largest_payload: ClassVar[int] = LARGEST_EXTENT * LARGEST_EXTENT * RGBA_BYTES
+
+    frame: FrameId
+    step: Step
+    complete: bool
+    width: Extent
+    height: Extent
+
+    def payload_bytes(self) -> int:
+        return self.width * self.height * RGBA_BYTES
+
+
+@asks(CLIENT_TO_MAPSHADE, FrameMapped, at_once=MAX_SERVERS, newest=True)
+@asks(CLIENT_TO_SPLAT, FrameFinished, ImageRead, at_once=MAX_SERVERS, newest=True)
+class RenderFrame(Message, frozen=True):
+    """Client to map/shade server and splat server: begin this frame; it ends any older one.
+
+    All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
+    map/shade servers whose batches make up the image. `geometry` is the volume's, whatever level is drawn.
+    """
+
+    frame: FrameId
+    assignment: AssignmentId
+    scene: Scene
+    step: Step
+    geometry: Geometry
+    quantisation: Quantisation
+    resolution: Resolution
+    workers: ServerIds
+
+
+@asks(CLIENT_TO_SPLAT, ImageRead, at_once=MAX_SERVERS, newest=True)
+class ReadImage(Message, frozen=True):
+    """Client to splat server: send the image buffer of this frame as it is now, before it is finished."""
+
+    frame: FrameId
+
+
+class FrameAborted(Message, frozen=True):
+    """Map/shade server or splat server to client: nothing more of this frame will be sent or splatted."""
+
+    frame: FrameId
+
+
+@asks(CLIENT_TO_MAPSHADE, FrameAborted, at_once=MAX_SERVERS)
+@asks(CLIENT_TO_SPLAT, FrameAborted, at_once=MAX_SERVERS)
+class AbortFrame(Message, frozen=True):
+    """Client to map/shade server and splat server: stop this frame."""
+
+    frame: FrameId
+
+
+# On a data link.
+
+
+@says(DATA_LINK_TO_SPLAT)
+class Batch(Message, frozen=True):
+    """Map/shade data link to splat server: the next shaded packets of `worker`, in traversal order.
+
+    The payload holds the row runs, then the shaded packets (see packet_layout). `sequence` counts a frame's batches
+    of one worker from 0. Everything that the worker has before row (reached_sheet, reached_row) has been sent, this
+    batch included; after `last` nothing of the frame follows. A batch may be empty to say only that.
+    """
+
+    largest_payload: ClassVar[int] = 1 << 24  # senders choose far less
+
+    frame: FrameId
+    worker: ServerId
+    sequence: Count
+    encoding: Line
+    run_count: Ordinal
+    packet_count: Ordinal
+    reached_sheet: Ordinal
+    reached_row: Ordinal
+    last: bool
+
+    def __post_init__(self) -> None:
+        if self.run_count > self.packet_count or (self.packet_count and not self.run_count):
+            raise ValueError(
+                f"each run holds a packet and each packet is in a run, but run_count is {self.run_count} and "
+                f"packet_count is {self.packet_count}"
+            )
+
+    def payload_bytes(self) -> int:
+        if self.encoding != RAW:
+            raise ValueError(
+                f"Batch.encoding is {self.encoding!r}, but this version takes only {RAW!r} batches; let both "
+                "servers run the same version of volsplat"
+            )
+        return self.run_count * ROW_RUN_BYTES + self.packet_count * SHADED_PACKET_BYTES
+
+
+@says(DATA_LINK_TO_SPLAT.back)
+class TilesClosed(Message, frozen=True):
+    """Splat server to map/shade data link: no sample of this frame can change these parts of the image any more.
+
+    The payload is the map of closed tiles (see closed_tiles) of an image of `width` x `height` pixels. Samples that
+    reach closed tiles only may be left out from now on.
+    """
+
+    largest_payload: ClassVar[int] = tile_map_bytes(LARGEST_EXTENT, LARGEST_EXTENT)
+
+    frame: FrameId
+    width: Extent
+    height: Extent
+
+    def payload_bytes(self) -> int:
+        return tile_map_bytes(self.width, self.height)
+
+
+# Between frames, or between two batches of one.
+
+
+class ProbedVoxel(Detail, frozen=True):
+    """A voxel of the picture.
+
+    Its values are those that it is drawn with: of 256 steps, and where they are beyond the density window or the
+    greatest strength that steps are made for, those ends.
+    """
+
+    index: Index
+    density: float  # in the data's own units
+    strength: float  # |gradient|, in these per unit of physical length; or the second scalar
+
+
+class VoxelProbed(Message, frozen=True):
+    """Map/shade server to client: the front-most voxel there that is not transparent, or none."""
+
+    probe: ProbeId
+    voxels: Annotated[list[ProbedVoxel], Meta(max_length=1)]
+
+
+@asks(CLIENT_TO_MAPSHADE, VoxelProbed, at_once=1024)
+class ProbeVoxels(Message, frozen=True):
+    """Client to map/shade server: which of your voxels is seen at this point of the scene's image (see line_of_sight)?
+
+    x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The voxels are those of
+    the resolution's level; the index in the answer is the volume's, of `geometry`.
+    """
+
+    probe: ProbeId
+    assignment: AssignmentId
+    scene: Scene
+    geometry: Geometry
+    quantisation: Quantisation
+    resolution: Resolution
+    x: float
+    y: float

@@ -1,0 +1,85 @@
+"""Messages about the session itself: who links to whom, what cannot be done, and its end."""
+
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta
+
+from volsplat.protocol.messages.message import (
+    MAX_SERVERS,
+    Detail,
+    IdOrNone,
+    Line,
+    Message,
+    ServerId,
+    ServerIds,
+    asks,
+    says,
+)
+from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT
+from volsplat.protocol.text.printable import printable
+
+WORKER_KEY_BYTES = 32
+
+# Drawn by the client, for one worker and the splat servers.
+WorkerKey = Annotated[bytes, Meta(min_length=WORKER_KEY_BYTES, max_length=WORKER_KEY_BYTES)]
+Port = Annotated[int, Meta(ge=1, le=65535)]
+
+
+class Route(Detail, frozen=True):
+    """Where a splat server takes data links, and the key that proves which worker the link is of."""
+
+    server: ServerId
+    host: Line
+    port: Port
+    key: WorkerKey
+
+
+@says(CLIENT_TO_SPLAT)
+class InviteWorkers(Message, frozen=True):
+    """Client to splat server: take the data links of these workers, by their keys, and of no other.
+
+    Nothing answers it. A link that comes before its invitation is closed, and its worker dials again.
+    """
+
+    keys: Annotated[dict[ServerId, WorkerKey], Meta(max_length=MAX_SERVERS)]
+
+
+class ConnectedToSplatServers(Message, frozen=True):
+    """Map/shade server to client: the data links stand."""
+
+    servers: ServerIds
+
+
+@asks(CLIENT_TO_MAPSHADE, ConnectedToSplatServers)
+class ConnectToSplatServers(Message, frozen=True):
+    """Client to map/shade server: have a data link to each of these splat servers and to no other."""
+
+    routes: Annotated[list[Route], Meta(max_length=MAX_SERVERS)]
+
+
+@says(CLIENT_TO_MAPSHADE.back, CLIENT_TO_SPLAT.back)
+class Refused(Message, frozen=True):
+    """Map/shade server or splat server to client: a request cannot be met, for the cause given in one line.
+
+    `request` is the message's name; `frame`, `assignment` and `probe` are the request's, 0 where it carries none.
+    `peer_lost`: not for what was asked, but because another server is gone or cannot be reached.
+    `held` is the assignment that a map/shade server still holds, 0 for none.
+    """
+
+    request: Line
+    cause: Line
+    frame: IdOrNone = 0
+    assignment: IdOrNone = 0
+    peer_lost: bool = False
+    probe: IdOrNone = 0
+    held: IdOrNone = 0
+
+    def __post_init__(self) -> None:
+        for field in ("request", "cause"):  # they will be shown
+            msgspec.structs.force_setattr(self, field, printable(getattr(self, field)))
+
+
+@says(CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, ends=True)
+class EndSession(Message, frozen=True):
+    """Client to map/shade server and splat server: the session is over, exit. Nothing follows it."""

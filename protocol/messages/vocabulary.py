@@ -1,0 +1,31 @@
+"""All messages that there are, found by their types."""
+
+from volsplat.protocol.messages import frame_messages, session_messages, volume_messages
+from volsplat.protocol.messages.greetings import Greeting
+from volsplat.protocol.messages.message import Message
+from volsplat.protocol.messages.roles import Role
+
+GREETINGS = tuple(Greeting.__subclasses__())  # the handshake's
+MESSAGES = tuple(  # of an open connection
+    kind
+    for module in (volume_messages, frame_messages, session_messages)
+    for kind in Message.__subclasses__()
+    if kind.__module__ == module.__name__
+)
+
+
+def sent_to(receiver: Role) -> frozenset[type[Message]]:
+    """What may come to it once the handshake is over."""
+    return frozenset(kind for kind in MESSAGES if any(way.receiver is receiver for way in kind.ways))
+
+
+def _check() -> None:
+    """Raises TypeError for a message that does not declare what it must."""
+    for kind in MESSAGES:
+        if not kind.ways:
+            raise TypeError(f"nobody says {kind.__name__}: declare who asks it, who says it, or what it answers")
+        if (kind.largest_payload > 0) != (kind.payload_bytes is not Message.payload_bytes):
+            raise TypeError(f"{kind.__name__} must declare both largest_payload and payload_bytes, or neither")
+
+
+_check()

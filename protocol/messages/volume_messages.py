@@ -1,0 +1,287 @@
+"""Messages about the volume, between the client and the map/shade servers: what it is, who holds which part of it."""
+
+import math
+from typing import Annotated, ClassVar, Literal
+
+from msgspec import Meta
+
+from volsplat.protocol.description.block_extremes import BLOCK_BYTES, MOST_BLOCKS, block_dims
+from volsplat.protocol.description.volume import LONGEST_AXIS, MOST_VOXELS, SCALAR_BYTES, Box, VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.messages.message import (
+    MAX_SERVERS,
+    AssignmentId,
+    Count,
+    Detail,
+    Message,
+    Ordinal,
+    Seconds,
+    ServerId,
+    asks,
+)
+from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Quantisation, Survey
+from volsplat.protocol.rules.levels import Prepared
+
+MAX_BOXES = 4096
+MOST_LEVELS = 32
+LONGEST_PATH = 4096  # characters
+HISTOGRAM_BYTES = 16  # two int64 for each bin
+LARGEST_HISTOGRAMS = (1 << 20) + BLOCK_BYTES * MOST_BLOCKS**3
+LARGEST_PART = 1 << 24  # bytes of values; senders choose less
+
+LevelNumber = Annotated[int, Meta(ge=0, lt=MOST_LEVELS)]
+Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
+ScalarType = Literal[
+    "uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64"
+]  # as in volume.SCALAR_BYTES
+
+
+class Part(Detail, frozen=True):
+    """Values of a volume on their way to the server that is to hold them.
+
+    They are a box of a sub-cube: of the halo as well where they are the volume's first scalar, whose gradients need it.
+    Those of one scalar come in order, i fastest: whole sheets, or whole rows of a sheet, or samples of a row.
+    """
+
+    server: ServerId
+    sub_cube: Ordinal  # by its place among the boxes that this server awaits
+    scalar: Annotated[int, Meta(ge=0, le=1)]  # 1: the second one
+    scalar_type: ScalarType
+    box: Box
+
+    def __post_init__(self) -> None:
+        _check_boxes([self.box])
+
+    @property
+    def payload_bytes(self) -> int:
+        """Of its values."""
+        return self.box.voxels * SCALAR_BYTES[self.scalar_type]
+
+
+class LevelBoxes(Detail, frozen=True):
+    """Boxes of one level's grid."""
+
+    level: LevelNumber
+    boxes: Annotated[list[Box], Meta(max_length=MAX_BOXES)]
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
+
+
+def _check_boxes(boxes: list[Box]) -> None:
+    for box in boxes:
+        if min(box.low) < 0 or min(box.size) < 1:
+            raise ValueError(f"a box must have 0 <= low < high on each axis, not {box.low} to {box.high}")
+        if max(box.high) > LONGEST_AXIS or box.voxels > MOST_VOXELS:
+            raise ValueError(f"a box of {box.size} voxels from {box.low} on lies in no volume")
+
+
+# What it is, and what the machine has that is to hold it.
+
+
+class VolumeDescribed(Message, frozen=True):
+    """Map/shade server to client: the answer to DescribeVolume.
+
+    Of a volume that was prepared, what was decided then follows; the payload is that of HistogramsCounted.
+    Whoever reads the volume for this session must find the same `identity`.
+    """
+
+    largest_payload: ClassVar[int] = LARGEST_HISTOGRAMS
+
+    description: VolumeDescription
+    prepared: Annotated[list[Prepared], Meta(max_length=1)]
+    identity: VolumeIdentity
+
+    def payload_bytes(self) -> int:
+        if not self.prepared:
+            return 0
+        blocks = math.prod(block_dims(self.description.geometry.dims))
+        return HISTOGRAM_BINS * HISTOGRAM_BYTES + blocks * BLOCK_BYTES
+
+
+@asks(CLIENT_TO_MAPSHADE, VolumeDescribed)
+class DescribeVolume(Message, frozen=True):
+    """Client to map/shade server: tell what the volume at `path` is, without reading its voxels."""
+
+    path: Path
+
+
+class MachineDescribed(Message, frozen=True):
+    """Map/shade server to client: the memory that it could take."""
+
+    memory_bytes: Count
+
+
+@asks(CLIENT_TO_MAPSHADE, MachineDescribed)
+class DescribeMachine(Message, frozen=True):
+    """Client to map/shade server: tell what your machine has left."""
+
+
+# Its values.
+
+
+class SubCubesRead(Message, frozen=True):
+    """Map/shade server to client: the boxes are held; `survey` counts their voxels, halos left out."""
+
+    assignment: AssignmentId
+    survey: Survey
+    bytes: Count
+    seconds: Seconds
+
+
+@asks(CLIENT_TO_MAPSHADE, SubCubesRead)
+class ReadSubCubes(Message, frozen=True):
+    """Client to map/shade server: read these boxes and their halo, and survey them. Replaces what was held.
+
+    Boxes that are not to be held are surveyed a few sheets at a time, and again when histograms are asked for.
+    Refused, as all that reads the volume, where it is not the one that was described, before and after it is read.
+    """
+
+    assignment: AssignmentId
+    path: Path
+    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
+    identity: VolumeIdentity
+    held: bool = True
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
+
+
+# One server reads it for all.
+
+
+class VolumeLent(Message, frozen=True):
+    """Map/shade server to client: the volume is in memory; it has values of these types, one scalar or two."""
+
+    assignment: AssignmentId
+    scalar_types: Annotated[list[ScalarType], Meta(min_length=1, max_length=2)]
+    bytes: Count
+    seconds: Seconds
+
+
+@asks(CLIENT_TO_MAPSHADE, VolumeLent)
+class LendVolume(Message, frozen=True):
+    """Client to map/shade server: read the whole volume, for others to get theirs from it. Replaces what was held.
+
+    It is let go by ReadSubCubes of the same assignment, which takes this server's own boxes from it.
+    """
+
+    assignment: AssignmentId
+    path: Path
+    identity: VolumeIdentity
+
+
+class PartRead(Message, frozen=True):
+    """Map/shade server to client: payload the part's values shaped (k, j, i), i fastest."""
+
+    largest_payload: ClassVar[int] = LARGEST_PART
+
+    assignment: AssignmentId
+    part: Part
+
+    def payload_bytes(self) -> int:
+        return self.part.payload_bytes
+
+
+@asks(CLIENT_TO_MAPSHADE, PartRead, at_once=MAX_SERVERS)
+class ReadPart(Message, frozen=True):
+    """Client to map/shade server: send this part of the volume that you lend."""
+
+    assignment: AssignmentId
+    part: Part
+
+
+@asks(CLIENT_TO_MAPSHADE, SubCubesRead)
+class AwaitParts(Message, frozen=True):
+    """Client to map/shade server: these boxes and their halo will come in parts. Replaces what was held.
+
+    Nothing answers it; SubCubesRead comes once the last part is held.
+    """
+
+    assignment: AssignmentId
+    description: VolumeDescription
+    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
+
+
+class PartHeld(Message, frozen=True):
+    """Map/shade server to client: the part is kept, the next one may come."""
+
+    assignment: AssignmentId
+
+
+@asks(CLIENT_TO_MAPSHADE, PartHeld, at_once=4)  # each brings its values along
+class HoldPart(Message, frozen=True):
+    """Client to map/shade server: keep these values; the payload is that of PartRead."""
+
+    largest_payload: ClassVar[int] = LARGEST_PART
+
+    assignment: AssignmentId
+    part: Part
+
+    def payload_bytes(self) -> int:
+        return self.part.payload_bytes
+
+
+# Its packets.
+
+
+class HistogramsCounted(Message, frozen=True):
+    """Map/shade server to client: payload `bins` int64 of density, then `bins` int64 of strength, then float64 of least
+    values of the whole volume's `blocks`, then of their greatest (block_extremes).
+    """
+
+    largest_payload: ClassVar[int] = LARGEST_HISTOGRAMS
+
+    assignment: AssignmentId
+    bins: Annotated[int, Meta(ge=1, le=HISTOGRAM_BINS)]
+    blocks: Annotated[int, Meta(ge=1, le=MOST_BLOCKS**3)]
+
+    def payload_bytes(self) -> int:
+        return self.bins * HISTOGRAM_BYTES + self.blocks * BLOCK_BYTES
+
+
+@asks(CLIENT_TO_MAPSHADE, HistogramsCounted)
+class CountHistograms(Message, frozen=True):
+    """Client to map/shade server: count values over low..high and gradient strengths over 0..max_gradient.
+
+    Of a volume with a second scalar that is counted in their place, over the range that its description states.
+    """
+
+    assignment: AssignmentId
+    low: float
+    high: float
+    max_gradient: float
+
+
+class VoxelsPacked(Message, frozen=True):
+    """Map/shade server to client: the voxel packets of the assignment are ready for frames."""
+
+    assignment: AssignmentId
+    voxels: Count
+    bytes: Count
+    seconds: Seconds
+
+
+@asks(CLIENT_TO_MAPSHADE, VoxelsPacked)
+class PackVoxels(Message, frozen=True):
+    """Client to map/shade server: make the voxel packets of the held boxes by the rules of the whole volume."""
+
+    assignment: AssignmentId
+    quantisation: Quantisation
+
+
+@asks(CLIENT_TO_MAPSHADE, VoxelsPacked, at_once=MAX_SERVERS, newest=True)
+class OpenPackets(Message, frozen=True):
+    """Client to map/shade server: hold these boxes of a volume that was prepared. VoxelsPacked answers it.
+
+    Replaces what was held.
+    """
+
+    assignment: AssignmentId
+    path: Path
+    levels: Annotated[list[LevelBoxes], Meta(max_length=MOST_LEVELS)]
+    identity: VolumeIdentity
