@@ -167,7 +167,7 @@ ELECTRON_VOLT = 2e-7
 IBM_FLOAT = 2e-6
 """Relative: IBM's float32 has 20 to 24 bits, and its file was written from float32."""
 
-QUADRATURE = 2e-3
+ORBITAL_OVERLAP = 2e-3
 """Overlaps of Slater orbitals by the midpoint rule: the sharpest, exponent 5.95, decays within three of its steps."""
 
 ELECTRON_IN_VIEW = 5e-3

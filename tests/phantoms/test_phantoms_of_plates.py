@@ -25,8 +25,8 @@ def places_of(geometry: Geometry, indices: Tensor) -> Tensor:
 
 def test_slater_orbitals_are_normalised_and_mix_into_a_normalised_bond() -> None:
     overlap = p_orbital.overlaps()
-    assert overlap.diagonal().tolist() == pytest.approx([1.0] * 3, abs=tolerances.QUADRATURE)
-    assert abs(overlap[1, 2]) < tolerances.QUADRATURE  # 4s and 3d of one atom
+    assert overlap.diagonal().tolist() == pytest.approx([1.0] * 3, abs=tolerances.ORBITAL_OVERLAP)
+    assert abs(overlap[1, 2]) < tolerances.ORBITAL_OVERLAP  # 4s and 3d of one atom
     c = torch.tensor(p_orbital.bonding_coefficients(), dtype=torch.float64)
     assert float(c @ overlap @ c) == pytest.approx(1.0, abs=tolerances.ROUNDING)
 
