@@ -190,6 +190,9 @@ def test_damaged_shards_and_missing_arrays_are_refused_in_one_line(place: Path, 
         open_store(str(copy))
 
 
+SPOILT = 12  # places in each file: zstd's checksums are over all bytes, ours to see is that all files have one
+
+
 def files_of(folder: Path) -> list[Path]:
     return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
 
@@ -203,15 +206,15 @@ def read_whole(place: str) -> list[object]:
     return [store.description, store.quantisation, store.density_counts, store.strength_counts, *levels]
 
 
-def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(place: Path, tmp_path: Path) -> None:
+def test_four_bytes_overwritten_anywhere_are_refused_or_change_nothing(tmp_path: Path) -> None:
     """Nothing that was changed on the disk is ever drawn; a file with bytes that count is named."""
-    copy = tmp_path / "copy.zarr"
-    shutil.copytree(place, copy)
+    store_of(tmp_path, values_of("int16", (20, 12, 17)))
+    copy = tmp_path / "volume.zarr"
     as_written, places = read_whole(str(copy)), np.random.default_rng(3)
     refused = 0
     for name in files_of(copy):
         sound = (copy / name).read_bytes()
-        for _ in range(6 if "c" in name.parts else 40):
+        for _ in range(SPOILT):
             at = int(places.integers(0, len(sound) - 4))
             spoilt = sound[:at] + bytes(byte ^ 0x55 for byte in sound[at : at + 4]) + sound[at + 4 :]
             (copy / name).write_bytes(spoilt)
