@@ -5,12 +5,8 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import threading
 import zipfile
 from collections.abc import Iterator
-from contextlib import contextmanager
-from functools import partial
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from importlib.metadata import requires
 from pathlib import Path
 
@@ -18,7 +14,9 @@ import pytest
 import torch
 
 from support.checkout import ROOT
-from support.programs.programs import TIME_LIMIT, Person
+from support.files.loopback_files import served
+from support.patience import PATIENCE
+from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.session import Session
@@ -57,29 +55,11 @@ def test_servers_draw_without_torch(tmp_path: Path) -> None:
 @pytest.mark.parametrize("command", ["render head.nrrd -o head.png", "phantom head -o head.nrrd", "demo"])
 def test_a_command_that_needs_torch_names_the_extra(tmp_path: Path, command: str) -> None:
     (tmp_path / "head.nrrd").write_bytes(b"")
-    answer = Person(tmp_path).runs(*command.split())
-    assert answer.returncode == EXIT_BAD_INPUT
-    assert "torch" in answer.stderr and "pip install 'volsplat[client]'" in answer.stderr
-    assert len(answer.stderr.splitlines()) == 1
-
-
-@contextmanager
-def _index(folder: Path) -> Iterator[str]:
-    """A package index of a folder, on this machine."""
-    handler = partial(_QuietHandler, directory=str(folder))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        thread = threading.Thread(target=server.serve_forever)
-        thread.start()
-        try:
-            yield f"http://127.0.0.1:{server.server_port}/"
-        finally:
-            server.shutdown()
-            thread.join()
-
-
-class _QuietHandler(SimpleHTTPRequestHandler):
-    def log_message(self, format: str, *arguments: object) -> None:
-        """Says nothing."""
+    started = Person(tmp_path).starts(*command.split())
+    _, said = started.communicate(timeout=PATIENCE)
+    assert started.returncode == EXIT_BAD_INPUT
+    assert "torch" in said and "pip install 'volsplat[client]'" in said
+    assert len(said.splitlines()) == 1
 
 
 def _offer(folder: Path, name: str, version: str, needs: str = "", size: int = 0) -> None:
@@ -106,7 +86,7 @@ def _plan(cpu_index: str, other_index: str) -> subprocess.CompletedProcess[str]:
         env={**kept, "PIP_CONFIG_FILE": os.devnull, "PIP_INDEX_URL": other_index},
         capture_output=True,
         encoding="utf-8",
-        timeout=TIME_LIMIT,
+        timeout=PATIENCE,
     )
 
 
@@ -115,14 +95,14 @@ def with_cuda(tmp_path: Path) -> Iterator[str]:
     """An index like PyPI's, whose torch brings CUDA."""
     _offer(tmp_path / "cuda", "torch", "2.13.0", needs="nvidia-cublas")
     _offer(tmp_path / "cuda", "nvidia-cublas", "13.1.1", size=2_000_000)
-    with _index(tmp_path / "cuda") as index:
-        yield index
+    with served(tmp_path / "cuda") as index:
+        yield index.url
 
 
 def test_torch_is_taken_from_the_index_of_cpu_builds(tmp_path: Path, with_cuda: str) -> None:
     _offer(tmp_path / "cpu", "torch", "2.13.0+cpu")
-    with _index(tmp_path / "cpu") as index:
-        answer = _plan(index, with_cuda)
+    with served(tmp_path / "cpu") as index:
+        answer = _plan(index.url, with_cuda)
     assert answer.returncode == 0
     assert answer.stdout == "torch 2.13.0+cpu\n"
     assert answer.stderr == ""
@@ -130,9 +110,9 @@ def test_torch_is_taken_from_the_index_of_cpu_builds(tmp_path: Path, with_cuda: 
 
 def test_a_build_with_cuda_is_announced_with_its_size(tmp_path: Path, with_cuda: str) -> None:
     (tmp_path / "empty").mkdir()
-    with _index(tmp_path / "empty") as index:
-        answer = _plan(index, with_cuda)
+    with served(tmp_path / "empty") as index:
+        answer = _plan(index.url, with_cuda)
     assert answer.returncode == 0
     assert "nvidia-cublas 13.1.1" in answer.stdout
-    assert f"({index}) does not answer" in answer.stderr
+    assert f"({index.url}) does not answer" in answer.stderr
     assert "1 package more, 2 MB to load" in answer.stderr

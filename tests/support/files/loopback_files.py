@@ -1,5 +1,6 @@
 """A web server of a folder on this machine, which counts what it sends, byte ranges included."""
 
+import mimetypes
 import re
 import sys
 import threading
@@ -35,14 +36,19 @@ def served(folder: Path) -> Iterator[Served]:
     class Handler(BaseHTTPRequestHandler):
         protocol_version = "HTTP/1.1"
 
+        def do_HEAD(self) -> None:
+            self.do_GET()
+
         def do_GET(self) -> None:
             path = folder / self.path.strip("/")
+            path = path / "index.html" if path.is_dir() else path
             if state.status != HTTPStatus.OK or not path.is_file():
                 self._answer(state.status if state.status != HTTPStatus.OK else HTTPStatus.NOT_FOUND, b"")
                 return
             content = path.read_bytes()
             part = self._wanted(content)
-            state.sent.append((self.path.strip("/"), len(part)))
+            if self.command == "GET":
+                state.sent.append((self.path.strip("/"), len(part)))
             self._answer(HTTPStatus.OK if part is content else HTTPStatus.PARTIAL_CONTENT, part)
 
         def _wanted(self, content: bytes) -> bytes:
@@ -56,8 +62,10 @@ def served(folder: Path) -> Iterator[Served]:
         def _answer(self, status: int, content: bytes) -> None:
             self.send_response(status)
             self.send_header("Content-Length", str(len(content)))
+            self.send_header("Content-Type", mimetypes.guess_type(self.path)[0] or "text/html")
             self.end_headers()
-            self.wfile.write(content)
+            if self.command == "GET":
+                self.wfile.write(content)
 
         def log_message(self, format: str, *arguments: object) -> None:
             """Says nothing."""
