@@ -2,7 +2,6 @@
 
 import re
 import signal
-import time
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -10,7 +9,8 @@ import click
 import msgspec
 import pytest
 
-from support.programs.programs import TIME_LIMIT, Person
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import Person
 from volsplat.bench.commands.command import SUMMARIES, bench
 from volsplat.bench.tables import extra
 from volsplat.bench.tables.record import Record, read_record
@@ -85,7 +85,7 @@ def test_scaling_measures_a_cluster_that_is_already_up(person: Person) -> None:
     found, _, _ = measured(person, "scaling", str(volume), *options)
     assert {one.name.split(", ")[1].split(":")[0] for one in found.figures} == {"1 thread", "2 servers"}
     for server in servers:
-        server.communicate(timeout=TIME_LIMIT)
+        server.communicate(timeout=PATIENCE)
 
 
 @needs_matplotlib
@@ -203,16 +203,11 @@ def test_every_benchmark_that_is_listed_is_there() -> None:
 @pytest.mark.parametrize("command", ["paper", "scaling"])
 def test_ctrl_c_leaves_no_process(person: Person, command: str) -> None:
     run = person.starts("bench", command, *PHANTOM, "--workers", "2", "--repeats", "100000")
-    deadline = time.monotonic() + TIME_LIMIT
-    while len(person.servers()) < 3 and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert len(person.servers()) == 3
+    wait_until(lambda: len(person.servers()) == 3, "started")
     run.send_signal(signal.SIGINT)
-    _, said = run.communicate(timeout=TIME_LIMIT)
+    _, said = run.communicate(timeout=PATIENCE)
     assert run.returncode == INTERRUPTED and "Traceback" not in said, said
-    while person.servers() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert person.servers() == []
+    wait_until(lambda: not person.servers(), "without servers")
 
 
 @pytest.fixture(scope="module")

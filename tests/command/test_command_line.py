@@ -4,14 +4,14 @@ import json
 import signal
 import socket
 import subprocess
-import time
 from pathlib import Path
 
 import pytest
 import torch
 
+from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
-from support.programs.programs import TIME_LIMIT, VOLSPLAT, Person
+from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.image.image_file import read_image, read_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -212,7 +212,7 @@ def test_servers_started_by_hand_join_in_any_order(person: Person, head: Path, o
     }[order]
     running = {name: person.starts(*commands[name]) for name in names}
     for name, process in running.items():
-        _, said = process.communicate(timeout=TIME_LIMIT)
+        _, said = process.communicate(timeout=PATIENCE)
         assert process.returncode == 0, (name, said)
     assert (person.folder / "hand.png").read_bytes() == draws(person, head, "single.png", "--single")
 
@@ -223,8 +223,8 @@ def test_a_server_with_another_token_gets_one_line_and_disturbs_nobody(person: P
     stranger = Person(person.folder).runs("mapshade-server", "--connect", address)
     assert stranger.returncode == 2 and "token" in one_line(stranger)
     servers = [person.starts(kind, "--connect", address) for kind in ("splat-server", "mapshade-server")]
-    assert client.wait(TIME_LIMIT) == 0
-    assert [server.wait(TIME_LIMIT) for server in servers] == [0, 0]
+    assert client.wait(PATIENCE) == 0
+    assert [server.wait(PATIENCE) for server in servers] == [0, 0]
     for process in (client, *servers):
         process.communicate()
 
@@ -246,27 +246,21 @@ def test_ctrl_c_at_any_moment_leaves_no_process_and_no_half_image(person: Person
     except subprocess.TimeoutExpired:
         interrupted = True
         client.send_signal(signal.SIGINT)
-    _, said = client.communicate(timeout=TIME_LIMIT)
+    _, said = client.communicate(timeout=PATIENCE)
     assert client.returncode in ((INTERRUPTED, -signal.SIGINT) if interrupted else (0,)), said
     assert "Traceback" not in said
     written = [path for path in person.folder.rglob("*") if path.is_file() and path != volume]
     for image in written:  # each is whole, and no temporary file is left
         assert not image.name.startswith(".") and read_image(image).shape[:2] == (1500, 1500)
-    deadline = time.monotonic() + TIME_LIMIT
-    while person.servers() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert person.servers() == []
+    wait_until(lambda: not person.servers(), "without servers")
 
 
 def test_a_client_that_is_killed_takes_its_servers_along(person: Person, head: Path) -> None:
     client = person.starts("render", str(head), "-o", "a.png", "--steps-dir", "steps", "--size", "3000x3000")
-    deadline = time.monotonic() + TIME_LIMIT
-    while not person.servers() and client.poll() is None and time.monotonic() < deadline:
-        time.sleep(0.01)
+    wait_until(lambda: person.servers() or client.poll() is not None, "started")
     client.kill()
     client.communicate()
-    while person.servers() and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(lambda: not person.servers(), "without servers")
     assert person.servers() == []
 
 
@@ -280,7 +274,7 @@ def test_a_full_disk_behind_the_output_is_told_in_one_line(person: Person, head:
             stdout=full,
             stderr=subprocess.PIPE,
             encoding="utf-8",
-            timeout=TIME_LIMIT,
+            timeout=PATIENCE,
         )
     assert done.returncode == 1
     assert done.stderr == "volsplat: the output cannot be written: No space left on device; write it elsewhere\n"

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from support.patience import PATIENCE
 from support.programs.documented_commands import Documented, commands, snippets
-from support.programs.programs import TIME_LIMIT, VOLSPLAT, Person
+from support.programs.programs import VOLSPLAT, Person
 from volsplat.program.exit_status import EXIT_INTERRUPTED
 
 # Commands of the README that are not run as they stand, and why; that their options exist is tested all the same.
@@ -74,7 +75,7 @@ def test_documented_python_runs(reader: Person, snippet: Documented) -> None:
         env=reader.environment,
         capture_output=True,
         encoding="utf-8",
-        timeout=TIME_LIMIT,
+        timeout=PATIENCE,
     )
     assert answer.returncode == 0, answer.stderr
 
@@ -88,7 +89,7 @@ def _typed(reader: Person, line: str) -> tuple[int, str]:
         env=reader.environment,
         capture_output=True,
         encoding="utf-8",
-        timeout=TIME_LIMIT,
+        timeout=PATIENCE,
     )
     return answer.returncode, answer.stdout + answer.stderr
 

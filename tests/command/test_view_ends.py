@@ -9,8 +9,7 @@ import shutil
 import signal
 import socket
 import subprocess
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -19,7 +18,8 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 
 from support.pages.viewed import viewed
-from support.programs.programs import TIME_LIMIT, VOLSPLAT, Person
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 
@@ -32,13 +32,6 @@ def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("volume") / "head.nrrd"
     write_volume(path, *make_phantom("head", (24, 32, 28)))
     return path
-
-
-def until(holds: Callable[[], bool], what: str) -> None:
-    deadline = time.monotonic() + TIME_LIMIT
-    while not holds():
-        assert time.monotonic() < deadline, f"never {what}"
-        time.sleep(0.05)
 
 
 class Begun:
@@ -57,8 +50,8 @@ class Begun:
     def ends_by(self, number: signal.Signals) -> None:
         """With its status, hardly a word, and nothing left."""
         self.process.send_signal(number)
-        assert self.process.wait(TIME_LIMIT) == STATUS[number], self.said()
-        until(lambda: not self.person.servers(), "without servers")
+        assert self.process.wait(PATIENCE) == STATUS[number], self.said()
+        wait_until(lambda: not self.person.servers(), "without servers")
         words = [line for line in self.said().splitlines() if line.startswith("volsplat: ")]
         assert words == SAID[number] and "Traceback" not in self.said() and "ASGI" not in self.said()
 
@@ -66,13 +59,13 @@ class Begun:
 @pytest.mark.parametrize("number", STATUS, ids=str)
 def test_a_signal_ends_it_before_there_is_a_page(volume: Path, tmp_path: Path, number: signal.Signals) -> None:
     begun = Begun(volume, tmp_path)
-    until(lambda: bool(begun.person.servers()), "with a server")
+    wait_until(lambda: begun.person.servers(), "with a server")
     begun.ends_by(number)
 
 
 def test_a_signal_ends_it_while_it_waits_for_servers(volume: Path, tmp_path: Path) -> None:
     begun = Begun(volume, tmp_path, "--listen", "127.0.0.1:0", "--token-file", str(tmp_path / "token"))
-    until(lambda: "waiting for servers" in begun.said(), "waiting")
+    wait_until(lambda: "waiting for servers" in begun.said(), "waiting")
     begun.ends_by(signal.SIGTERM)
 
 
@@ -82,7 +75,7 @@ def test_a_signal_ends_it_while_a_page_looks_on(volume: Path, number: signal.Sig
         viewport.says("size", width=64, height=64)
         viewport.last_picture()
         view.process.send_signal(number)
-        assert view.process.wait(TIME_LIMIT) == STATUS[number]
+        assert view.process.wait(PATIENCE) == STATUS[number]
     words = [line.strip() for line in view.said if line.strip() and "http" not in line and "is at" not in line]
     assert words == SAID[number]
 
@@ -90,7 +83,7 @@ def test_a_signal_ends_it_while_a_page_looks_on(volume: Path, number: signal.Sig
 @pytest.mark.parametrize("server", ["volsplat.mapshade_server", "volsplat.splat_server"])
 def test_a_signal_ends_it_and_a_server_that_is_stopped(volume: Path, tmp_path: Path, server: str) -> None:
     begun = Begun(volume, tmp_path)
-    until(lambda: "token=" in begun.said(), "there")
+    wait_until(lambda: "token=" in begun.said(), "there")
     next(running for running in begun.person.servers() if server in running.cmdline()).suspend()
     begun.ends_by(signal.SIGTERM)
 
@@ -130,9 +123,9 @@ def test_it_ends_with_whoever_reads_what_it_says(volume: Path, tmp_path: Path) -
         if "token=" in line:
             break
     view.stderr.close()
-    assert view.wait(TIME_LIMIT) == STATUS[signal.SIGHUP]
+    assert view.wait(PATIENCE) == STATUS[signal.SIGHUP]
     view.stdout.close()
-    until(lambda: not person.servers(), "without servers")
+    wait_until(lambda: not person.servers(), "without servers")
 
 
 def test_a_port_that_is_taken_is_told_with_what_holds_it(volume: Path, tmp_path: Path) -> None:
@@ -169,7 +162,7 @@ def ssh_door(folder: Path) -> Iterator[list[str]]:
     command = [SSHD, "-D", "-e", "-f", "/dev/null", "-p", port, "-o", "ListenAddress=127.0.0.1", *given]
     with subprocess.Popen(command, stderr=subprocess.DEVNULL) as door:
         try:
-            until(lambda: can_connect(int(port)), "an sshd")
+            wait_until(lambda: can_connect(int(port)), "an sshd")
             trust = ["-o", "StrictHostKeyChecking=no", "-o", "UserKnownHostsFile=/dev/null", "-o", "BatchMode=yes"]
             yield ["ssh", "-F", "/dev/null", "-i", str(folder / "key"), "-p", port, *trust, "-o", "LogLevel=ERROR"]
         finally:
@@ -201,7 +194,7 @@ def test_the_end_of_ssh_ends_the_view_and_frees_its_port(volume: Path, tmp_path:
                     assert line, said.decode()
                     said += line
                 run.kill()
-            until(lambda: not views_of(mark), "ended")
+            wait_until(lambda: not views_of(mark), "ended")
 
 
 def views_of(mark: str) -> list[psutil.Process]:

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,7 +17,8 @@ import torch
 from torch import Tensor
 
 from support.files.prepared import prepare_small
-from support.programs.programs import TIME_LIMIT, Person
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
 from tolerances import HALF_A_LEVEL, VIDEO_LEVELS
 from volsplat.client.image.image_file import over_background, read_image, read_scene
@@ -83,7 +83,7 @@ def written(single: SingleProcess, scenes: list[Scene], path: Path) -> list[int]
 def film_frames(path: Path, width: int, height: int) -> Tensor:
     """(N, H, W, 3) 0..1, as a player shows the film."""
     command = ["ffmpeg", "-v", "error", "-i", str(path), "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
-    raw = subprocess.run(command, capture_output=True, check=True, timeout=TIME_LIMIT).stdout
+    raw = subprocess.run(command, capture_output=True, check=True, timeout=PATIENCE).stdout
     return torch.frombuffer(bytearray(raw), dtype=torch.uint8).reshape(-1, height, width, 3) / 255
 
 
@@ -395,12 +395,9 @@ def test_ctrl_c_at_any_moment_leaves_nothing(person: Person, head: Path, kind: s
         client.wait(after)
     ffmpegs = [child for child in psutil.Process(client.pid).children() if child.name() == "ffmpeg"]
     client.send_signal(signal.SIGINT)
-    _, said = client.communicate(timeout=TIME_LIMIT)
+    _, said = client.communicate(timeout=PATIENCE)
     assert client.returncode in (INTERRUPTED, -signal.SIGINT), said
     assert "Traceback" not in said
     assert os.listdir(person.folder) == []
     assert not any(ffmpeg.is_running() for ffmpeg in ffmpegs)
-    deadline = time.monotonic() + TIME_LIMIT
-    while person.servers() and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert person.servers() == []
+    wait_until(lambda: not person.servers(), "without servers")

@@ -3,8 +3,7 @@
 import math
 import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
 
@@ -13,6 +12,7 @@ import pytest
 import torch
 
 from support.messages.message_samples import SAMPLES
+from support.patience import PATIENCE, wait_until
 from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.phantoms import make_phantom
@@ -36,7 +36,6 @@ from volsplat.protocol.wire.tokens import new_token
 SIZE = 16
 SCENE = shaded_scene(View(zoom=3.0), (64, 48))
 OUTSIDE = msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0)))
-PATIENCE = 30.0  # seconds, after which what never comes fails its test
 KEY = bytes(range(messages.WORKER_KEY_BYTES))
 
 
@@ -270,14 +269,6 @@ def test_what_lies_behind_closed_tiles_is_left_out(bench: Bench, tmp_path: Path)
     assert packets == mapped.stats.packets < side**3
 
 
-def until(happened: Callable[[], object]) -> None:
-    """Wait for what another thread does."""
-    deadline = time.monotonic() + PATIENCE
-    while not happened():
-        assert time.monotonic() < deadline, "it never happened"
-        time.sleep(0.001)
-
-
 def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
     width, height = scene.image.width, scene.image.height
     resolution, middle = own_resolution(geometry, Step.F), ((width - 1) / 2, (height - 1) / 2)
@@ -296,7 +287,7 @@ def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_pa
         before = bench.connection.counters.messages_in
         bench.control.send(render(1, geometry, scene))
         bench.control.send(probe(geometry, scene))
-        until(lambda: bench.connection.counters.messages_in == before + 2)
+        wait_until(lambda: bench.connection.counters.messages_in == before + 2, "taken both")
         sent = 0
         batch: messages.Batch | None = None
         while batch is None or not batch.last:
@@ -332,13 +323,13 @@ def test_a_server_ends_though_nobody_reads_what_it_sends(bench: Bench, tmp_path:
         sent = bench.connection.counters.bytes_out
         if unread == "batches":
             bench.control.send(render(1, geometry, plain_scene(view=View(zoom=1.0), size=(320, 320))))
-            until(lambda: link._socket.recv(1, socket.MSG_PEEK))
+            wait_until(lambda: link._socket.recv(1, socket.MSG_PEEK), "sent a byte")
         else:
             bench.control.send(messages.LendVolume(2, str(volume), identified_volume(str(volume))[1]))
             bench.hears(messages.VolumeLent)
             for n in range(3):
                 bench.control.send(messages.ReadPart(2, messages.Part(n + 1, 0, 0, "uint8", geometry.box)))
-            until(lambda: bench.connection.counters.bytes_out > sent + (1 << 16))
+            wait_until(lambda: bench.connection.counters.bytes_out > sent + (1 << 16), "begun to send")
         bench.control.send(messages.EndSession())
         bench.ends()
         assert bench.failure is None
@@ -354,11 +345,11 @@ def test_only_the_newest_of_the_frames_that_wait_is_kept(bench: Bench, tmp_path:
     bench.connects(0)
     with bench.accepts(0) as link:
         bench.control.send(render(1, geometry, plain_scene(view=View(zoom=1.0), size=(320, 320))))
-        until(lambda: link._socket.recv(1, socket.MSG_PEEK))
+        wait_until(lambda: link._socket.recv(1, socket.MSG_PEEK), "sent a byte")
         before = bench.connection.counters.messages_in
         for frame in range(2, 202):
             bench.control.send(render(frame, geometry))
-        until(lambda: bench.connection.counters.messages_in == before + 200)
+        wait_until(lambda: bench.connection.counters.messages_in == before + 200, "taken all")
         assert len(bench.waiting) <= 1
         bench.control.send(messages.EndSession())
         bench.ends()
@@ -386,7 +377,7 @@ def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench, m
     bench.splat_servers[0].close()
     before = bench.connection.counters.messages_in
     bench.control.send(messages.ConnectToSplatServers([messages.Route(2, nobody.host, nobody.port, KEY)]))
-    until(lambda: bench.connection.counters.messages_in > before)
+    wait_until(lambda: bench.connection.counters.messages_in > before, "taken it")
     bench.control.send(messages.EndSession())
     bench.ends()
     bench.control.close()

@@ -9,7 +9,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import msgspec
@@ -34,7 +33,8 @@ from support.files.prepared import (
     values_of,
     written,
 )
-from support.programs.programs import TIME_LIMIT, VOLSPLAT, Person
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.packet_store import PacketStore, attributes_of, open_store
 from volsplat.mapshade_server.prepare import Options
@@ -159,11 +159,9 @@ def test_ctrl_c_leaves_a_store_that_the_same_command_finishes(tmp_path: Path) ->
     assert person.runs("phantom", "shells", "--size", "280,270,260", "-o", "shells.nrrd").returncode == 0
     running = person.starts("prepare", "shells.nrrd", "shells.zarr")
     journal = tmp_path / "shells.zarr" / ".prepare" / "journal.json"
-    patience = time.monotonic() + TIME_LIMIT
-    while not (journal.exists() and json.loads(journal.read_bytes())["shards"]) and time.monotonic() < patience:
-        time.sleep(0.01)
+    wait_until(lambda: journal.exists() and json.loads(journal.read_bytes())["shards"], "begun")
     running.send_signal(signal.SIGINT)
-    _, said = running.communicate(timeout=TIME_LIMIT)
+    _, said = running.communicate(timeout=PATIENCE)
     assert running.returncode == 130
     assert said.split("\n") == ["stopped; the same command goes on from here", "", "volsplat: interrupted", ""]
     with pytest.raises(BadInput, match="was not finished"):
@@ -248,7 +246,7 @@ def test_memory_is_bounded_whatever_the_size(tmp_path: Path) -> None:
             file.write((sheet + k).tobytes())
     assert volume.stat().st_size * 3 > memory  # of sources and packets
     command = [sys.executable, "-c", MEASURED_RUN, str(volume), str(tmp_path / "o.zarr"), str(memory)]
-    done = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=TIME_LIMIT)
+    done = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=PATIENCE)
     assert done.returncode == 0, done.stderr
     assert int(done.stdout) <= memory
 
@@ -355,7 +353,7 @@ def test_a_disk_that_refuses_is_named_and_the_work_is_taken_up(most: int, tmp_pa
         cwd=tmp_path,
         capture_output=True,
         encoding="utf-8",
-        timeout=TIME_LIMIT,
+        timeout=PATIENCE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (most, most)),
     )
     assert (limited.returncode, limited.stderr) == (

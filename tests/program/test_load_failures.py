@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from support.programs.programs import TIME_LIMIT, VOLSPLAT, Person
+from support.patience import PATIENCE
+from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.program.load_failures import load_failure
@@ -75,7 +76,7 @@ def run(command: tuple[str, ...], volume: Path, folder: Path, before: str = "", 
         env=Person(folder).environment | environment,
         capture_output=True,
         encoding="utf-8",
-        timeout=TIME_LIMIT,
+        timeout=PATIENCE,
     )
     assert done.returncode == 2 and "Traceback" not in done.stderr, done.stderr
     (said,) = [line for line in done.stderr.splitlines() if line.startswith("volsplat: ")]

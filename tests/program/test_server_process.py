@@ -5,6 +5,7 @@ import subprocess
 
 import pytest
 
+from support.patience import PATIENCE
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.refusals import OUT_OF_MEMORY, refusal
@@ -12,7 +13,6 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 
-PATIENCE = 30.0  # seconds, after which what never comes fails its test
 TITLES = {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}
 
 

@@ -14,7 +14,8 @@ import psutil
 import pytest
 
 from support.messages.message_samples import SAMPLES
-from support.programs.programs import TIME_LIMIT, Person
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import Person
 from volsplat.client.session.outgoing import Outgoing
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
@@ -93,20 +94,15 @@ def test_ctrl_c_ends_the_command_and_all_servers_while_a_volume_is_lent_to_one_t
         assert command.stdout is not None
         assert command.stdout.readline().startswith("carried out"), "the coordinator goes on"
         servers = person.servers()
-        deadline = time.monotonic() + TIME_LIMIT  # a signal has been sent, but takes its time on a busy machine
-        while (
-            stopped := [s.status() for s in servers].count(psutil.STATUS_STOPPED)
-        ) < 1 and time.monotonic() < deadline:
-            time.sleep(0.01)
-        assert stopped == 1
+        wait_until(lambda: [s.status() for s in servers].count(psutil.STATUS_STOPPED) == 1, "stopped")
         began = time.monotonic()
         for _ in range(interrupts):
             command.send_signal(signal.SIGINT)
             time.sleep(0.05)  # the next one comes while the first is at work
-        _, said = command.communicate(timeout=TIME_LIMIT)
+        _, said = command.communicate(timeout=PATIENCE)
         print(f"ended after {time.monotonic() - began:.2f} s")
     assert command.returncode == 130, said
-    assert psutil.wait_procs(servers, timeout=TIME_LIMIT)[1] == []
+    assert psutil.wait_procs(servers, timeout=PATIENCE)[1] == []
     assert said.strip() == "volsplat: interrupted"
 
 
@@ -120,7 +116,7 @@ def ends() -> Iterator[tuple[Connection, Connection]]:
     with Listener(Role.CLIENT, token, allocate=BufferPool()) as listener:
         address = Address(listener.address.host, listener.address.port)
         server = connect(address, new_hello(Role.MAPSHADE_SERVER), token, Role.CLIENT)
-        client = listener.accept(TIME_LIMIT)
+        client = listener.accept(PATIENCE)
         assert client is not None
         with client, server:
             yield client, server
@@ -167,5 +163,5 @@ def test_closing_the_connection_ends_a_send_that_waits(ends: tuple[Connection, C
         outgoing.post(message, payload)
     outgoing.flush(time.monotonic() + 0.05)
     client.close()
-    outgoing.flush(time.monotonic() + TIME_LIMIT)
+    outgoing.flush(time.monotonic() + PATIENCE)
     assert outgoing._ended

@@ -13,8 +13,9 @@ import torch
 from support.files.head_volume import SIZE, skin
 from support.files.loopback_files import served
 from support.files.prepared import prepare_small
+from support.patience import PATIENCE
 from support.programs.hand_started import free_port, joined_by_hand
-from support.programs.programs import TIME_LIMIT, Person
+from support.programs.programs import Person
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -99,11 +100,11 @@ def test_the_command_ends_with_status_2_and_writes_nothing(here: Path, tmp_path:
     for folder in (here.parent, other.parent):
         person.folder = folder
         servers.append(person.starts("mapshade-server", "--connect", address))
-    _, said = command.communicate(timeout=TIME_LIMIT)
+    _, said = command.communicate(timeout=PATIENCE)
     assert command.returncode == 2
     assert "another volume" in said and (str(other) in said or str(here) in said), "whichever has not described it"
     for server in servers:
-        server.communicate(timeout=TIME_LIMIT)
+        server.communicate(timeout=PATIENCE)
     assert [server.returncode for server in servers] == [0, 0, 0]
     assert not (tmp_path / "head.png").exists()
 

@@ -24,7 +24,7 @@ from astropy.io import fits
 from zarr.codecs import GzipCodec, ZstdCodec
 
 from support.checkout import ROOT
-from support.programs.programs import TIME_LIMIT
+from support.patience import PATIENCE
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.codestream_size import codestream_size
 from volsplat.protocol.text.errors import BadInput
@@ -203,7 +203,7 @@ BOMBS: dict[str, tuple[Callable[[Path], Path], str]] = {
 def outcomes(volumes: list[Path]) -> tuple[list[str], int]:
     """What a process makes of the volumes, and how many MiB more it took at most."""
     done = subprocess.run(
-        [sys.executable, CHILD, *volumes], capture_output=True, encoding="utf-8", timeout=TIME_LIMIT, check=True
+        [sys.executable, CHILD, *volumes], capture_output=True, encoding="utf-8", timeout=PATIENCE, check=True
     )
     assert done.stderr == ""
     *lines, memory = done.stdout.splitlines()

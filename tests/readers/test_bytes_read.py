@@ -14,7 +14,8 @@ import pytest
 
 from support.files.counted_bytes import bytes_read
 from support.files.prepared import Told
-from support.programs.programs import TIME_LIMIT, VOLSPLAT
+from support.patience import PATIENCE
+from support.programs.programs import VOLSPLAT
 from volsplat.client.coordinator.sub_cubes import divided
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
@@ -82,7 +83,7 @@ def test_info_takes_little_memory_whatever_the_size(tmp_path: Path) -> None:
         file.write(np.float64(-3.5).tobytes())
         file.truncate(8 * 512 * 512 * 256)
     command = [sys.executable, "-c", INFO, str(VOLSPLAT), "info", str(path)]
-    told = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=TIME_LIMIT).stdout
+    told = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=PATIENCE).stdout
     *text, most = told.strip().splitlines()
     assert any("-3.5 to 0" in line for line in text), told
     assert int(most) < 280, told  # MiB, of any process; the interpreter and the client's libraries included

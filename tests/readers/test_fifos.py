@@ -15,7 +15,7 @@ from PIL import Image
 
 from support.checkout import ROOT
 from support.files.prepared import prepare_small, values_of, written
-from support.programs.programs import TIME_LIMIT
+from support.patience import PATIENCE
 
 CHILD = ROOT / "tests/support/files/unpacking_child.py"
 VALUES = (np.arange(16**3) % 251).astype(np.uint8).reshape(16, 16, 16)
@@ -94,7 +94,7 @@ def test_a_fifo_among_the_files_of_a_volume_is_refused_by_name(tmp_path: Path) -
         volumes.append(volume)
         fifos.append(a_fifo)
     done = subprocess.run(
-        [sys.executable, CHILD, *volumes], capture_output=True, encoding="utf-8", timeout=TIME_LIMIT, check=True
+        [sys.executable, CHILD, *volumes], capture_output=True, encoding="utf-8", timeout=PATIENCE, check=True
     )
     assert done.stderr == ""
     for name, a_fifo, line in zip(SETS, fifos, done.stdout.splitlines()[:-1], strict=True):
@@ -110,6 +110,6 @@ def test_a_fifo_in_a_packet_store_is_refused(name: str, tmp_path: Path) -> None:
         "s.read(0, s.levels[0].geometry.box)"
     )
     done = subprocess.run(
-        [sys.executable, "-c", program, tmp_path / "v.zarr"], capture_output=True, encoding="utf-8", timeout=TIME_LIMIT
+        [sys.executable, "-c", program, tmp_path / "v.zarr"], capture_output=True, encoding="utf-8", timeout=PATIENCE
     )
     assert done.returncode == 1 and f"BadInput: {tmp_path}" in done.stderr.splitlines()[-1]

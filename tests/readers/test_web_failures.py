@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import zarr
 
-from support.programs.programs import TIME_LIMIT
+from support.patience import PATIENCE
 
 CHILD = """
 import sys
@@ -66,7 +66,7 @@ class Handler(BaseHTTPRequestHandler):
             case "":
                 self._answer(200 if path.is_file() else 404, path.read_bytes() if path.is_file() else b"")
             case "silence":
-                self.server.ended.wait(TIME_LIMIT)
+                self.server.ended.wait(PATIENCE)
             case "broken":
                 self.send_response(200)
                 self.send_header("Content-Length", "100000")
@@ -130,7 +130,7 @@ def test_each_failure_ends_in_one_line_and_nothing_else(web: Web) -> None:
             [sys.executable, "-c", CHILD, *urls, f"http://{web.address}/ok/v.zarr"],
             capture_output=True,
             encoding="utf-8",
-            timeout=TIME_LIMIT,
+            timeout=PATIENCE,
         )
     assert (done.returncode, done.stderr) == (0, "")
     *lines, last = done.stdout.splitlines()

@@ -11,6 +11,7 @@ import pytest
 import torch
 
 from support.files.head_volume import head, scene, single
+from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.renderer import Refinement, finished_whole
@@ -22,7 +23,6 @@ from volsplat.protocol.text.errors import PeerLost
 
 __all__ = ["head", "scene", "single"]
 
-PATIENCE = 60.0  # seconds after which what never comes fails its test
 WHOLE_CELLS = [Step.C, Step.D, Step.E, Step.F]  # with strides, bounds would clip the outermost samples' blocks
 
 

@@ -14,6 +14,7 @@ import torch
 
 from support.files.head_volume import head, single, skin
 from support.messages.message_samples import SAMPLES
+from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.session.asked_frames import FrameAborted
 from volsplat.client.session.single import SingleProcess
@@ -27,7 +28,6 @@ from volsplat.protocol.wire.buffer_pool import BufferPool
 __all__ = ["head", "single"]
 
 NAMES = {"mapshade_server": "map/shade server", "splat_server": "splat server"}
-PATIENCE = 60.0  # seconds after which what never comes fails its test
 
 
 @pytest.fixture(scope="module")

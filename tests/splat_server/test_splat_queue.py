@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
+from support.patience import PATIENCE
 from support.scenes.row_runs import Dot, PinnedSpans, Run, mirrored, spans_of
 from support.scenes.threaded import everything_threaded
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order
@@ -21,7 +22,6 @@ from volsplat.splat_server._kernels import Ellipse, FootprintTable
 from volsplat.splat_server.footprint_table import kernel_projection
 from volsplat.splat_server.image_buffer import ImageBuffer
 
-PATIENCE = 20.0  # seconds
 WIDTH, HEIGHT = 90, 70
 LARGE = (520, 260)  # pixels: threads share the handing out of such an image, even with nothing before it
 RADIUS = 4.0  # pixels

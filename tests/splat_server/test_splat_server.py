@@ -13,6 +13,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.patience import PATIENCE
 from support.programs.little_memory import little_memory
 from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
@@ -46,7 +47,6 @@ GEOMETRY = Geometry(dims=(SIZE, SIZE, SIZE))
 SCENE = shaded_scene(View(rotation=(0.2, 0.5, 0.1, 0.8), zoom=3.0), (96, 80))
 WORKERS = (11, 12, 13)
 KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WORKERS}
-PATIENCE = 30.0  # seconds, after which what never comes fails its test
 
 
 class Bench:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import psutil
 import pytest
 
+from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
@@ -27,7 +28,6 @@ from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import MOST_PENDING, Listener
 from volsplat.protocol.wire.tokens import Token, new_token
 
-PATIENCE = 60.0  # seconds, after which what never comes fails its test
 HONEST, LIAR, LATE = 1, 2, 9
 KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in (HONEST, LIAR, LATE)}
 GEOMETRY = Geometry(dims=(8, 8, 8))

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-import httpx
 import pytest
 from starlette.applications import Starlette
 from starlette.requests import Request
 from starlette.responses import HTMLResponse
 from starlette.routing import Route
 
-from support.pages.browser import browser, serving
+from support.pages import patient_http
+from support.pages.browser import browser, patient_context, serving
 from support.pages.viewed import Viewed, viewed
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -38,19 +38,19 @@ def view(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Viewed]:
 def elsewhere(view: Viewed, browser: Browser) -> Iterator[Page]:
     """A tab with a page of another port, in a browser that may see the volume; cookies do not know ports."""
     heard: list[str] = []
-    tab = browser.new_page()  # that the browser complains of what it tries is as it should be
 
     async def page(request: Request) -> HTMLResponse:
         heard.append(request.headers.get("cookie", ""))
         return HTMLResponse("<!doctype html><title>elsewhere</title>")
 
-    tab.goto(view.url)
-    tab.wait_for_function(SHOWN)
-    with serving(Starlette(routes=[Route("/{path:path}", page)])) as url:
+    elsewhere = Starlette(routes=[Route("/{path:path}", page)])
+    with serving(elsewhere) as url, patient_context(browser) as context:
+        tab = context.new_page()  # that the browser complains of what it tries is as it should be
+        tab.goto(view.url)
+        tab.wait_for_function(SHOWN)
         tab.goto(url)
         assert f"volsplat-{view.port}=" in heard[0]  # so it is, and this is why more is asked
         yield tab
-    tab.close()
 
 
 def test_another_port_opens_no_socket(view: Viewed, elsewhere: Page) -> None:
@@ -105,28 +105,29 @@ def test_another_port_leads_to_no_scene(view: Viewed, elsewhere: Page) -> None:
 
 
 def test_markup_that_finds_its_way_into_the_page_runs_nothing(view: Viewed, browser: Browser) -> None:
-    page = browser.new_page()
-    page.goto(view.url)
-    page.wait_for_function(SHOWN)
-    ran = page.evaluate(
-        """async () => {
-            const told = [];
-            document.addEventListener("securitypolicyviolation", (event) => told.push(event.effectiveDirective));
-            const host = document.createElement("div");
-            host.innerHTML = '<img src="data:," onerror="window.ran = true">';
-            document.body.append(host);
-            document.body.append(Object.assign(document.createElement("script"), { textContent: "window.ran = true" }));
-            while (told.length < 2) await new Promise((done) => setTimeout(done, 20));
-            return window.ran ?? false;
-        }"""
-    )
-    page.close()
+    with patient_context(browser) as context:
+        page = context.new_page()
+        page.goto(view.url)
+        page.wait_for_function(SHOWN)
+        ran = page.evaluate(
+            """async () => {
+                const told = [];
+                document.addEventListener("securitypolicyviolation", (event) => told.push(event.effectiveDirective));
+                const host = document.createElement("div");
+                host.innerHTML = '<img src="data:," onerror="window.ran = true">';
+                document.body.append(host);
+                const script = document.createElement("script");
+                document.body.append(Object.assign(script, { textContent: "window.ran = true" }));
+                while (told.length < 2) await new Promise((done) => setTimeout(done, 20));
+                return window.ran ?? false;
+            }"""
+        )
     assert not ran
 
 
 def test_the_server_shows_no_catalogue_and_takes_no_more_than_a_scene(view: Viewed) -> None:
     base = f"http://127.0.0.1:{view.port}"
-    with httpx.Client(base_url=base, headers={"Cookie": view.cookie}, timeout=60) as client:
+    with patient_http.Client(base_url=base, headers={"Cookie": view.cookie}) as client:
         for path in ("/docs", "/redoc", "/openapi.json", "/docs/oauth2-redirect"):
             assert client.get(path).status_code == 404
         for path in ("/", "/_nicegui/client/x/upload/1", "/_nicegui_ws/socket.io/?EIO=4&transport=polling&sid=x"):

@@ -21,6 +21,7 @@ from starlette.websockets import WebSocket
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
+from support.pages import patient_http
 from volsplat.client.ui.doors.admission import Admission, Asked, Refused
 from volsplat.client.ui.doors.gate import Gate
 from volsplat.client.ui.doors.page_policy import StrictHeaders
@@ -54,13 +55,13 @@ class Guarded:
     def cookie(self, port: int | None = None) -> str:
         """What a browser has once the token was given, for a port that it may see in place of the real one."""
         host = {"Host": f"localhost:{port or self.port}"}
-        answer = httpx.get(f"{self.base}/?token={self.admission.token}", headers=host)
+        answer = patient_http.get(f"{self.base}/?token={self.admission.token}", headers=host)
         return answer.headers["set-cookie"].partition(";")[0]
 
     def ask(self, method: str = "GET", path: str = "/", body: bytes = b"", **headers: str) -> httpx.Response:
         """With the cookie unless one is given; an underscore in a header's name stands for a hyphen."""
         named = {name.replace("_", "-"): value for name, value in ({"cookie": self.cookie()} | headers).items()}
-        return httpx.request(method, f"{self.base}{path}", headers=named, content=body)
+        return patient_http.request(method, f"{self.base}{path}", headers=named, content=body)
 
 
 @pytest.fixture(scope="module")
@@ -88,12 +89,12 @@ def refused(answer: httpx.Response, status: int = 403) -> bool:
 
 @pytest.mark.parametrize("query", ["", "?token=", "?token=wrong", "?tokens={token}", "?token={token}x", "?token=%ff"])
 def test_a_request_without_the_token_gets_one_line_and_nothing_else(guarded: Guarded, query: str) -> None:
-    answer = httpx.get(f"{guarded.base}/" + query.replace("{token}", guarded.admission.token))
+    answer = patient_http.get(f"{guarded.base}/" + query.replace("{token}", guarded.admission.token))
     assert refused(answer) and not answer.cookies
 
 
 def test_the_token_in_the_address_becomes_a_cookie_that_is_another_secret(guarded: Guarded) -> None:
-    with httpx.Client(base_url=guarded.base) as client:
+    with patient_http.Client(base_url=guarded.base) as client:
         answer = client.get(f"/?token={guarded.admission.token}&scene=abc")
         assert answer.status_code == 303
         assert answer.headers["location"] == "/?scene=abc"
@@ -106,18 +107,18 @@ def test_the_token_in_the_address_becomes_a_cookie_that_is_another_secret(guarde
 def test_a_token_for_once_opens_once_and_says_so(guarded: Guarded) -> None:
     used: list[bool] = []
     token = guarded.admission.token_for_once(lambda: used.append(True))
-    with httpx.Client(base_url=guarded.base) as client:
+    with patient_http.Client(base_url=guarded.base) as client:
         assert client.head(f"/?token={token}").status_code == 403 and not used  # what looks ahead uses nothing up
         # A browser that comes from a file would keep a strict cookie back from a redirection.
         answer = client.get(f"/?token={token}&scene=abc", headers={"Sec-Fetch-Site": "cross-site"})
         assert answer.status_code == 200 and "url=/?scene=abc" in answer.text and "secret" not in answer.text
         assert used == [True]
         assert client.get("/").text.startswith("secret")
-    assert refused(httpx.get(f"{guarded.base}/?token={token}"))
+    assert refused(patient_http.get(f"{guarded.base}/?token={token}"))
 
 
 def test_a_welcome_leads_nowhere_else(guarded: Guarded) -> None:
-    answer = httpx.get(f"{guarded.base}//elsewhere.example/?token={guarded.admission.token}")
+    answer = patient_http.get(f"{guarded.base}//elsewhere.example/?token={guarded.admission.token}")
     assert answer.headers["location"] == "/elsewhere.example/"
 
 
@@ -145,7 +146,7 @@ def test_a_wrong_or_malformed_cookie_opens_nothing(guarded: Guarded, cookie: str
     given = guarded.cookie()
     name = given.partition("=")[0]
     header = cookie.format(name=name, given=given, token=guarded.admission.token).encode("latin-1")
-    assert refused(httpx.get(guarded.base, headers=[(b"cookie", header)]))
+    assert refused(patient_http.get(guarded.base, headers=[(b"cookie", header)]))
 
 
 @pytest.mark.parametrize("beside", ['theme={"dark":true}', 'x="', "a b", "bare", "n=\xe9"])
@@ -154,7 +155,7 @@ def test_what_other_programs_of_this_host_keep_beside_the_cookie_shuts_nobody_ou
 ) -> None:
     given = guarded.cookie()
     for header in (f"{beside}; {given}", f"{given}; {beside}"):
-        assert httpx.get(guarded.base, headers=[(b"cookie", header.encode("latin-1"))]).text.startswith("secret")
+        assert patient_http.get(guarded.base, headers=[(b"cookie", header.encode("latin-1"))]).text.startswith("secret")
 
 
 def test_two_pages_forwarded_to_one_machine_do_not_overwrite_each_others_cookies(guarded: Guarded) -> None:
@@ -286,13 +287,17 @@ def test_a_body_has_its_limit_told_or_not(guarded: Guarded) -> None:
     assert guarded.ask("POST", body=b"x" * LARGEST).text == f"secret  {LARGEST}"
     assert refused(guarded.ask("POST", body=b"x" * (LARGEST + 1)), 413)
     assert refused(
-        httpx.post(guarded.base, headers={"Cookie": guarded.cookie()}, content=(b"x" for _ in range(2000))), 413
+        patient_http.post(guarded.base, headers={"Cookie": guarded.cookie()}, content=(b"x" for _ in range(2000))), 413
     )
-    assert refused(httpx.post(guarded.base, content=b"x" * (LARGEST + 1)))  # unread
+    assert refused(patient_http.post(guarded.base, content=b"x" * (LARGEST + 1)))  # unread
 
 
 def test_every_answer_is_for_this_page_alone(guarded: Guarded) -> None:
-    answers = [httpx.get(guarded.base), httpx.get(f"{guarded.base}/?token={guarded.admission.token}"), guarded.ask()]
+    answers = [
+        patient_http.get(guarded.base),
+        patient_http.get(f"{guarded.base}/?token={guarded.admission.token}"),
+        guarded.ask(),
+    ]
     for answer in answers:
         assert answer.headers["x-content-type-options"] == "nosniff"
         assert answer.headers["referrer-policy"] == "no-referrer"

@@ -11,15 +11,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import httpx
 import pytest
 import torch
 from PIL import Image as PillowImage
 
+from support.pages import patient_http
 from support.pages.browser import browser, browser_page
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, viewed
-from support.programs.programs import TIME_LIMIT
+from support.patience import PATIENCE
 from volsplat.bench.commands.page_command import dragged
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
@@ -83,7 +83,7 @@ def after(page: Page, action: Any) -> torch.Tensor:
 def draws_again(page: Page, action: Any, image: torch.Tensor) -> None:
     """Do something after which the same scene is drawn anew, perhaps more than once, and wait until that is seen."""
     _next_last(page, action, "number")
-    deadline = time.monotonic() + TIME_LIMIT
+    deadline = time.monotonic() + PATIENCE
     while not torch.equal(canvas(page), image):
         assert time.monotonic() < deadline, "the scene is not drawn as before"
         page.wait_for_timeout(50)
@@ -242,14 +242,14 @@ def test_a_copied_link_restores_the_scene(view: Viewed, page: Page) -> None:
     after(page, lambda: drag(page, -99, 10))
     opened(page, link)
     assert torch.equal(canvas(page), seen)
-    assert httpx.get(link).status_code == 403  # it opens the page to nobody
+    assert patient_http.get(link).status_code == 403  # it opens the page to nobody
     page.goto(view.url + "&scene=AAAA")
     page.get_by_text("this link holds no").wait_for()
 
 
 def test_without_the_token_there_is_one_line_and_nothing_else(view: Viewed, browser_page: Page) -> None:
     for path in ("", "/volsplat/static/viewport/viewport.js", "/_nicegui/client"):
-        answer = httpx.get(f"http://127.0.0.1:{view.port}{path}")
+        answer = patient_http.get(f"http://127.0.0.1:{view.port}{path}")
         assert answer.status_code == 403 and "token" in answer.text
     browser_page.goto(f"http://127.0.0.1:{view.port}/")
     assert browser_page.locator("canvas").count() == 0

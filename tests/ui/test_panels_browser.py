@@ -16,9 +16,10 @@ import pytest
 
 from support.checkout import ROOT
 from support.files.prepared import prepare_small
-from support.pages.browser import browser, browser_page
+from support.pages.browser import browser, browser_page, patient_context
 from support.pages.held_answers import HeldAnswers
 from support.pages.panels_page import State
+from support.patience import PATIENCE
 from tolerances import BALL_DIRECTION, ROTATION_ENTRY
 from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
 __all__ = ["browser", "browser_page"]
 
 PROGRAM = "support.pages.panels_page"
-PATIENCE = 20_000  # milliseconds, for what the page is to show on a busy machine
 DIMS = (24, 20, 16)
 REACH = 0.06  # of the ball's radius, within which a pointer hits
 
@@ -72,7 +72,6 @@ class Tab:
     def __init__(self, page: Page, url: str) -> None:
         self.page = page
         self.url = url
-        page.set_default_timeout(PATIENCE)
         page.goto(url)
         page.wait_for_selector(".vs-light-ball")
         page.wait_for_function("() => window.did_handshake")
@@ -87,7 +86,7 @@ class Tab:
 
     def until(self, holds: Callable[[State], bool]) -> Scene:
         """The scene, as soon as it is so and settled."""
-        for _ in range(PATIENCE // 20):
+        for _ in range(int(50 * PATIENCE)):
             state = self.state
             if state.settled and holds(state):
                 return state.scene
@@ -104,13 +103,13 @@ class Tab:
         """Wait until the page has followed the scene."""
         from playwright.sync_api import expect
 
-        expect(element).to_have_attribute(attribute, value, timeout=PATIENCE)
+        expect(element).to_have_attribute(attribute, value)
 
     def holds(self, name: str, text: str) -> None:
         """Wait until a field shows this."""
         from playwright.sync_api import expect
 
-        expect(self.field(name)).to_have_value(text, timeout=PATIENCE)
+        expect(self.field(name)).to_have_value(text)
 
     def types(self, name: str, text: str) -> None:
         self.field(name).fill(text)
@@ -574,8 +573,8 @@ def test_the_servers_panel_tells_who_did_what_and_nothing_while_closed(tab: Tab)
 
 
 def test_a_lost_server_is_told_in_words(browser: Browser, volume: Path) -> None:
-    with served(volume) as (address, program):
-        page = browser.new_page()
+    with served(volume) as (address, program), patient_context(browser) as context:
+        page = context.new_page()
         tab = Tab(page, address)
         page.get_by_text("Servers", exact=True).click()
         page.locator(".vs-servers-table tbody tr").nth(2).wait_for()
@@ -583,4 +582,3 @@ def test_a_lost_server_is_told_in_words(browser: Browser, volume: Path) -> None:
         servers[0].kill()
         tab.button("roll left", "view").click()
         page.locator(".vs-server-lost td", has_text="lost: ").wait_for()
-        page.close()

@@ -15,6 +15,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from torch import Tensor
 
+from support.patience import PATIENCE
 from support.scenes.arbitrary import plain_scene, situations
 from support.scenes.scenes import scenes
 from tolerances import HALF_A_LEVEL
@@ -33,7 +34,6 @@ from volsplat.protocol.text.errors import BadInput
 BASE_URL = "http://127.0.0.1:8080/?token=a-b_c"
 URL_SAFE = set(string.ascii_letters + string.digits + "-_")
 DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint8")
-TIME_LIMIT = 60.0  # seconds after which a job that never ends fails its test
 
 
 def picture() -> Tensor:
@@ -157,7 +157,7 @@ class Gated(SingleProcess):
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         self.asked.release()
-        assert self.let.acquire(timeout=TIME_LIMIT)
+        assert self.let.acquire(timeout=PATIENCE)
         return super().finish(scene, step)
 
 
@@ -178,7 +178,7 @@ def test_a_job_tells_how_far_it_is_and_ends_whole(gated: Gated, tmp_path: Path) 
     assert (job.done, job.progress, job.whole) == (False, 0.0, False)
     seen = []
     for _ in range(3):
-        assert gated.asked.acquire(timeout=TIME_LIMIT)
+        assert gated.asked.acquire(timeout=PATIENCE)
         seen.append((job.progress, job.line.partition(",")[0]))  # after the comma, the time that is left
         gated.let.release()
     job.join()
@@ -191,9 +191,9 @@ def test_a_job_tells_how_far_it_is_and_ends_whole(gated: Gated, tmp_path: Path) 
 def test_a_cancelled_job_ends_with_the_frame_and_leaves_nothing(gated: Gated, tmp_path: Path) -> None:
     job = MovieJob(gated, turn(gated, 50), tmp_path / "turn")
     for _ in range(2):
-        assert gated.asked.acquire(timeout=TIME_LIMIT)
+        assert gated.asked.acquire(timeout=PATIENCE)
         gated.let.release()
-    assert gated.asked.acquire(timeout=TIME_LIMIT)
+    assert gated.asked.acquire(timeout=PATIENCE)
     job.cancel()
     gated.let.release()
     job.join()

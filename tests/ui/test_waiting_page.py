@@ -6,15 +6,15 @@ import shlex
 import signal
 import socket
 import sys
-import time
 from pathlib import Path
 
-import httpx
 import pytest
 from playwright.sync_api import Page
 
+from support.pages import patient_http
 from support.pages.browser import browser, browser_page
-from support.programs.programs import TIME_LIMIT, Person
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 
@@ -33,10 +33,8 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
 
 def opened_addresses(person: Person) -> list[str]:
     """What the browser was to open, once it was."""
-    path, deadline = person.folder / "opened", time.monotonic() + TIME_LIMIT
-    while not (path.exists() and path.read_text().endswith("\n")):
-        assert time.monotonic() < deadline, "no browser was opened"
-        time.sleep(0.05)
+    path = person.folder / "opened"
+    wait_until(lambda: path.exists() and path.read_text().endswith("\n"), "opened")
     return path.read_text().splitlines()
 
 
@@ -53,7 +51,7 @@ def test_no_command_line_holds_what_opens_the_page(person: Person, browser_page:
         assert not redirect.exists()
         assert "token" not in browser_page.url
         view.send_signal(signal.SIGINT)
-        view.communicate(timeout=TIME_LIMIT)
+        view.communicate(timeout=PATIENCE)
     finally:
         view.kill()
         view.communicate()
@@ -65,7 +63,7 @@ def test_a_redirect_file_that_nobody_opened_is_gone_at_the_end(person: Person) -
     try:
         (address,) = opened_addresses(person)
         view.send_signal(signal.SIGTERM)
-        view.communicate(timeout=TIME_LIMIT)
+        view.communicate(timeout=PATIENCE)
     finally:
         view.kill()
         view.communicate()
@@ -88,12 +86,12 @@ def test_the_browser_tells_what_is_waited_for_and_then_shows_the_page(person: Pe
         browser_page.get_by_text("waiting for servers: 0 of 1 map/shade servers").wait_for()
         assert browser_page.title() == "head.nrrd – volsplat"
         servers = [person.starts(name, "--connect", place) for name in ("splat-server", "mapshade-server")]
-        browser_page.wait_for_function("() => window.volsplatViewport?.log.at(-1)?.last", timeout=1000 * TIME_LIMIT)
+        browser_page.wait_for_function("() => window.volsplatViewport?.log.at(-1)?.last")
         assert opened_addresses(person) == [address]
         view.send_signal(signal.SIGINT)
-        view.communicate(timeout=TIME_LIMIT)
+        view.communicate(timeout=PATIENCE)
         for server in servers:
-            server.communicate(timeout=TIME_LIMIT)
+            server.communicate(timeout=PATIENCE)
     finally:
         view.kill()
         view.communicate()
@@ -108,10 +106,10 @@ def test_nothing_is_told_without_the_token_and_ctrl_c_ends_it(person: Person, br
         browser_page.get_by_text("waiting for servers").wait_for()
         bare = browser_page.url
         for url in (bare, f"{bare}waiting", f"{bare}?token=wrong", f"{bare}waiting?token="):
-            refused = httpx.get(url)
+            refused = patient_http.get(url)
             assert refused.status_code == 403 and "waiting for" not in refused.text
         view.send_signal(signal.SIGINT)
-        view.communicate(timeout=TIME_LIMIT)
+        view.communicate(timeout=PATIENCE)
         browser_page.get_by_text("volsplat has ended; its terminal tells why").wait_for()
     finally:
         view.kill()
@@ -129,7 +127,7 @@ def test_a_volume_that_is_there_at_once_is_opened_once(person: Person, browser_p
         browser_page.goto(address)
         browser_page.get_by_text("head.nrrd").first.wait_for()
         view.send_signal(signal.SIGINT)
-        view.communicate(timeout=TIME_LIMIT)
+        view.communicate(timeout=PATIENCE)
         assert opened_addresses(person) == [address]
     finally:
         view.kill()

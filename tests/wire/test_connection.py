@@ -8,7 +8,6 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from support.messages.message_samples import SAMPLES, framed, sample_bytes
+from support.patience import PATIENCE, wait_until
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.greetings import Hello
@@ -33,7 +33,6 @@ from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 
 TOKEN = new_token()
-PATIENT = 20.0  # seconds: far more than anything here takes; a test that needs them fails
 BRIEF = 2.0  # seconds for a handshake that shall fail; honest ones take milliseconds
 DOORS = sys.platform == "linux"
 HOSTS = {"by the door": LOOPBACK, "by the port": "127.0.0.2"} if DOORS else {"by the port": LOOPBACK}
@@ -53,7 +52,7 @@ class Lines(logging.Handler):
         self.seen.put(record.getMessage())
 
     def next(self) -> str:
-        line = self.seen.get(timeout=PATIENT)
+        line = self.seen.get(timeout=PATIENCE)
         assert "\n" not in line
         return line
 
@@ -78,7 +77,7 @@ def joined(listener: Listener, role: Role = Role.MAPSHADE_SERVER, server: int = 
     """Both ends of a new connection: the dialler's, then the accepter's."""
     expected = Role.SPLAT_SERVER if role is Role.DATA_LINK else Role.CLIENT
     near = connect(listener.address, new_hello(role, server=server), TOKEN, expected, patience=0)
-    far = listener.accept(timeout=PATIENT)
+    far = listener.accept(timeout=PATIENCE)
     assert far is not None
     return near, far
 
@@ -105,7 +104,7 @@ def in_thread(work: Callable[[], object]) -> Iterator["queue.SimpleQueue[object]
     thread = threading.Thread(target=body, daemon=True)
     thread.start()
     yield results
-    thread.join(PATIENT)
+    thread.join(PATIENCE)
     assert not thread.is_alive()
 
 
@@ -125,7 +124,7 @@ def expect(connection: Connection) -> Message:
 
 def silent(connection: socket.socket) -> bool:
     """True once the other side has closed without a word."""
-    connection.settimeout(PATIENT)
+    connection.settimeout(PATIENCE)
     try:
         return connection.recv(1) == b""
     except ConnectionResetError:
@@ -136,7 +135,7 @@ def test_messages_go_both_ways_and_each_side_knows_the_other(host: str) -> None:
     with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         hello = new_hello(Role.SPLAT_SERVER, data_port=7001, name="node7")
         near = connect(listener.address, hello, TOKEN, Role.CLIENT)
-        far = listener.accept(PATIENT)
+        far = listener.accept(PATIENCE)
         assert far is not None
         with near, far:
             assert (far.peer.role, far.peer.id, far.peer.name) == (Role.SPLAT_SERVER, 1, "node7")
@@ -191,9 +190,7 @@ def test_time_blocked_in_a_send_is_counted_and_only_that(host: str) -> None:
         assert near.counters.seconds_in_send == 0
         packets, sent = (BIG - 24) // 8, near.counters.bytes_out
         with in_thread(lambda: near.send(batch(packets), payload_of(packets))):
-            full_by = time.monotonic() + PATIENT
-            while near.counters.bytes_out == sent and time.monotonic() < full_by:  # until the buffers are full
-                time.sleep(0.001)
+            wait_until(lambda: near.counters.bytes_out != sent, "full")
             while far.counters.bytes_in < BIG:
                 far.receive()
         assert near.counters.seconds_in_send > 0
@@ -234,7 +231,7 @@ def test_close_wakes_a_blocked_receive(host: str) -> None:
     with data_link(host) as (_, far):
         with in_thread(far.receive) as result:
             far.close()
-            assert result.get(timeout=PATIENT) is None
+            assert result.get(timeout=PATIENCE) is None
         assert far.receive() is None
 
 
@@ -249,7 +246,7 @@ def test_close_wakes_a_blocked_send(host: str) -> None:
         with in_thread(send_on) as result:
             assert expect(far) == batch(packets)  # from here on nobody reads
             near.close()
-            assert isinstance(result.get(timeout=PATIENT), ConnectionClosed)
+            assert isinstance(result.get(timeout=PATIENCE), ConnectionClosed)
         with pytest.raises(ConnectionClosed, match="splat server"):
             near.send(batch(1), payload_of(1))
 
@@ -396,11 +393,9 @@ def test_a_stranger_who_drips_bytes_gains_no_time(host: str, lines: Lines) -> No
 
 def test_only_so_many_strangers_wait_and_the_oldest_makes_room(host: str, lines: Lines) -> None:
     most = 3
-    with Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=PATIENT, most_pending=most) as listener:
+    with Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=PATIENCE, most_pending=most) as listener:
         strangers = [socket.create_connection(listener.address) for _ in range(most)]
-        seen_by = time.monotonic() + PATIENT
-        while len(listener._pending) < most and time.monotonic() < seen_by:  # others may come by another way
-            time.sleep(0.001)
+        wait_until(lambda: len(listener._pending) >= most, "so many")
         near, far = joined(listener)
         with near, far:
             assert silent(strangers[0])
@@ -412,10 +407,10 @@ def test_only_so_many_strangers_wait_and_the_oldest_makes_room(host: str, lines:
 
 
 def test_closing_a_listener_ends_handshakes_and_wakes_accept(host: str) -> None:
-    listener = Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=PATIENT)
+    listener = Listener(Role.CLIENT, TOKEN, host=host, handshake_seconds=PATIENCE)
     with socket.create_connection(listener.address) as stranger, in_thread(listener.accept) as result:
         listener.close()
-        assert result.get(timeout=PATIENT) is None
+        assert result.get(timeout=PATIENCE) is None
         assert silent(stranger)
     assert listener.accept() is None
     listener.close()
@@ -428,20 +423,20 @@ class HeldUp(Listener):
 
     def __init__(self, host: str) -> None:
         self.called, self.goes_on = threading.Event(), threading.Event()
-        super().__init__(Role.CLIENT, TOKEN, host=host, handshake_seconds=2 * PATIENT)
+        super().__init__(Role.CLIENT, TOKEN, host=host, handshake_seconds=2 * PATIENCE)
 
     def _begin(self, caller: socket.socket, address: Address) -> None:
         self.called.set()
-        self.goes_on.wait(PATIENT)
+        self.goes_on.wait(PATIENCE)
         super()._begin(caller, address)
 
 
 def test_closing_a_listener_ends_also_what_comes_at_that_moment(host: str) -> None:
     listener = HeldUp(host)
     with socket.create_connection(listener.address) as stranger:
-        assert listener.called.wait(PATIENT)
+        assert listener.called.wait(PATIENCE)
         with in_thread(listener.close):
-            assert listener._closing.wait(PATIENT)
+            assert listener._closing.wait(PATIENCE)
             with listener._lock:
                 listener.goes_on.set()
         assert silent(stranger)
@@ -469,10 +464,10 @@ def test_a_server_may_be_started_before_its_client(host: str) -> None:
     with Listener(Role.CLIENT, TOKEN, host=host) as earlier:
         address = earlier.address
     hello = new_hello(Role.SPLAT_SERVER)
-    with in_thread(lambda: connect(address, hello, TOKEN, Role.CLIENT, patience=PATIENT)) as result:
+    with in_thread(lambda: connect(address, hello, TOKEN, Role.CLIENT, patience=PATIENCE)) as result:
         with Listener(Role.CLIENT, TOKEN, host=host, port=address.port) as listener:
-            far = listener.accept(PATIENT)
-            near = result.get(timeout=PATIENT)
+            far = listener.accept(PATIENCE)
+            near = result.get(timeout=PATIENCE)
             assert isinstance(near, Connection) and far is not None
             near.close()
             far.close()
@@ -551,9 +546,9 @@ with socket.socket(socket.AF_UNIX) as caller:
 
 @pytest.mark.skipif(not DOORS or os.geteuid() != 0, reason="needs root, to be another user, on Linux")
 def test_a_caller_of_another_user_is_turned_away_at_the_door(lines: Lines) -> None:
-    with Listener(Role.CLIENT, TOKEN, handshake_seconds=PATIENT) as listener:
+    with Listener(Role.CLIENT, TOKEN, handshake_seconds=PATIENCE) as listener:
         name = f"volsplat {os.geteuid()} {listener.address}"
-        told = subprocess.run([sys.executable, "-c", CALLER, name], capture_output=True, timeout=PATIENT)
+        told = subprocess.run([sys.executable, "-c", CALLER, name], capture_output=True, timeout=PATIENCE)
         assert told.stdout == b"True\n", told.stderr
         assert "is another user of this machine" in lines.next()
         for end in joined(listener):
@@ -637,7 +632,7 @@ def test_what_is_no_address_is_one_clear_line(text: str) -> None:
 def test_a_loss_that_a_send_finds_first_is_told_by_receiving_too(host: str) -> None:
     with Listener(Role.CLIENT, TOKEN, host=host) as listener:
         near = connect(listener.address, new_hello(Role.MAPSHADE_SERVER), TOKEN, Role.CLIENT)
-        far = listener.accept(PATIENT)
+        far = listener.accept(PATIENCE)
         assert far is not None
         with near, far:
             near.close()

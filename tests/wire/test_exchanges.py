@@ -1,7 +1,6 @@
 """Whose turn it is: every answer has a request, and what comes out of turn ends its connection and nothing else."""
 
 import logging
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from random import Random
@@ -15,6 +14,7 @@ from hypothesis import strategies as st
 from support.files.head_volume import SIZE, skin
 from support.messages.coordinated import ASKED, JOINS, SPLAT, drawing, lending, opened_store, surveyed
 from support.messages.message_samples import PART, SAMPLES
+from support.patience import wait_until
 from volsplat.client import Session
 from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import FailSession, Instruction, MessageReceived, Send, ServerLost
@@ -38,7 +38,6 @@ from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.tokens import Token, new_token
 
 WAYS = pytest.mark.parametrize("way", EXCHANGES, ids=str)
-PATIENCE = 30.0  # seconds, after which what never comes fails its test
 OTHER_PART = msgspec.structs.replace(PART, sub_cube=PART.sub_cube + 1)
 
 
@@ -264,12 +263,14 @@ def test_a_guest_who_speaks_out_of_turn_is_cut_off_and_the_session_goes_on(
             guest.receive()
     scene = skin(session)
     assert session.render(scene).equal(single.render(scene))
-    give_up_at = time.monotonic() + PATIENCE
-    while not (lines := [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]):
-        assert time.monotonic() < give_up_at, "nobody says why"
-        time.sleep(0.01)
-    assert len(lines) == 1 and f"{role} {guest.id} " in lines[0] and f"{kind.__name__}" in lines[0], lines
-    assert lines[0].endswith("came unasked; the connection is closed")
+
+    def lines() -> list[str]:
+        return [record.getMessage() for record in caplog.records if record.levelno >= logging.WARNING]
+
+    wait_until(lines, "told why")
+    (line,) = lines()
+    assert f"{role} {guest.id} " in line and f"{kind.__name__}" in line
+    assert line.endswith("came unasked; the connection is closed")
 
 
 def test_guests_that_come_and_go_leave_nothing(lasting: tuple[Session, SingleProcess, Token]) -> None:
@@ -278,10 +279,7 @@ def test_guests_that_come_and_go_leave_nothing(lasting: tuple[Session, SinglePro
     for _ in range(20):
         with connect(session.address, new_hello(Role.MAPSHADE_SERVER), token, Role.CLIENT):
             pass
-    give_up_at = time.monotonic() + PATIENCE
-    while len(session.servers) > before:
-        assert time.monotonic() < give_up_at
-        time.sleep(0.01)
+    wait_until(lambda: len(session.servers) <= before, "gone")
 
 
 def test_no_more_servers_join_than_messages_can_name() -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from urllib.parse import unquote
 
 
 @dataclass
@@ -40,7 +41,7 @@ def served(folder: Path) -> Iterator[Served]:
             self.do_GET()
 
         def do_GET(self) -> None:
-            path = folder / self.path.strip("/")
+            path = folder / unquote(self.path).strip("/")
             path = path / "index.html" if path.is_dir() else path
             if state.status != HTTPStatus.OK or not path.is_file():
                 self._answer(state.status if state.status != HTTPStatus.OK else HTTPStatus.NOT_FOUND, b"")

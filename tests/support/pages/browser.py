@@ -11,17 +11,17 @@ import socket
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from support.patience import PATIENCE
+
 if TYPE_CHECKING:
-    from playwright.sync_api import Browser, Page
+    from playwright.sync_api import Browser, BrowserContext, Page
     from starlette.types import ASGIApp
 
 _POLICY = "Content Security Policy"
-
-"""The page's own modules and style sheets."""
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +31,7 @@ def browser() -> Iterator[Browser]:
     executable = shutil.which("chromium")
     if executable is None:
         pytest.skip("the browser tests need chromium: apt install chromium")
+    playwright.expect.set_options(timeout=1000 * PATIENCE)
     with playwright.sync_playwright() as running:
         launched = running.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
         yield launched
@@ -40,14 +41,21 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture
 def browser_page(browser: Browser) -> Iterator[Page]:
     """An empty tab of 1280x800. The test fails where a script of the page fails, or breaks the page's own policy."""
-    context = browser.new_context(viewport={"width": 1280, "height": 800})
-    page = context.new_page()
     failures: list[str] = []
-    page.on("pageerror", lambda error: failures.append(f"{error.message}\n{error.stack}"))
-    page.on("console", lambda told: failures.append(told.text) if _POLICY in told.text else None)
-    yield page
-    context.close()
+    with patient_context(browser, viewport={"width": 1280, "height": 800}) as context:
+        page = context.new_page()
+        page.on("pageerror", lambda error: failures.append(f"{error.message}\n{error.stack}"))
+        page.on("console", lambda told: failures.append(told.text) if _POLICY in told.text else None)
+        yield page
     assert not failures, "a script of the page failed:\n" + "\n".join(failures)
+
+
+@contextmanager
+def patient_context(browser: Browser, **options: Any) -> Iterator[BrowserContext]:
+    """Tabs as of a browser started anew, which wait as tests do."""
+    with browser.new_context(**options) as context:
+        context.set_default_timeout(1000 * PATIENCE)
+        yield context
 
 
 @contextmanager

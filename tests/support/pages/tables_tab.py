@@ -15,6 +15,7 @@ import pytest
 
 from support.checkout import ROOT
 from support.pages.tables_page import State
+from support.patience import PATIENCE
 from tolerances import ONE_PIXEL_OF_A_TABLE
 from volsplat.protocol.description.scene import Scene, Tables
 
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import FloatRect, Locator, Page
 
 PROGRAM = "support.pages.tables_page"
-PATIENCE = 20_000  # milliseconds, for what the page is to show
 TITLES = {"emit": "Emitted", "refl": "Reflected", "opac": "Opacity", "modu": "Modulation"}
 
 
@@ -32,7 +32,6 @@ class Tab:
     def __init__(self, page: Page, url: str) -> None:
         self.page = page
         self.url = url
-        page.set_default_timeout(PATIENCE)
         page.goto(url)
         page.wait_for_selector('[aria-label="Modulation"] circle[role=slider]')
         page.wait_for_function("() => window.did_handshake")  # until then it keeps what it has to say
@@ -109,7 +108,7 @@ class Tab:
 
 def until(page: Page, holds: Callable[[], bool]) -> None:
     """Wait until it holds, letting the page go on."""
-    for _ in range(PATIENCE // 20):
+    for _ in range(int(50 * PATIENCE)):
         if holds():
             return
         page.wait_for_timeout(20)

@@ -14,11 +14,12 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx
 import psutil
 from websockets.sync.client import ClientConnection, connect
 
-from support.programs.programs import TIME_LIMIT, Person
+from support.pages import patient_http
+from support.patience import PATIENCE
+from support.programs.programs import Person
 
 _ADDRESS = re.compile(r"http://\S+token=\S+")
 
@@ -41,11 +42,11 @@ class Viewed:
     @property
     def cookie(self) -> str:
         """What a browser gets for the token."""
-        return httpx.get(self.url, timeout=TIME_LIMIT).headers["set-cookie"].partition(";")[0]
+        return patient_http.get(self.url).headers["set-cookie"].partition(";")[0]
 
     def page(self) -> str:
         """The page's HTML."""
-        answer = httpx.get(self.url, follow_redirects=True, timeout=TIME_LIMIT)
+        answer = patient_http.get(self.url, follow_redirects=True)
         assert answer.status_code == 200
         return answer.text
 
@@ -56,7 +57,9 @@ class Viewed:
     def viewport(self, tab: str, port: int | None = None, **headers: str) -> Iterator[Viewport]:
         address = f"ws://127.0.0.1:{port or self.port}/viewport?tab={tab}"
         cookie = self.cookie.replace(f"volsplat-{self.port}=", f"volsplat-{port or self.port}=")
-        with connect(address, additional_headers={"Cookie": cookie, **headers}, max_size=None) as socket:
+        with connect(
+            address, additional_headers={"Cookie": cookie, **headers}, max_size=None, open_timeout=PATIENCE
+        ) as socket:
             yield Viewport(socket)
 
 
@@ -67,7 +70,7 @@ def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
     process = person.starts("view", str(volume), "--no-browser", *arguments)
     assert process.stderr is not None
     said: list[str] = []
-    watchdog = threading.Timer(TIME_LIMIT, process.kill)
+    watchdog = threading.Timer(PATIENCE, process.kill)
     watchdog.start()
     try:
         url = _address(process.stderr, said)
@@ -77,7 +80,7 @@ def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
         reading.start()
         yield Viewed(url, process, person, said)
         process.send_signal(signal.SIGINT)
-        process.wait(TIME_LIMIT)
+        process.wait(PATIENCE)
         reading.join()
     finally:
         watchdog.cancel()
@@ -115,7 +118,7 @@ class Viewport:
     def says_text(self, text: str) -> None:
         self._socket.send(text)
 
-    def hears(self, timeout: float = TIME_LIMIT) -> Shown | dict[str, Any]:
+    def hears(self, timeout: float = PATIENCE) -> Shown | dict[str, Any]:
         """The next picture or message. Raises TimeoutError."""
         heard = self._socket.recv(timeout)
         if isinstance(heard, str):

@@ -18,9 +18,8 @@ from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from support.patience import PATIENCE
 from volsplat.client.ui.doors.static_files import STATIC
-
-PATIENCE_SECONDS = 10.0
 
 Message = dict[str, Any]
 Colour = tuple[int, int, int]
@@ -80,7 +79,7 @@ class ViewportProcess:
 
     def wait_until(self, holds: Callable[[], bool], what: str) -> None:
         with self._changed:
-            if not self._changed.wait_for(holds, PATIENCE_SECONDS):
+            if not self._changed.wait_for(holds, PATIENCE):
                 raise AssertionError(f"the page did not {what}; it said {self.heard[-20:]}")
 
     def wait_for(self, kind: str, count: int = 1) -> Message:
@@ -157,7 +156,7 @@ class ViewportProcess:
 
     def _in_loop(self, work: Any) -> None:
         assert self._loop is not None
-        asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE_SECONDS)
+        asyncio.run_coroutine_threadsafe(work, self._loop).result(PATIENCE)
 
     async def _page(self, request: Request) -> HTMLResponse:
         return HTMLResponse(_PAGE)

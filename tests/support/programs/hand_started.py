@@ -3,15 +3,13 @@
 import socket
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from support.patience import PATIENCE, wait_until
 from volsplat.client import Session
 from volsplat.protocol.wire.tokens import new_token
-
-PATIENCE = 60.0  # seconds after which what never comes fails its test
 
 
 def free_port() -> int:
@@ -27,13 +25,10 @@ def joined_by_hand(folders: list[Path], volume: str) -> Iterator[Session]:
     with Session(volume, workers=len(folders), spawn=False, token=token) as session:
         try:
             modules = ["volsplat.mapshade_server"] * len(folders) + ["volsplat.splat_server"]
-            for n, (module, folder) in enumerate(zip(modules, [*folders, folders[-1]], strict=True)):
+            for module, folder in zip(modules, [*folders, folders[-1]], strict=True):
                 command = [sys.executable, "-m", module, "--connect", str(session.address)]
                 programs.append(subprocess.Popen(command, cwd=folder, env={"VOLSPLAT_TOKEN": token.key.decode()}))
-                deadline = time.monotonic() + PATIENCE
-                while len(session.servers) <= n:
-                    assert time.monotonic() < deadline
-                    time.sleep(0.01)
+                wait_until(lambda: len(session.servers) == len(programs), "joined")
             yield session
         finally:
             session.close()

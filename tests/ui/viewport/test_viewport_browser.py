@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser, Page
 
-from support.pages.browser import browser, browser_page, serving
+from support.pages.browser import browser, browser_page, patient_context, serving
 from support.pages.viewport_process import FIT, SIZE, VIEW, VOLUME, Message, ShownViewport, ViewportProcess
 from tolerances import CAMERA_PIXELS, ROUNDING
 from volsplat.client.scene.view_rotation import named_view
@@ -276,7 +276,7 @@ def test_the_list_of_keys_opens_and_closes(shown: ShownViewport) -> None:
 
 def test_one_finger_turns_and_two_zoom(browser: Browser) -> None:
     process = ViewportProcess()
-    with serving(process.application) as url, browser.new_context(has_touch=True) as context:
+    with serving(process.application) as url, patient_context(browser, has_touch=True) as context:
         shown = ShownViewport(context.new_page(), process, url)
         fingers = context.new_cdp_session(shown.page)
 

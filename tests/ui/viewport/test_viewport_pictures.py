@@ -9,7 +9,7 @@ from urllib.parse import urlsplit
 import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
-from support.pages.browser import browser, browser_page, serving
+from support.pages.browser import browser, browser_page, patient_context, serving
 from support.pages.viewport_process import SIZE, VIEW, VOLUME, ShownViewport, ViewportProcess, plain
 from tolerances import CAMERA_PIXELS, HALF_A_CSS_PIXEL
 from volsplat.client.scene.view_rotation import VIEW_NAMES, Quaternion, about, named_view, product, rotation_from_angles
@@ -111,7 +111,7 @@ def test_a_picture_of_another_shape_lies_in_the_middle(shown: ShownViewport) -> 
 
 def test_a_dense_display_gets_a_picture_of_its_own_pixels(browser: Browser) -> None:
     process = ViewportProcess()
-    with serving(process.application) as url, browser.new_context(device_scale_factor=2) as context:
+    with serving(process.application) as url, patient_context(browser, device_scale_factor=2) as context:
         shown = ShownViewport(context.new_page(), process, url)
         shown.page.reload()
         size = process.wait_for("size")
