@@ -6,10 +6,9 @@ from nicegui import ui
 
 from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
+from volsplat.client.ui.panels.scene_panels import scene_panels
 from volsplat.client.ui.panels.servers_panel import servers_panel
-from volsplat.client.ui.panels.shading_panel import shading_panel
 from volsplat.client.ui.panels.steps_bar import steps_bar
-from volsplat.client.ui.panels.view_panel import view_panel
 from volsplat.client.ui.tables.tables_panel import tables_panel
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.viewport_element import viewport_element
@@ -32,8 +31,7 @@ def page(viewing: Viewing) -> None:
             save_panel(viewing)
             _theme_button()
         with ui.element("aside").classes("vs-left"):
-            shading_panel(viewing)
-            view_panel(viewing)
+            scene_panels(viewing)
         with ui.element("section").classes("vs-view"):
             viewport_element(viewing.default_scene.view.rotation)
             PhaseLegend(viewing)

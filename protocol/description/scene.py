@@ -60,6 +60,7 @@ class Order(StrEnum):
 
 
 TRAVERSAL_ORDERS = (Order.BACK_TO_FRONT, Order.FRONT_TO_BACK)
+ORDER_WORDS = {Order.BACK_TO_FRONT: "back to front", Order.FRONT_TO_BACK: "front to back"}
 
 
 class Step(StrEnum):
@@ -405,11 +406,7 @@ class Scene(Part, frozen=True):
         Key(
             "Combine samples back to front, so that what is later hidden can be watched, or front to back.\n"
             "Fastest is front to back wherever something can be hidden.",
-            Buttons(
-                "order",
-                labelled=False,
-                words={Order.BACK_TO_FRONT: "back to front", Order.FRONT_TO_BACK: "front to back"},
-            ),
+            Buttons("order", labelled=False, words=ORDER_WORDS),
         ),
     ] = Order.FASTEST
     refine: Annotated[Refine, Section("How the image refines through the steps A to F.")] = Refine()

@@ -62,6 +62,11 @@ class FootprintShape:
         return replace(self, qxx=self.qyy, qyy=self.qxx, half_width=self.half_height, half_height=self.half_width)
 
 
+def kernel_radius(reconstruction: Reconstruction) -> float:
+    """Where the kernel is cut, in voxels."""
+    return DEFAULT_RADIUS[reconstruction.kernel] if reconstruction.radius == "default" else reconstruction.radius
+
+
 def footprint_shape(plan: FramePlan, reconstruction: Reconstruction) -> FootprintShape:
     """The footprint of a sample of `plan`: its weights over all pixels sum to (zoom * stride)^2.
 
@@ -71,9 +76,7 @@ def footprint_shape(plan: FramePlan, reconstruction: Reconstruction) -> Footprin
     vxx, vxy, vyy = dot(d[0], d[0]) * s * s, dot(d[0], d[1]) * s * s, dot(d[1], d[1]) * s * s
     vxx, vxy, vyy = _widened(*_rounded_if_round(vxx, vxy, vyy, (plan.zoom * s) ** 2))
     area = vxx * vyy - vxy * vxy
-    radius = reconstruction.radius
-    if radius == "default":
-        radius = DEFAULT_RADIUS[reconstruction.kernel]
+    radius = kernel_radius(reconstruction)
     return FootprintShape(
         kernel=reconstruction.kernel,
         radius=radius,

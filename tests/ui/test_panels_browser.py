@@ -24,7 +24,7 @@ from tolerances import BALL_DIRECTION, ROTATION_ENTRY
 from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.view_rotation import VIEW_NAMES, named_view
-from volsplat.client.ui.panels.shading_panel import screen_direction
+from volsplat.client.ui.panels.light_controls import screen_direction
 from volsplat.protocol.description.scene import Bounds, Field, Kernel, Order, Scene, Step
 from volsplat.protocol.geometry import matrices
 
@@ -320,7 +320,7 @@ def test_bounds_are_slid(tab: Tab) -> None:
     tab.drag((box["x"] + 1, middle), (box["x"] + box["width"] / 2, middle))
     bounds = tab.until(lambda state: state.scene.bounds.low[1] > 0).bounds
     assert abs(bounds.low[1] - DIMS[1] / 2) <= 1 and bounds == Bounds(low=(0, bounds.low[1], 0))
-    assert "view" in tab.state.unsettled
+    assert "bounds" in tab.state.unsettled
     tab.page.wait_for_function(
         "low => document.querySelector('[aria-label=\"lowest j\"]').value === low", arg=str(bounds.low[1])
     )

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from typing import Literal
 
-import msgspec
 from nicegui import ui
 
 from volsplat.client.histogram.density_histogram import window_of_shares
+from volsplat.client.scene.scene_keys import KEYS
 from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
 from volsplat.client.ui.controls.text_field import number_field
-from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Scene
 
 Window = tuple[float, float]
 
-replace = msgspec.structs.replace
+WINDOW = KEYS["quantise.window"]
 
 
-def density_window_fields(editor: SceneEditor, volume: SurveyedVolume) -> None:
+def density_window_fields(editor: SceneEditor, viewing: Viewing) -> None:
     """Both ends, and buttons for the windows that hold all or most of the voxels."""
+    volume = viewing.volume
     with ui.element("div").classes("vs-row vs-fields"):
         label = ui.label("density").classes("vs-label vs-narrow")
         label.tooltip("the window of densities, in the data's units, that becomes the 256 entries of a table")
@@ -37,9 +38,9 @@ def density_window_fields(editor: SceneEditor, volume: SurveyedVolume) -> None:
 
 
 def _button(editor: SceneEditor, text: str, window: Window | Literal["auto"], meaning: str) -> ui.button:
-    button = ui.button(text, color=None, on_click=lambda: editor.change(lambda scene: _quantised(scene, window)))
+    button = ui.button(text, color=None, on_click=lambda: editor.change(lambda scene: WINDOW.put(scene, window)))
     button.props("dense flat no-caps").tooltip(meaning)
-    editor.follow(lambda scene: show_pressed(button, scene.quantise.window == window))
+    editor.follow(lambda scene: show_pressed(button, WINDOW.of(scene) == window))
     return button
 
 
@@ -49,10 +50,6 @@ def _end_field(editor: SceneEditor, automatic: Window, side: int, name: str) -> 
 
     def put(scene: Scene, value: float) -> Scene:
         low, high = window(scene)
-        return _quantised(scene, (value, high) if side == 0 else (low, value))
+        return WINDOW.put(scene, (value, high) if side == 0 else (low, value))
 
     number_field(editor, name, lambda scene: window(scene)[side], put)
-
-
-def _quantised(scene: Scene, window: Window | Literal["auto"]) -> Scene:
-    return replace(scene, quantise=replace(scene.quantise, window=window))

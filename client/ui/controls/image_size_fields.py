@@ -6,14 +6,16 @@ from nicegui import ui
 
 from volsplat.client.ui.controls.controls import TOGGLE_PROPS, SceneEditor
 from volsplat.client.ui.controls.text_field import whole_number_field
-from volsplat.client.ui.viewing.image_size import ImageSize, sized
+from volsplat.client.ui.viewing.image_size import sized
+from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Scene
 
 CHOICES = {True: "follows the window", False: "fixed"}
 
 
-def image_size_fields(editor: SceneEditor, image_size: ImageSize) -> None:
+def image_size_fields(editor: SceneEditor, viewing: Viewing) -> None:
     """Whether the image follows the window, and its width and height."""
+    image_size = viewing.image_size
 
     def fix_or_follow(follows: bool) -> None:
         if follows == image_size.follows_window:

@@ -14,11 +14,10 @@ from volsplat.client.ui.controls.throttle import Throttle
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Order, Scene, Step
+from volsplat.protocol.description.scene import ORDER_WORDS, Order, Scene, Step
 from volsplat.protocol.rules.frame_plan import resolved_order
 
 INTERVAL = 0.1  # seconds between updates
-ORDER_WORDS = {Order.BACK_TO_FRONT: "back to front", Order.FRONT_TO_BACK: "front to back"}
 
 
 def steps_bar(viewing: Viewing) -> None:

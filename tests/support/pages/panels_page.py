@@ -24,10 +24,9 @@ from starlette.staticfiles import StaticFiles
 
 from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.panels.scene_panels import scene_panels
 from volsplat.client.ui.panels.servers_panel import servers_panel
-from volsplat.client.ui.panels.shading_panel import shading_panel
 from volsplat.client.ui.panels.steps_bar import steps_bar
-from volsplat.client.ui.panels.view_panel import view_panel
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -50,8 +49,7 @@ def page(viewing: Viewing) -> None:
             steps_bar(viewing)
             revision = ui.label().props('data-revision=""')
         with ui.element("aside").classes("vs-left"):
-            shading_panel(viewing)
-            view_panel(viewing)
+            scene_panels(viewing)
         with ui.element("footer").classes("vs-foot"):
             servers_panel(viewing)
 

@@ -1,0 +1,89 @@
+"""The panels of the scene's keys: a control for each, as the key declares it, in the order of the scene."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import nullcontext
+from typing import NamedTuple
+
+from nicegui import ui
+
+from volsplat.client.scene.scene_keys import KEYS, SceneKey
+from volsplat.client.ui.controls.controls import SceneEditor
+from volsplat.client.ui.controls.density_window_fields import density_window_fields
+from volsplat.client.ui.controls.image_size_fields import image_size_fields
+from volsplat.client.ui.controls.key_controls import key_control
+from volsplat.client.ui.panels.bounds_controls import bounds_controls
+from volsplat.client.ui.panels.cross_bar import cross_bar
+from volsplat.client.ui.panels.light_controls import light_controls
+from volsplat.client.ui.panels.view_controls import center_fields, move_buttons, side_buttons, up_menu
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.description.scene_key import PartOf, Switch
+
+
+class ScenePanel(NamedTuple):
+    name: str
+    title: str  # "" if a control brings its own
+    sections: tuple[str, ...]
+
+
+PANELS = (
+    ScenePanel("shading", "Shading", ("cross_bar", "shading", "light")),
+    ScenePanel("view", "View", ("view",)),
+    ScenePanel("bounds", "", ("bounds",)),
+    ScenePanel("refinement", "How the image forms", ("", "refine", "reconstruction")),
+    ScenePanel("image", "Image", ("quantise", "image")),
+)
+CONTROLS: dict[str, Callable[[SceneEditor, Viewing], None]] = {
+    "bounds": bounds_controls,
+    "centre": center_fields,
+    "cross-bar": cross_bar,
+    "density window": density_window_fields,
+    "light": light_controls,
+    "moves": move_buttons,
+    "sides": side_buttons,
+    "size": image_size_fields,
+    "up": up_menu,
+}
+"""The controls that are made for a key, or for several; the tables have a panel of their own."""
+
+
+def scene_panels(viewing: Viewing) -> None:
+    """All but the tables."""
+    for panel in PANELS:
+        editor = SceneEditor(viewing.model, viewing.volume.description.geometry, panel.name)
+        with ui.element("section").classes("vs-panel").props(f'aria-label="{panel.name}"'):
+            if panel.title:
+                ui.label(panel.title).classes("vs-title")
+            for section in panel.sections:
+                _section(editor, viewing, section)
+
+
+def _section(editor: SceneEditor, viewing: Viewing, section: str) -> None:
+    """Switches share a row, as do keys their control; the first of them has its place."""
+    groups: dict[str, list[SceneKey]] = {}
+    for key in KEYS.values():
+        if key.section == section and _has_effect(key, viewing):
+            groups.setdefault(_group_of(key), []).append(key)
+    for name, keys in groups.items():
+        if name in CONTROLS:
+            CONTROLS[name](editor, viewing)
+        else:
+            with ui.element("div").classes("vs-switches") if len(keys) > 1 else nullcontext():
+                for key in keys:
+                    key_control(editor, key)
+
+
+def _group_of(key: SceneKey) -> str:
+    match key.widget:
+        case PartOf(control):
+            return control
+        case Switch():
+            return "switches"
+    return key.place
+
+
+def _has_effect(key: SceneKey, viewing: Viewing) -> bool:
+    """Whether the volume has what the key is about."""
+    prepared = viewing.volume.prepared
+    return key.place != "refine.striding" or (prepared is not None and len(prepared.levels) > 1)

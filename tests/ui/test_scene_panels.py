@@ -1,0 +1,26 @@
+"""The panels of the scene's keys: no key without a control, no control without a key."""
+
+from volsplat.client.scene.scene_keys import KEYS
+from volsplat.client.ui.controls.key_controls import MEANT_NUMBERS
+from volsplat.client.ui.panels.scene_panels import CONTROLS, PANELS
+from volsplat.protocol.description.scene_key import PartOf, Slide
+
+TABLES = PartOf("tables")  # which tables_panel.py builds
+
+
+def test_every_key_is_in_one_panel() -> None:
+    sections = [section for panel in PANELS for section in panel.sections]
+    assert len(sections) == len(set(sections))
+    assert {key.section for key in KEYS.values() if key.widget != TABLES} == set(sections)
+
+
+def test_every_control_that_a_key_names_is_there_and_nothing_else() -> None:
+    named = {key.widget.control for key in KEYS.values() if isinstance(key.widget, PartOf) and key.widget != TABLES}
+    assert named == set(CONTROLS)
+
+
+def test_a_slider_has_limits_and_a_number_for_every_word() -> None:
+    for key in KEYS.values():
+        if isinstance(key.widget, Slide):
+            assert key.told.limits is not None, key.place
+            assert not key.declared.words or key.place in MEANT_NUMBERS, key.place
