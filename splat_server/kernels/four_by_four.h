@@ -7,13 +7,14 @@ namespace {  // every instruction set has its own
 typedef float FourFloats __attribute__((vector_size(16)));
 
 __attribute__((always_inline)) inline void transpose(FourFloats (&rows)[4]) {
-    typedef int Places __attribute__((vector_size(16)));
-    const Places low = {0, 4, 1, 5}, high = {2, 6, 3, 7}, first = {0, 1, 4, 5}, second = {2, 3, 6, 7};
-    const FourFloats low01 = __builtin_shuffle(rows[0], rows[1], low), low23 = __builtin_shuffle(rows[2], rows[3], low);
-    const FourFloats high01 = __builtin_shuffle(rows[0], rows[1], high);
-    const FourFloats high23 = __builtin_shuffle(rows[2], rows[3], high);
-    rows[0] = __builtin_shuffle(low01, low23, first), rows[1] = __builtin_shuffle(low01, low23, second);
-    rows[2] = __builtin_shuffle(high01, high23, first), rows[3] = __builtin_shuffle(high01, high23, second);
+    const FourFloats low01 = __builtin_shufflevector(rows[0], rows[1], 0, 4, 1, 5);
+    const FourFloats low23 = __builtin_shufflevector(rows[2], rows[3], 0, 4, 1, 5);
+    const FourFloats high01 = __builtin_shufflevector(rows[0], rows[1], 2, 6, 3, 7);
+    const FourFloats high23 = __builtin_shufflevector(rows[2], rows[3], 2, 6, 3, 7);
+    rows[0] = __builtin_shufflevector(low01, low23, 0, 1, 4, 5);
+    rows[1] = __builtin_shufflevector(low01, low23, 2, 3, 6, 7);
+    rows[2] = __builtin_shufflevector(high01, high23, 0, 1, 4, 5);
+    rows[3] = __builtin_shufflevector(high01, high23, 2, 3, 6, 7);
 }
 
 }  // namespace

@@ -1,5 +1,5 @@
 // Leaves out samples that lie where the image is closed, one bit looked up for each.
-#include "kept_lanes.h"
+#include "kernels/wide_lanes.h"
 #include "map_shade_kernels.h"
 
 namespace volsplat::VOLSPLAT_PATH {
@@ -7,37 +7,6 @@ namespace volsplat::VOLSPLAT_PATH {
 namespace {
 
 constexpr float kPixel = 4294967296.0f;  // 2^-32 pixel
-
-typedef std::int32_t Integers __attribute__((vector_size(4 * kLanes)));
-typedef std::uint32_t Words __attribute__((vector_size(4 * kLanes)));
-typedef float Reals __attribute__((vector_size(4 * kLanes)));
-
-#if defined(__AVX512F__)
-
-Words words_at(const std::uint32_t* words, Integers places) {
-  return (Words)_mm512_i32gather_epi32((__m512i)places, words, 4);
-}
-
-// A bit for each lane.
-std::uint32_t lanes_of(Words ones) { return _mm512_test_epi32_mask((__m512i)ones, (__m512i)ones); }
-
-#elif defined(__AVX2__)
-
-Words words_at(const std::uint32_t* words, Integers places) {
-  return (Words)_mm256_i32gather_epi32(reinterpret_cast<const int*>(words), (__m256i)places, 4);
-}
-
-std::uint32_t lanes_of(Words ones) { return static_cast<unsigned>(_mm256_movemask_ps((__m256)(ones << 31))); }
-
-#else
-
-Words words_at(const std::uint32_t* words, Integers places) {
-  return Words{words[places[0]], words[places[1]], words[places[2]], words[places[3]]};
-}
-
-std::uint32_t lanes_of(Words ones) { return ones[0] | ones[1] << 1 | ones[2] << 2 | ones[3] << 3; }
-
-#endif
 
 // Pixels along one axis in which samples of a line lie, moved into the image. All instruction sets round alike; see
 // ClosedTiles for how much.
@@ -60,7 +29,7 @@ struct LinePixels {
 // A bit for each lane: not hidden.
 std::uint32_t open_lanes(const HiddenMap& map, const LinePixels& x, const LinePixels& y, Integers n) {
   const Integers column = x.at(n), word = y.at(n) * map.words_in_row + (column >> 5);
-  return lanes_of(~words_at(map.words, word) >> (Words)(column & 31) & 1);
+  return signs(~looked_up(map.words, (Words)word) << (31 & ~(Words)column));
 }
 
 }  // namespace
@@ -73,12 +42,13 @@ std::size_t leave_out_hidden(const VisibleVoxels& voxels, const HiddenMap& map, 
   const LinePixels x(line.start_x + first * line.step_x, line.step_x, map.last_column);
   const LinePixels y(line.start_y + first * line.step_y, line.step_y, map.last_row);
   std::size_t kept = 0;
-  for (std::size_t at = 0; at < voxels.count; at += kLanes) {
-    const Positions lanes = positions_at(voxels.positions + at);
-    std::uint32_t open = open_lanes(map, x, y, (Integers)lanes - first);
-    if (voxels.count - at < kLanes) open &= (1u << (voxels.count - at)) - 1;
+  for (std::size_t at = 0; at < voxels.count; at += kWidest) {
+    const Integers lanes = widened(voxels.positions + at);
+    const std::uint32_t open = open_lanes(map, x, y, lanes - first) & lanes_before(voxels.count - at);
     if (open == 0) continue;  // and do not wait for its packets
-    kept += keep(lanes, voxels.packets + at, open, positions + kept, packets + kept);
+    store_chosen(positions + kept, open, (Words)lanes);
+    store_chosen(packets + kept, open, load<Words>(voxels.packets + at));
+    kept += static_cast<unsigned>(__builtin_popcount(open));
   }
   return kept;
 }

@@ -121,15 +121,22 @@ private:
     }
 
     void find_together(Samples& samples) const {
-        constexpr int kOthers = Together::kSamples - 1;
-        const Integers lanes = {0, 1, 2, 3, 4, 5, 6, 7}, first = lanes & ~kOthers, last = lanes | kOthers;
-        const Integers at_first = __builtin_shuffle(samples.left, first);
-        const Integers at_last = __builtin_shuffle(samples.left, last);
+        const Integers at_first = first_of_neighbours(samples.left), at_last = last_of_neighbours(samples.left);
         samples.window = at_first < at_last ? at_first : at_last;
-        samples.together = samples.whole & (samples.top == __builtin_shuffle(samples.top, first)) &
+        samples.together = samples.whole & (samples.top == first_of_neighbours(samples.top)) &
                            (samples.left >= samples.window) &
                            (samples.left <= samples.window + (Together::kWindow - 4 * kFours)) &
                            (samples.window <= closed_windows_.last_left);
+    }
+
+    static Integers first_of_neighbours(Integers lanes) {
+        if constexpr (Together::kSamples == 2) return __builtin_shufflevector(lanes, lanes, 0, 0, 2, 2, 4, 4, 6, 6);
+        else return __builtin_shufflevector(lanes, lanes, 0, 0, 0, 0, 4, 4, 4, 4);
+    }
+
+    static Integers last_of_neighbours(Integers lanes) {
+        if constexpr (Together::kSamples == 2) return __builtin_shufflevector(lanes, lanes, 1, 1, 3, 3, 5, 5, 7, 7);
+        else return __builtin_shufflevector(lanes, lanes, 3, 3, 3, 3, 7, 7, 7, 7);
     }
 
     static bool stand_together(const Samples& samples, int n) {

@@ -2,18 +2,12 @@
 // Every pixel sees the same operations in the same order whatever its neighbours, the stripe and its place in the
 // vector are. A path with fused multiply-add rounds less often than the baseline.
 #pragma once
-#ifdef __AVX2__
-#include <immintrin.h>
-#endif
-
+#include "kernels/vectors.h"
 #include "splat_server/kernels/splat_job.h"
 
 namespace volsplat {
 namespace VOLSPLAT_PATH {
 namespace {
-
-typedef float Four __attribute__((vector_size(16)));
-typedef int32_t FourBits __attribute__((vector_size(16)));
 
 // a * b + c
 inline Four multiply_add(Four a, Four b, Four c) {
@@ -36,21 +30,7 @@ inline Four behind(Four opacity, Four alpha) {
 #endif
 }
 
-inline Four at_most_1(Four a) {
-    const FourBits below = a < 1.0f;
-    return (Four)(((FourBits)a & below) | ((FourBits)(Four{} + 1.0f) & ~below));
-}
-
-inline bool any(FourBits bits) {
-    typedef int64_t Halves __attribute__((vector_size(16)));
-    const Halves halves = (Halves)bits;
-    return (halves[0] | halves[1]) != 0;
-}
-
 #ifdef __AVX2__
-typedef float Eight __attribute__((vector_size(32)));
-typedef int32_t EightBits __attribute__((vector_size(32)));
-
 inline Eight multiply_add(Eight a, Eight b, Eight c) { return _mm256_fmadd_ps(a, b, c); }
 
 inline Eight behind(Eight opacity, Eight alpha) {
@@ -61,38 +41,16 @@ inline Eight behind(Eight opacity, Eight alpha) {
     return _mm256_and_ps((Eight)(alpha < kFrozenAlpha), _mm256_fnmadd_ps(opacity, alpha, opacity));
 #endif
 }
-
-inline Eight at_most_1(Eight a) { return _mm256_min_ps(a, _mm256_set1_ps(1.0f)); }
-
-// The lanes of these numbers.
-inline Eight picked(Eight lanes, EightBits numbers) { return _mm256_permutevar8x32_ps(lanes, (__m256i)numbers); }
-
-inline bool any(EightBits bits) { return !_mm256_testz_si256((__m256i)bits, (__m256i)bits); }
 #endif
 
 #ifdef __AVX512F__
-typedef float Sixteen __attribute__((vector_size(64)));
-typedef int32_t SixteenBits __attribute__((vector_size(64)));
-
 inline Sixteen multiply_add(Sixteen a, Sixteen b, Sixteen c) { return _mm512_fmadd_ps(a, b, c); }
 
 inline Sixteen behind(Sixteen opacity, Sixteen alpha) {
     const __mmask16 open = _mm512_cmp_ps_mask(alpha, _mm512_set1_ps(kFrozenAlpha), _CMP_LT_OQ);
     return _mm512_maskz_fnmadd_ps(open, opacity, alpha, opacity);
 }
-
-// With a mask of all lanes, since GCC 12 warns of the plain one.
-inline Sixteen at_most_1(Sixteen a) { return _mm512_maskz_min_ps(0xffff, a, _mm512_set1_ps(1.0f)); }
-
-inline bool any(SixteenBits bits) { return _mm512_test_epi32_mask((__m512i)bits, (__m512i)bits) != 0; }
-
-typedef Sixteen Widest;
-#elif defined(__AVX2__)
-typedef Eight Widest;
-#else
-typedef Four Widest;
 #endif
-constexpr int kWidest = sizeof(Widest) / sizeof(float);
 
 // The widest vectors worth their while for rows of so many pixels, 0 for any number. Where vectors of sixteen are about,
 // the machine adds and multiplies shorter ones at two thirds of their rate.
@@ -106,34 +64,6 @@ template <> struct Fitting<8> { typedef Eight Lanes; };
 template <> struct Fitting<12> { typedef Eight Lanes; };
 #endif
 
-// All lanes alike; the first ones of more.
-inline void fill(float value, Four& lanes) { lanes = Four{value, value, value, value}; }
-inline Four first_of(Four lanes, Four) { return lanes; }
-#ifdef __AVX2__
-inline void fill(float value, Eight& lanes) { lanes = _mm256_set1_ps(value); }
-inline Eight first_of(Eight lanes, Eight) { return lanes; }
-inline Four first_of(Eight lanes, Four) { return _mm256_castps256_ps128(lanes); }
-#endif
-#ifdef __AVX512F__
-inline void fill(float value, Sixteen& lanes) { lanes = _mm512_set1_ps(value); }
-inline Sixteen first_of(Sixteen lanes, Sixteen) { return lanes; }
-inline Four first_of(Sixteen lanes, Four) { return __builtin_shufflevector(lanes, lanes, 0, 1, 2, 3); }
-#endif
-
-template <class Lanes>
-inline Lanes all_lanes(float value) {
-    Lanes lanes;
-    fill(value, lanes);
-    return lanes;
-}
-
-template <class Lanes>
-inline Lanes load(const float* address) {
-    Lanes lanes;
-    __builtin_memcpy(&lanes, address, sizeof lanes);
-    return lanes;
-}
-
 // As `load`, once for all uses: the compiler would rather load again for each.
 template <class Lanes>
 inline Lanes load_once(const float* address) {
@@ -142,11 +72,6 @@ inline Lanes load_once(const float* address) {
     __asm__("" : "+x"(lanes));
 #endif
     return lanes;
-}
-
-template <class Lanes>
-inline void store(float* address, Lanes lanes) {
-    __builtin_memcpy(address, &lanes, sizeof lanes);
 }
 
 // The opacity A and intensity I of a sample in all lanes, or of one in each.

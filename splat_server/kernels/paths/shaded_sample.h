@@ -95,8 +95,8 @@ private:
 };
 
 inline Packets packets_of(Words first, Words second) {
-    const Words even = {0, 2, 4, 6, 8, 10, 12, 14}, odd = {1, 3, 5, 7, 9, 11, 13, 15};
-    return {__builtin_shuffle(first, second, even), __builtin_shuffle(first, second, odd)};
+    return {__builtin_shufflevector(first, second, 0, 2, 4, 6, 8, 10, 12, 14),
+            __builtin_shufflevector(first, second, 1, 3, 5, 7, 9, 11, 13, 15)};
 }
 
 inline Packets packets_at(const unsigned char* address) {
