@@ -2,6 +2,9 @@
 
 from torch import Tensor
 
+def constants() -> dict[str, float]:
+    """The numbers of the protocol that the module was built with, by name."""
+
 def cpu_paths() -> list[str]:
     """The instruction sets of this machine, narrowest first: baseline, avx2, avx512."""
 

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-#include "kernels/always_inline.h"
+#include "kernels/compiler.h"
 
 namespace volsplat {
 

@@ -3,28 +3,26 @@
 
 #include <cstdint>
 
-#include "kernels/always_inline.h"
+#include "kernels/compiler.h"
+#include "kernels/constants.h"
 
 namespace volsplat {
 
-constexpr int kNoDataBit = 31;
-constexpr int kDirectionShift = 16;
-
-constexpr int kSubpixelBits = 6;  // positions are multiples of 1/64 pixel
-constexpr int kPositionBits = 14;
-constexpr int kOpacityShift = 28;
-constexpr int kColourShift = 40;
-
-constexpr int kPacketBytes = 8;
-
+constexpr int kPacketBytes = kShadedPacketBytes;
 constexpr int kPositionMask = (1 << kPositionBits) - 1;
-constexpr int kDirectionMask = (1 << (kNoDataBit - kDirectionShift)) - 1;
+constexpr int kDirectionMask = kDirectionCodes - 1;
+constexpr int kOpacityMask = kOpacityCodes - 1;
 
-// Samples of one sheet and row; 24 bytes on the wire.
+static_assert(kNoDataBit == 31 && kDirectionCodes == 1 << (kNoDataBit - kDirectionShift));
+static_assert(kOpacityShift == 2 * kPositionBits && kOpacityCodes == 1 << (kColourShift - kOpacityShift));
+static_assert(kPacketBytes == sizeof(std::uint64_t));
+
+// Samples of one sheet and row.
 struct RowRun {
   std::uint32_t sheet, row, first, count;
   std::int32_t x0, y0;  // 1/64 pixel
 };
+static_assert(sizeof(RowRun) == kRowRunBytes);
 
 // The bytes need no alignment.
 VOLSPLAT_INLINE RowRun run_at(const unsigned char* runs, std::uint64_t n) {

@@ -3,12 +3,12 @@
 
 #include <cstdint>
 
-#include "kernels/always_inline.h"
+#include "kernels/compiler.h"
+#include "kernels/constants.h"
 
 namespace volsplat {
 
-constexpr int kTileSide = 4;  // pixels
-constexpr int kWordTiles = 64;
+static_assert(kWordTiles == 64, "a word is a std::uint64_t");
 
 VOLSPLAT_INLINE constexpr std::int64_t tile_rows(std::int64_t height) { return (height - 1) / kTileSide + 1; }
 VOLSPLAT_INLINE constexpr std::int64_t tile_words(std::int64_t width) {

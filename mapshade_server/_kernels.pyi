@@ -13,6 +13,9 @@ class Array(Protocol):
 
 _Vector = Sequence[float]
 
+def constants() -> dict[str, float]:
+    """The numbers of the protocol that the module was built with, by name."""
+
 def cpu_paths() -> list[str]:
     """The instruction sets that this CPU can run, narrowest first: of baseline, avx2 and avx512."""
 
@@ -50,6 +53,9 @@ def histograms(
     float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes), in whose grid the box
     begins at `begin`.
     """
+
+def empty_packets(size: Index) -> Array:
+    """Room for the voxel packets of a box: uint32 (k, j, i), uninitialised, and behind it what a walk looks at too."""
 
 def pack(
     source: object,

@@ -9,8 +9,6 @@ from volsplat.mapshade_server.packet_store import PacketStore
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import Box
 
-SPARE_PACKETS = 64  # after the last one: the walk looks at so many at once (kSpare in path_kernels.h)
-
 
 def stored_sub_cube(
     store: PacketStore, level: int, box: Box, given_up: Callable[[], bool] = lambda: False
@@ -19,9 +17,8 @@ def stored_sub_cube(
 
     No more is held meanwhile than that and one sheet of bricks. Raises BadInput for damage.
     """
-    ni, nj, nk = box.size
     _kernels.give_freed_memory_back()  # bricks are unpacked by many threads
-    packets = np.empty(box.voxels + SPARE_PACKETS, np.uint32)[: box.voxels].reshape(nk, nj, ni)
+    packets = np.asarray(memoryview(_kernels.empty_packets(box.size)))
     (i0, j0, k0), (i1, j1, k1) = box
     start = k0
     while start < k1:

@@ -4,6 +4,9 @@ from typing import TypeAlias
 
 _Axis: TypeAlias = tuple[int, int, int, int, int, bool]  # low, high, stride, first, count, ascending
 
+def constants() -> dict[str, float]:
+    """The numbers of the protocol that the module was built with, by name."""
+
 def cpu_paths() -> list[str]:
     """The instruction sets of this machine, narrowest first: baseline, avx2, avx512."""
 

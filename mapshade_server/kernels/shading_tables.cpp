@@ -10,16 +10,15 @@ namespace volsplat {
 
 namespace {
 
-constexpr int kSide = 181;  // of the octahedral code
-constexpr int kMiddle = 90;
+constexpr int kMiddle = kOctahedralSide / 2;
 
 int sign(int x) { return x < 0 ? -1 : 1; }
 
 // The direction of a code as whole numbers, not normalised.
 std::array<int, 3> whole_direction(int code, bool octahedral) {
   if (!octahedral) return {(code & 31) - 16, (code >> 5 & 31) - 16, (code >> 10 & 31) - 16};
-  if (code >= kSide * kSide) return {0, 0, 0};
-  const int x = code % kSide - kMiddle, y = code / kSide - kMiddle;
+  if (code >= kOctahedralNoGradient) return {0, 0, 0};
+  const int x = code % kOctahedralSide - kMiddle, y = code / kOctahedralSide - kMiddle;
   const int z = kMiddle - std::abs(x) - std::abs(y);
   if (z >= 0) return {x, y, z};
   return {(kMiddle - std::abs(y)) * sign(x), (kMiddle - std::abs(x)) * sign(y), z};

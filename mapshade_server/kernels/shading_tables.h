@@ -5,11 +5,11 @@
 #include <cstdint>
 #include <vector>
 
+#include "kernels/constants.h"
 #include "paths/map_shade_kernels.h"
 
 namespace volsplat {
 
-constexpr int kDirectionCodes = 32768;
 constexpr int kTableEntries = 256;
 
 using Vector3 = std::array<double, 3>;

@@ -5,12 +5,11 @@
 #include <cstdint>
 #include <vector>
 
+#include "kernels/constants.h"
 #include "paths/map_shade_kernels.h"
 #include "source_volume.h"
 
 namespace volsplat {
-
-constexpr int kHistogramBins = 65536;
 
 // The voxels of interest within a source that also holds their neighbours.
 struct Interior {

@@ -6,6 +6,7 @@ row of words for each row of tiles; bit n of word m is tile column 64 m + n. Wit
 that a map may be old, or read while it is written: that costs time, never bits.
 """
 
+FROZEN_ALPHA = 1.0 - 1.0 / 1024.0  # front-to-back: from here on a pixel no longer changes
 TILE_SIDE = 4  # pixels
 WORD_TILES = 64
 WORD_BYTES = 8

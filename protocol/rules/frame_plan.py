@@ -14,6 +14,7 @@ from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.geometry.upright import upright
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.protocol.rules.levels import (
     Resolution,
     bounds_at_level,
@@ -28,8 +29,6 @@ from volsplat.protocol.rules.traversal import AxisVisits, Traversal, traversal_o
 FRACTION_BITS = 32
 FIXED_ONE = 1 << FRACTION_BITS
 LARGEST_POSITION = 1 << 29  # pixels; beyond it 64 bits would not hold the DDA
-
-FROZEN_ALPHA = 1.0 - 1.0 / 1024.0  # front-to-back: from here on a pixel no longer changes
 
 CELLS_IN_A_SHEET = 3  # that a ray passes through, each for as much of its path
 

@@ -30,8 +30,8 @@ OPACITY_SHIFT = 28
 COLOUR_SHIFT = 40
 
 SHADED_PACKET_BYTES = 8
+ROW_RUN_BYTES = 24
 ROW_RUN = struct.Struct("<IIIIii")
-ROW_RUN_BYTES = ROW_RUN.size
 
 # The opacity code is a float of 4 exponent and 8 mantissa bits with gradual underflow; code 4095 is exactly 1.
 OPACITY_CODES = 4096

@@ -10,9 +10,7 @@
 namespace volsplat {
 
 constexpr int kRunPixels = 1 << (kPositionBits - kSubpixelBits);  // a run's packets lie so near to its origin
-constexpr int kOpacityMask = (1 << (kColourShift - kOpacityShift)) - 1;
 constexpr double kLargestHalfExtent = 16384;
-constexpr float kFrozenAlpha = 1.0f - 1.0f / 1024.0f;  // front-to-back: from here on a pixel no longer changes
 
 // Footprints of up to so many pixels a row are splatted as one box of whole vectors, and of a wide one each row as far
 // as the footprint may reach there.

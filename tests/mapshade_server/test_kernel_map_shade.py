@@ -1,6 +1,5 @@
 """The shading kernel against the reference: powers, light, opacity codes, and whole frames of shaded packets."""
 
-import ast
 import math
 import os
 import subprocess
@@ -15,7 +14,6 @@ from torch import Tensor
 from torch.utils.dlpack import from_dlpack
 
 from reference import mapping, shading, voxel_packets
-from support.checkout import ROOT
 from support.scenes.arbitrary import geometries, plain_scene
 from support.scenes.shaded_packets import Packets, all_batches, packets_of
 from support.scenes.shadings import directions, quantisations, scalar_tables, shaded_scenes, volumes
@@ -31,7 +29,6 @@ from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity
 from volsplat.protocol.text.errors import BadInput
 
-STUB = ROOT / "mapshade_server" / "_kernels.pyi"
 HALF = 0.5
 CPU_FLAGS = {"avx2": {"avx2", "bmi2"}, "avx512": {"avx512f", "avx512bw", "avx512vl", "avx512dq"}}
 
@@ -174,9 +171,3 @@ def test_every_path_that_this_cpu_can_run_is_built() -> None:
     flags = set(info.read_text().split())
     able = {path for path, needed in CPU_FLAGS.items() if needed <= flags}
     assert set(_kernels.cpu_paths()) == {"baseline"} | able
-
-
-def test_the_stub_names_what_the_module_offers() -> None:
-    stub = ast.parse(STUB.read_text())
-    named = {node.name for node in stub.body if isinstance(node, ast.FunctionDef | ast.ClassDef)} - {"Array"}
-    assert named == {name for name in dir(_kernels) if not name.startswith("_")}

@@ -26,8 +26,8 @@ from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.refusals import OUT_OF_MEMORY
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_shape
-from volsplat.protocol.rules.frame_plan import FROZEN_ALPHA, plan_frame
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA, TILE_SIDE, tile_map_shape
+from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import own_resolution
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.connection import Connection

@@ -5,7 +5,7 @@
 #include <stdexcept>
 
 #include "bench/kernels/paths/bare_loops.h"
-#include "kernels/bind_cpu_path.h"
+#include "kernels/bind_module.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -60,7 +60,7 @@ std::int64_t bare_shade(Array<const std::uint32_t, -1> packets, Array<const std:
 
 NB_MODULE(_kernels, m) {
   m.doc() = "Bare loops that the kernels are measured against.";
-  volsplat::bind_cpu_path(m);
+  volsplat::bind_module(m);
   nb::class_<volsplat::BareSplat>(m, "BareSplat")
       .def(nb::init<volsplat::Array<float, -1, -1, 4>, volsplat::Array<const std::int32_t, -1, 2>,
                     volsplat::Array<const float, -1, -1, 4>, volsplat::Array<const float, 4>>(),

@@ -1,5 +1,6 @@
 // The splat kernel's floor: fused weighted adds of one constant sample to boxes of RGBA pixels, back to front.
 #include "bare_loops.h"
+#include "kernels/compiler.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 
@@ -21,7 +22,7 @@ static void splat_boxes(float* image, std::int64_t pitch, const std::int32_t* co
     float* pixel = image + (corners[2 * s + 1] * pitch + corners[2 * s]) * 4;
     const float* weight = weights;
     for (int y = 0; y < kSide; ++y, pixel += pitch * 4, weight += kSide * 4)
-#pragma GCC unroll 16
+VOLSPLAT_UNROLL(16)
       for (int x = 0; x < kSide * 4; x += kFloats) {
         Row c, w;
         __builtin_memcpy(&c, pixel + x, sizeof c);

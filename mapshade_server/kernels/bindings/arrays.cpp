@@ -36,7 +36,9 @@ SourceVolume source_of(const SourceArray& array) {
 PacketMemory packet_memory(const Index3& size) {
   const std::size_t packets = static_cast<std::size_t>(size[0] * size[1] * size[2]) + kSpare;
   std::uint32_t* memory = large_array<std::uint32_t>(packets).release();
-  return {memory, nb::capsule(memory, [](void* p) noexcept { FreeMemory()(p); })};
+  const nb::capsule owner(memory, [](void* p) noexcept { FreeMemory()(p); });
+  const auto extent = [&](int axis) { return static_cast<std::size_t>(size[axis]); };
+  return {memory, nb::cast(nb::ndarray<nb::array_api, std::uint32_t>(memory, {extent(2), extent(1), extent(0)}, owner))};
 }
 
 }  // namespace volsplat

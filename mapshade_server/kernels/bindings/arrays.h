@@ -28,10 +28,10 @@ nb::object owned_array(std::vector<T>&& values, Sizes... sizes) {
   return nb::cast(nb::ndarray<nb::array_api, T>(held->data(), {static_cast<std::size_t>(sizes)...}, owner));
 }
 
-// Room for the voxel packets of a box and kSpare more, uninitialised.
+// Room for the voxel packets of a box and kSpare more, uninitialised: a Python array (k, j, i) that owns it.
 struct PacketMemory {
   std::uint32_t* packets;
-  nb::capsule owner;
+  nb::object array;
 };
 PacketMemory packet_memory(const Index3& size);
 

@@ -80,6 +80,13 @@ nb::tuple python_histograms(const SourceArray& source, const Index3& low, const 
                         owned_array(std::move(counts.extremes), 2, block_count[2], block_count[1], block_count[0]));
 }
 
+nb::object python_empty_packets(const Index3& size) {
+  for (std::int64_t extent : size) {
+    if (extent < 0) throw std::invalid_argument("a box of voxel packets needs a size");
+  }
+  return packet_memory(size).array;
+}
+
 nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
                        const std::optional<SourceArray>& second, double window_low, double density_scale,
                        double strength_low, double strength_scale, bool octahedral) {
@@ -92,10 +99,7 @@ nb::object python_pack(const SourceArray& source, const Index3& low, const Index
     pack(volume, interior, matrix, other ? &*other : nullptr,
          {window_low, density_scale, strength_low, strength_scale, octahedral}, memory.packets);
   }
-  const auto extent = [&](int axis) { return static_cast<std::size_t>(size[axis]); };
-  const nb::ndarray<nb::array_api, std::uint32_t> packets(memory.packets, {extent(2), extent(1), extent(0)},
-                                                          memory.owner);
-  return nb::cast(packets);
+  return memory.array;
 }
 
 nb::object python_direction_vectors(bool octahedral) {
@@ -144,6 +148,7 @@ void bind_preprocessing(nb::module_& m) {
   m.def("survey", &python_survey, "source"_a, "low"_a, "size"_a, "matrix"_a);
   m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "density"_a,
         "strength"_a, "begin"_a, "block_size"_a, "block_count"_a);
+  m.def("empty_packets", &python_empty_packets, "size"_a);
   m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "window_low"_a,
         "density_scale"_a, "strength_low"_a, "strength_scale"_a, "octahedral"_a);
   m.def("power", [](double base, double exponent) { return map_shade_kernels().power(base, exponent); }, "base"_a,

@@ -19,7 +19,6 @@ class Seen {
     const Words packet = load<Words>(packets), strength = packet >> 8;
     const Words by_density = density_[packet >> 5] << (31 & ~packet);
     const Words by_strength = strength_[packet >> 13] << (31 & ~strength);
-    static_assert(kNoDataBit == 31);
     return signs(by_density & by_strength & ~packet);
   }
 
@@ -42,6 +41,7 @@ std::uint64_t seen_of(const Seen& seen, const std::uint32_t* packets) {
 std::size_t classify_row(const std::uint32_t* row, std::size_t n, std::size_t first, const Visibility& visibility,
                          std::uint16_t* positions, std::uint32_t* packets) {
   constexpr int kTogether = 32;  // few stretches of so many voxels change between empty and not
+  static_assert(kTogether <= kSpare);
   const Seen seen(visibility);
   std::size_t kept = 0;
   for (std::size_t at = 0; at < n; at += kTogether) {

@@ -13,6 +13,7 @@ constexpr std::size_t kSpare = 64;
 
 // Grid columns (i) whose rows along j or k are classified together: lines of packets are read four cache lines wide.
 constexpr int kStripLanes = 64;
+static_assert(kSpare >= kStripLanes && kSpare >= 16, "the widest vectors hold 16 numbers");
 
 // The longest row that positions of 16 bits can count.
 constexpr std::int64_t kLongestRow = 65536;

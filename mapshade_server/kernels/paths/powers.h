@@ -4,6 +4,8 @@
 
 #include <cstdint>
 
+#include "kernels/compiler.h"
+
 namespace volsplat::VOLSPLAT_PATH {
 
 inline std::uint64_t bits_of(double x) { return __builtin_bit_cast(std::uint64_t, x); }
@@ -32,7 +34,7 @@ inline double log2_exactly(double x) {
   const double s = (mantissa - 1.0) / (mantissa + 1.0);
   const double square = s * s;
   double series = 1.0 / 23.0;
-#pragma GCC unroll 16
+VOLSPLAT_UNROLL(16)
   for (int odd = 21; odd >= 3; odd -= 2) series = series * square + 1.0 / odd;
   const double logarithm = 2.0 * (s + s * square * series);
   return exponent + logarithm * kLog2E;
@@ -54,7 +56,7 @@ inline double exp2_exactly(double x) {
   // e^y by its series: the next term is y^16 / 16!, below 1e-20
   double factorial = 1307674368000.0;  // 15!
   double series = 1.0 / factorial;
-#pragma GCC unroll 16
+VOLSPLAT_UNROLL(16)
   for (int n = 15; n >= 1; --n) {
     factorial /= n;
     series = series * y + 1.0 / factorial;

@@ -1,4 +1,5 @@
 // Gradients and quantisation of one row of source values (paper: "Shading"; rules: protocol/rules/index_rules.py).
+#include "kernels/compiler.h"
 #include "kernels/packet_layout.h"
 #include "map_shade_kernels.h"
 
@@ -8,9 +9,7 @@ namespace {
 
 constexpr double kLargest = 1.7976931348623157e308;
 constexpr std::uint32_t kNoData = 1u << kNoDataBit;
-constexpr std::uint32_t kOctahedralSide = 181;
-constexpr std::uint32_t kOctahedralNoGradient = kOctahedralSide * kOctahedralSide;
-constexpr std::uint32_t kPaperNoGradient = 16 | 16 << 5 | 16 << 10;
+constexpr std::uint32_t kNoDirection[] = {kPaperNoGradient, kOctahedralNoGradient};
 
 // The change per step; NaN stands for a missing neighbour, and `here` takes its place.
 inline double difference(double before, double here, double after) {
@@ -67,7 +66,7 @@ void pack_row(const double* values, const double* strengths, const GradientRow& 
     const bool none = !(length[i] > 0.0);
     const std::uint32_t coded =
         octahedral ? octahedral_code(gx[i], gy[i], gz[i], none) : paper_code(gx[i], gy[i], gz[i], none);
-    const std::uint32_t code = none ? (octahedral ? kOctahedralNoGradient : kPaperNoGradient) : coded;
+    const std::uint32_t code = none ? kNoDirection[octahedral] : coded;
     const std::uint32_t packet = static_cast<std::uint32_t>(static_cast<std::int32_t>(density + 0.5)) |
                                  static_cast<std::uint32_t>(static_cast<std::int32_t>(strength + 0.5)) << 8 |
                                  code << kDirectionShift;
@@ -81,7 +80,7 @@ void gradient(const SourceRows& rows, std::size_t n, const double* matrix, const
   double m[9];
   for (int entry = 0; entry < 9; ++entry) m[entry] = matrix[entry];
   double *gx = out.x, *gy = out.y, *gz = out.z, *length = out.length;
-#pragma GCC ivdep
+VOLSPLAT_INDEPENDENT
   for (std::size_t i = 0; i < n; ++i) {
     const double here = rows.centre[i];
     const double di = difference(rows.centre[static_cast<std::ptrdiff_t>(i) - 1], here, rows.centre[i + 1]);

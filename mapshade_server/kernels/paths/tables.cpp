@@ -1,4 +1,6 @@
 // Fills the tables that change with the view: light of all directions, and opacity codes (paper: "Shading").
+#include "kernels/compiler.h"
+#include "kernels/packet_layout.h"
 #include "map_shade_kernels.h"
 #include "powers.h"
 
@@ -6,8 +8,6 @@ namespace volsplat::VOLSPLAT_PATH {
 
 namespace {
 
-constexpr double kOpacityUnit = 511.0 * 16384.0;
-constexpr std::int32_t kLastCode = 4095;
 
 inline double magnitude(double x) { return x < 0.0 ? -x : x; }
 
@@ -21,7 +21,7 @@ inline std::uint16_t code_of_opacity(double opacity) {
       static_cast<std::int32_t>(bits_of(static_cast<double>(fine)) >> 52) - 1022;
   const std::int32_t exponent = width > 17 ? width - 16 : 1;
   const std::int32_t code = (exponent << 8) + ((fine + (1 << (exponent + 6))) >> (exponent + 7)) - 256;
-  return static_cast<std::uint16_t>(code < kLastCode ? code : kLastCode);
+  return static_cast<std::uint16_t>(code < kOpacityMask ? code : kOpacityMask);
 }
 
 template <bool two_sided, bool specular>
@@ -30,7 +30,7 @@ void fill_light(const DirectionVectors& directions, std::size_t n, const Lightin
   const double lx = lighting.light[0], ly = lighting.light[1], lz = lighting.light[2];
   const double hx = lighting.half[0], hy = lighting.half[1], hz = lighting.half[2];
   const double diffuse = lighting.diffuse ? 1.0 : 0.0, shininess = lighting.specular_power;
-#pragma GCC ivdep
+VOLSPLAT_INDEPENDENT
   for (std::size_t code = 0; code < n; ++code) {
     // The outward normal G is the opposite of the gradient; no direction, no light
     const double along_light = -(gx[code] * lx + gy[code] * ly + gz[code] * lz);

@@ -53,7 +53,7 @@ const float* opacities() {
         for (int code = 0; code <= kOpacityMask; ++code) {
             const int exponent = code >> 8, mantissa = code & 255;
             const double units = exponent == 0 ? mantissa : std::ldexp(256 + mantissa, exponent - 1);
-            values[code] = static_cast<float>(units / (511.0 * 16384.0));
+            values[code] = static_cast<float>(units / kOpacityUnit);
         }
         return values;
     }();

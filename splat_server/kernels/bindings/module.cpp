@@ -2,14 +2,12 @@
 #include <nanobind/nanobind.h>
 
 #include "combining.h"
-#include "kernels/bind_cpu_path.h"
+#include "kernels/bind_module.h"
 #include "merge.h"
 
 NB_MODULE(_kernels, m) {
     m.doc() = "Kernels of the splat_server.";
-    // Cached tables live until the interpreter ends; nanobind would report them on the person's terminal.
-    nanobind::set_leak_warnings(false);
-    volsplat::bind_cpu_path(m);
+    volsplat::bind_module(m);
     volsplat::bind_merge(m);
     volsplat::bind_combining(m);
 }

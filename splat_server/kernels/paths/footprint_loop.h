@@ -2,6 +2,7 @@
 #pragma once
 #include "closed_tiles.h"
 #include "joined_boxes.h"
+#include "kernels/compiler.h"
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
 
@@ -224,7 +225,7 @@ private:
             pixels += pitch, weights += 4 * kFours;
         };
         for (; rows.end - rows.begin >= 4; rows.begin += 4)
-#pragma GCC unroll 4
+VOLSPLAT_UNROLL(4)
             for (int row = 0; row < 4; ++row) combine_row(rows.begin + row);
         for (; rows.begin < rows.end; ++rows.begin) combine_row(rows.begin);
     }

@@ -87,7 +87,7 @@ struct Packets {
         const Words exponent = high >> 4 & 15, mantissa = (high << 4 | low >> kOpacityShift) & 255;
         const Words normal = (Words)(exponent > 0);  // all bits
         const Words units = (mantissa | (normal & 256)) << (exponent + normal);
-        return __builtin_convertvector((Integers)units, Numbers) / (511.0f * 16384.0f);
+        return __builtin_convertvector((Integers)units, Numbers) / static_cast<float>(kOpacityUnit);
     }
 
 private:
