@@ -65,8 +65,8 @@ test: $(READY) tools ## lint, type-check and test, the properties on the baselin
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
-	$(BIN)/pytest -n auto
-	VOLSPLAT_CPU_PATH=baseline $(BIN)/pytest -n auto $(PROPERTIES)
+	$(BIN)/pytest -n auto --dist worksteal
+	VOLSPLAT_CPU_PATH=baseline $(BIN)/pytest -n auto --dist worksteal $(PROPERTIES)
 
 bench: $(READY) ## print the kernels' speeds beside their floors, the paper's table and the peers' times
 	$(BIN)/volsplat bench kernels

@@ -3,6 +3,7 @@
 The white edges are left out.
 """
 
+import functools
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
@@ -93,8 +94,13 @@ def shaded_samples(
 
 def coded(opacity: Tensor) -> Tensor:
     """The nearest opacities (n,) that the 12-bit code can state."""
-    codes = torch.tensor([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=torch.float64)
+    codes = _code_opacities()
     return codes[torch.searchsorted((codes[1:] + codes[:-1]) / 2, opacity, right=True)]
+
+
+@functools.cache
+def _code_opacities() -> Tensor:
+    return torch.tensor([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=torch.float64)
 
 
 def _splat_footprints(

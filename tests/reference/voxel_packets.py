@@ -1,5 +1,6 @@
 """Preprocessing to voxel packets in plain float64 torch (paper: "Shading"; rules: protocol.index_rules)."""
 
+import functools
 import math
 
 import torch
@@ -102,6 +103,7 @@ def pack(values: Tensor, geometry: Geometry, quantisation: Quantisation, second:
     return torch.where(no_data, 1 << NO_DATA_BIT, packets)
 
 
+@functools.cache
 def directions(scheme: str) -> Tensor:
     """The unit vectors of all direction codes, float64 (32768, 3), physical axes; zeros for codes without direction."""
     code = torch.arange(DIRECTION_CODES)
