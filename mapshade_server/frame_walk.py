@@ -1,17 +1,16 @@
 """One frame of a map/shade server: gives the kernel a plan's and a scene's numbers, and hands out its batches."""
 
-import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 from volsplat.mapshade_server import _kernels, shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.description.scene import Field, Order, Scene
-from volsplat.protocol.description.volume import Geometry, Index
-from volsplat.protocol.rules.footprint_shape import footprint_shape
-from volsplat.protocol.rules.frame_plan import Dda, FramePlan, Reach
+from volsplat.protocol.description.scene import Field, Order
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.frame_plan import FramePlan, Reach
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.refinement import active_shading
+from volsplat.protocol.rules.shading_rule import ShadingRule
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB: few hand-overs, and the next stage still finds it in the cache
 FIRST_PACKETS = 4096  # a frame's batches start small and double, so that the splatter soon has something to do
@@ -41,7 +40,7 @@ class FrameWalk:
         sub_cubes: Sequence[SubCube],
         geometry: Geometry,
         quantisation: Quantisation,
-        scene: Scene,
+        shading: ShadingRule,
         plan: FramePlan,
         closed_tiles: "_kernels.Array | None" = None,
     ) -> None:
@@ -53,11 +52,9 @@ class FrameWalk:
         be written meanwhile. What is hidden by it is left out where the plan allows that.
         """
         octahedral = quantisation.directions == "octahedral"
-        active, cross_bar, tables = active_shading(scene, plan.step), scene.cross_bar, scene.tables
-        rule = shading_tables.opacity_rule(scene)
+        cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
         hides = plan.order == Order.FRONT_TO_BACK and plan.reach != Reach.PIXEL
-        exponents = _opacity_exponents(plan)
-        distinct = sorted(set(exponents))
+        distinct = sorted(set(plan.opacity_exponents))
         self._walk = _kernels.FrameWalk(
             boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
             axes=plan.traversal.axes,
@@ -67,13 +64,13 @@ class FrameWalk:
             y=_numbers(plan.y),
             screen_index=[_numbers(dda) for dda in plan.screen_index],
             image=(plan.width, plan.height),
-            reach=sample_reach(scene, plan),
+            reach=sample_reach(plan),
             cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
-            emit=shading_tables.colours(tables.emit if active.emitted else shading_tables.BLACK),
-            refl=shading_tables.colours(tables.refl),
-            light=shading_tables.light_of_directions(scene, plan.step, plan, octahedral),
+            emit=shading_tables.colours(shading.emit),
+            refl=shading_tables.colours(shading.refl),
+            light=shading_tables.light_of_directions(shading.lighting, octahedral),
             opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
-            opacity_of_class=[distinct.index(exponent) for exponent in exponents],
+            opacity_of_class=[distinct.index(exponent) for exponent in plan.opacity_exponents],
             visibility=shading_tables.visibility(rule),
             gradient_bytes=shading_tables.gradient_bytes(octahedral, geometry.index_to_physical),
             grid_bytes=[
@@ -108,28 +105,19 @@ class FrameWalk:
         )
 
 
-def sample_reach(scene: Scene, plan: FramePlan) -> tuple[float, float]:
+def sample_reach(plan: FramePlan) -> tuple[float, float]:
     """No sample of a frame reaches pixel centres further away than this, in x and y; pixels."""
-    if plan.reach == Reach.FOOTPRINT:
-        shape = footprint_shape(plan, scene.reconstruction)
-        return (shape.half_width, shape.half_height)
+    if plan.footprint is not None:
+        return (plan.footprint.half_width, plan.footprint.half_height)
     sheet, *within = plan.traversal.axes
     largest = [max(visits.block_sizes()) for visits in plan.visits]
     # Where a ray enters or leaves a sheet it has gone aside in it by no more than half the way through it
     half_x, half_y = (
-        sum(abs(steps[axis]) * (largest[axis] + largest[sheet]) for axis in within) / 2
-        for steps in plan.pixels_per_index[:2]
+        sum(abs(dda.half_steps[axis]) * (largest[axis] + largest[sheet]) for axis in within) / FIXED_ONE
+        for dda in (plan.x, plan.y)
     )
     return (half_x, half_y)
 
 
 def _numbers(dda: Dda) -> tuple[int, int, int, int]:
     return (dda.origin, *dda.half_steps)
-
-
-def _opacity_exponents(plan: FramePlan) -> list[float]:
-    """For each class of blocks, first, between or last on each axis (i fastest): the exponent of its opacity."""
-    sizes_i, sizes_j, sizes_k = (visits.block_sizes() for visits in plan.visits)
-    blocks: list[Index] = [(i, j, k) for k, j, i in itertools.product(sizes_k, sizes_j, sizes_i)]
-    exponents = {block: plan.opacity_exponent(block) for block in set(blocks)}
-    return [exponents[block] for block in blocks]

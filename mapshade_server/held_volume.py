@@ -28,8 +28,9 @@ from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS
-from volsplat.protocol.rules.levels import Prepared, Resolution
+from volsplat.protocol.rules.levels import Prepared, dims_at_level
 from volsplat.protocol.text.errors import BadInput
 
 PACKET_BYTES = 4
@@ -77,14 +78,17 @@ class HeldVolume:
             raise BadInput(f"level {level} is not held, only {', '.join(map(str, sorted(self._levels))) or 'none'}")
         return self._levels[level]
 
-    def sub_cubes_drawn(self, resolution: Resolution) -> list[SubCube]:
-        """Those of a resolution's level. Raises BadInput where it is not held, or has another grid."""
-        sub_cubes = self.sub_cubes(resolution.level)
+    def sub_cubes_drawn(self, level: int, geometry: Geometry, plan: FramePlan) -> list[SubCube]:
+        """Those of a level, as a plan draws it; `geometry` is the volume's.
+
+        Raises BadInput where it is not held, has another grid, or ends before the plan's bounds.
+        """
+        sub_cubes, dims = self.sub_cubes(level), dims_at_level(geometry.dims, plan.factors)
         for sub_cube in sub_cubes:
-            if sub_cube.geometry.dims != resolution.geometry.dims:
-                raise BadInput(
-                    f"level {resolution.level} has {sub_cube.geometry.dims} voxels, not {resolution.geometry.dims}"
-                )
+            if sub_cube.geometry.dims != dims:
+                raise BadInput(f"level {level} has {sub_cube.geometry.dims} voxels, not {dims}")
+        if any(high > size for high, size in zip(plan.bounds.high, dims, strict=True)):
+            raise BadInput(f"the frame's bounds reach to {plan.bounds.high}, but level {level} has {dims} voxels")
         return sub_cubes
 
     # -- from values

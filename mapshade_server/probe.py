@@ -4,14 +4,15 @@ from collections.abc import Callable, Sequence
 
 from volsplat.mapshade_server import shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.description.scene import Field, Scene
+from volsplat.protocol.description.scene import Field
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.messages import ProbedVoxel
-from volsplat.protocol.rules.frame_plan import FRACTION_BITS
+from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import index_in_volume
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
+from volsplat.protocol.rules.shading_rule import ShadingRule
 
 FieldByte = Callable[[Index, int], int]  # of the voxel at this index with this packet
 
@@ -21,13 +22,17 @@ GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 
 
 def front_most(
-    sub_cubes: Sequence[SubCube], geometry: Geometry, quantisation: Quantisation, scene: Scene, line: LineOfSight
+    sub_cubes: Sequence[SubCube],
+    geometry: Geometry,
+    quantisation: Quantisation,
+    shading: ShadingRule,
+    line: LineOfSight,
 ) -> ProbedVoxel | None:
     """The front-most voxel under the line's point that is not transparent, from sub-cubes packed by these rules.
 
     `geometry` is the volume's, and so is the answer's index; the sub-cubes are boxes of the level of the line.
     """
-    is_visible = _visible_voxels(geometry, quantisation, scene, line)
+    is_visible = _visible_voxels(geometry, quantisation, shading, line)
     found = []
     for cube in sub_cubes:
         packets, (i0, j0, k0) = memoryview(cube.packets), cube.box.low
@@ -47,11 +52,11 @@ def front_most(
 
 
 def _visible_voxels(
-    geometry: Geometry, quantisation: Quantisation, scene: Scene, line: LineOfSight
+    geometry: Geometry, quantisation: Quantisation, shading: ShadingRule, line: LineOfSight
 ) -> Callable[[Index, int], bool]:
     """Tells whether a frame would send a voxel."""
-    rule = shading_tables.opacity_rule(scene)
-    codes = memoryview(shading_tables.opacity_codes(rule, line.plan.opacity_exponent((1, 1, 1))))
+    rule = shading_tables.opacity_rule(shading)
+    codes = memoryview(shading_tables.opacity_codes(rule, line.plan.opacity_exponents[0]))
     low, high = (
         _byte_of(field, geometry, quantisation.directions == "octahedral", line)
         for field in shading_tables.opacity_fields(rule)

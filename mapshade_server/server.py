@@ -22,8 +22,6 @@ from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
@@ -162,10 +160,10 @@ class MapShadeServer:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
         tally = FrameTally()
         started = time.perf_counter()
-        plan = plan_frame(request.scene, request.geometry, request.step, request.resolution)
-        sub_cubes = self._held.sub_cubes_drawn(request.resolution)
+        plan = request.plan
+        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, plan)
         tile_map = link.begin_frame(request.frame, plan.width, plan.height)
-        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.scene, plan, tile_map)
+        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.shading, plan, tile_map)
         tally.planning_seconds = time.perf_counter() - started
         while self._newest_frame <= request.frame:
             started = time.perf_counter()
@@ -183,9 +181,8 @@ class MapShadeServer:
             return  # it was answered between two batches
         self._probes.popleft()
         self._held.check(request.assignment, f"probe {request.probe}")
-        sub_cubes = self._held.sub_cubes_drawn(request.resolution)
-        line = LineOfSight(request.scene, request.geometry, request.x, request.y, request.resolution)
-        voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.scene, line)
+        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
+        voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
         self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
 
     def _send_batch(self, link: DataLink, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:

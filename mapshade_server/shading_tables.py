@@ -5,20 +5,16 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from volsplat.mapshade_server import _kernels
-from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable, Scene, Step
+from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
 from volsplat.protocol.geometry import matrices
-from volsplat.protocol.geometry.matrices import Matrix, Vector
-from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.index_rules import grid_index_bytes
-from volsplat.protocol.rules.refinement import active_shading
+from volsplat.protocol.rules.shading_rule import ONE, Lighting, ShadingRule
 
 # The blocks of A and B come in up to 27 sizes, and a scene is turned through A to F again and again.
 KEPT_OPACITY_TABLES = 96  # of 128 KiB
 KEPT_LIGHT_TABLES = 8
 KEPT_TABLES = 16
-
-BLACK = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
-ONE = ScalarTable(points=((0.0, 1.0),))
 
 PACKET_SCALARS = (Field.DENSITY, Field.STRENGTH)
 
@@ -48,12 +44,8 @@ class OpacityRule(NamedTuple):
         return self.opac_field in PACKET_SCALARS and self.modu_field in PACKET_SCALARS
 
 
-def opacity_rule(scene: Scene) -> OpacityRule:
-    """The scene's rule; without modulation modu is 1 everywhere."""
-    cross_bar, tables = scene.cross_bar, scene.tables
-    if scene.shading.modulation:
-        return OpacityRule(tables.opac, tables.modu, cross_bar.opac, cross_bar.modu)
-    return OpacityRule(tables.opac, ONE, cross_bar.opac, Field.STRENGTH)
+def opacity_rule(shading: ShadingRule) -> OpacityRule:
+    return OpacityRule(shading.opac, shading.modu, shading.cross_bar.opac, shading.cross_bar.modu)
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:
@@ -101,36 +93,18 @@ def grid_bytes(size: int, factor: int) -> bytes:
     return bytes(grid_index_bytes(size, factor))
 
 
-def light_of_directions(scene: Scene, step: Step, plan: FramePlan, octahedral: bool) -> "_kernels.Array":
-    """What multiplies the reflected colour, by direction code: float32 (32768,)."""
-    active = active_shading(scene, step)
-    to_physical = matrices.transposed(plan.rotation)
-    light = matrices.normalised(scene.light.direction)
-    if scene.light.fixed_to == "world":
-        light = matrices.applied(to_physical, light)
-    eye = matrices.applied(to_physical, (0.0, 0.0, 1.0))
-    return _light_table(
-        octahedral,
-        light,
-        _half_way(light, eye),
-        active.diffuse,
-        active.specular,
-        scene.shading.two_sided,
-        scene.shading.specular_power,
-    )
-
-
 @lru_cache(KEPT_LIGHT_TABLES)
-def _light_table(
-    octahedral: bool, light: Vector, half: Vector, diffuse: bool, specular: bool, two_sided: bool, power: float
-) -> "_kernels.Array":
-    return _kernels.light_table(octahedral, light, half, diffuse, specular, two_sided, power)
-
-
-def _half_way(light: Vector, eye: Vector) -> Vector:
-    """The unit vector between two, or zero where they are opposite: then nothing is reflected to the eye."""
-    between = matrices.plus(light, eye)
-    return matrices.normalised(between) if any(between) else between
+def light_of_directions(lighting: Lighting, octahedral: bool) -> "_kernels.Array":
+    """What multiplies the reflected colour, by direction code: float32 (32768,)."""
+    return _kernels.light_table(
+        octahedral,
+        lighting.light,
+        lighting.half_way,
+        lighting.diffuse,
+        lighting.specular,
+        lighting.two_sided,
+        lighting.specular_power,
+    )
 
 
 @lru_cache(KEPT_TABLES)

@@ -6,12 +6,10 @@ from dataclasses import dataclass
 from threading import Lock
 from time import perf_counter
 
-from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.text.errors import RemoteProtocolError
 from volsplat.splat_server._kernels import BatchMemory
+from volsplat.splat_server.edge_layers import edge_layers
 from volsplat.splat_server.image_buffer import ImageBuffer
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
@@ -26,8 +24,7 @@ from volsplat.splat_server.merge_events import (
     SplatSpans,
     SplatterReady,
 )
-from volsplat.splat_server.pixel_reach import busy_lines, pixel_reach, pixels_reached, runs_up_and_down
-from volsplat.splat_server.volume_edges import edge_layers, volume_edges
+from volsplat.splat_server.pixel_reach import busy_lines, pixel_reach, pixels_reached
 
 
 @dataclass(frozen=True)
@@ -65,44 +62,36 @@ class FrameAssembly:
 
     def __init__(
         self,
-        scene: Scene,
-        geometry: Geometry,
-        step: Step,
+        plan: FramePlan,
         frame: int,
         workers: Sequence[int],
         image: ImageBuffer | None = None,
         merge: Merge | None = None,
         lock: AbstractContextManager[object] | None = None,
         threads: int = 1,
-        resolution: Resolution | None = None,
     ) -> None:
-        """Clears `image` and uses it if it suits the scene, else closes it.
-
-        Raises ValueError or BadInput for a bad scene. `geometry` is the volume's; the frame is drawn from `resolution`,
-        as plan_frame has it.
-        """
-        self.plan = plan_frame(scene, geometry, step, resolution)
+        """Clears `image` and uses it if it suits the plan, else closes it. Raises BadInput for a bad plan."""
+        self.plan = plan
         self.frame = frame
         self.complete = False
         self.lost: tuple[int, ...] = ()
         self.packets = 0
         self._finished: memoryview | None = None  # the complete image, which the buffer has handed out
         self.seconds_in_merge = 0.0  # while nothing was splatted
-        by_columns = runs_up_and_down(self.plan)
-        self._reach = pixel_reach(self.plan, scene.reconstruction, by_columns)
-        self.pixels_per_packet = pixels_reached(self._reach, self.plan, by_columns)
-        edges = volume_edges(scene, geometry)
-        self._layers = edge_layers(edges, self.plan.width, self.plan.height) if edges else None
-        if image is None or (image.width, image.height) != (self.plan.width, self.plan.height):
-            before, image = image, ImageBuffer(self.plan.width, self.plan.height, threads)
+        by_columns = plan.turned
+        self._reach = pixel_reach(plan, by_columns)
+        self.pixels_per_packet = pixels_reached(self._reach, plan, by_columns)
+        self._layers = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
+        if image is None or (image.width, image.height) != plan.image_size:
+            before, image = image, ImageBuffer(*plan.image_size, threads)
             if before is not None:
                 before.close()
-        image.clear(by_columns, busy_lines(self.plan, self._reach, by_columns))
+        image.clear(by_columns, busy_lines(plan, self._reach, by_columns))
         self.image = image
         self._busy_before = image.busy_seconds
         self.merge = merge or Merge()
         self._lock: AbstractContextManager[object] = lock or Lock()  # guards the merge
-        sheet, row, sample = (self.plan.visits[axis].count for axis in self.plan.traversal.axes)
+        sheet, row, sample = (plan.visits[axis].count for axis in plan.traversal.axes)
         begun = self._handle(FrameStarted(frame, tuple(workers), (sheet, row, sample)))
         # Batches that came early and break this frame's rules. Their workers now count as lost.
         self.refused = tuple(instruction for instruction in begun if isinstance(instruction, RefuseBatch))

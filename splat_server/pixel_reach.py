@@ -2,9 +2,8 @@
 
 import math
 
-from volsplat.protocol.description.scene import Reconstruction
-from volsplat.protocol.rules.footprint_shape import footprint_shape
-from volsplat.protocol.rules.frame_plan import Dda, FramePlan, Reach
+from volsplat.protocol.rules.frame_plan import FramePlan, Reach
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, FRACTION_BITS, Dda
 from volsplat.splat_server._kernels import CellMap, FootprintTable
 from volsplat.splat_server.footprint_table import footprint_table
 
@@ -14,13 +13,6 @@ CELL_MARGIN = 6  # rows above and below a cell that are searched as well
 CELL_ROW = 64  # pixels: what searching a row for a cell's pixels costs
 
 
-def runs_up_and_down(plan: FramePlan) -> bool:
-    """Whether a run of samples goes up or down the image rather than across: it is then best kept by columns."""
-    across, down, _ = plan.pixels_per_index
-    sample = plan.traversal.axes[2]
-    return abs(down[sample]) > abs(across[sample])
-
-
 def busy_lines(plan: FramePlan, reach: PixelReach, by_columns: bool) -> tuple[int, int]:
     """From which to before which line the frame's voxels and their footprints reach, within the image."""
     dda, lines = (plan.x, plan.width) if by_columns else (plan.y, plan.height)
@@ -28,16 +20,15 @@ def busy_lines(plan: FramePlan, reach: PixelReach, by_columns: bool) -> tuple[in
         sorted(half_step * doubled for doubled in (2 * visits.low - 1, 2 * visits.high - 1))
         for half_step, visits in zip(dda.half_steps, plan.visits, strict=True)
     ]
-    first, last = ((dda.origin + sum(end)) >> 32 for end in zip(*ends, strict=True))
+    first, last = ((dda.origin + sum(end)) >> FRACTION_BITS for end in zip(*ends, strict=True))
     around = reach.height // 2 if isinstance(reach, FootprintTable) else 0
     return (min(max(first - around, 0), lines), min(max(last + around + 1, 0), lines))
 
 
-def pixel_reach(plan: FramePlan, reconstruction: Reconstruction, by_columns: bool = False) -> PixelReach:
+def pixel_reach(plan: FramePlan, by_columns: bool = False) -> PixelReach:
     """For an image buffer that is kept by rows or columns. Raises BadInput for a footprint larger than any image."""
-    if plan.reach == Reach.FOOTPRINT:
-        shape = footprint_shape(plan, reconstruction)
-        return footprint_table(shape.mirrored() if by_columns else shape)
+    if plan.footprint is not None:
+        return footprint_table(plan.footprint.mirrored() if by_columns else plan.footprint)
     return cell_map(plan, by_columns) if plan.reach == Reach.CELL else None
 
 
@@ -49,7 +40,9 @@ def pixels_reached(reach: PixelReach, plan: FramePlan, by_columns: bool = False)
     if reach is None:
         return 1
     cell = [(axis, max(plan.visits[axis].block_sizes())) for axis in plan.traversal.axes[1:]]
-    width, height = (sum(abs(steps[axis]) * size for axis, size in cell) for steps in plan.pixels_per_index[:2])
+    width, height = (
+        sum(abs(dda.half_steps[axis]) * 2 * size / FIXED_ONE for axis, size in cell) for dda in (plan.x, plan.y)
+    )
     rows = min(math.ceil(height) + CELL_MARGIN, plan.height)
     return rows * (min(math.ceil(width), plan.width) + CELL_ROW)
 

@@ -211,16 +211,13 @@ class SplatServer:
         self._drawing = False
         before, self._assembly = self._assembly, None
         self._assembly = FrameAssembly(
-            request.scene,
-            request.geometry,
-            request.step,
+            request.plan,
             request.frame,
             request.workers,
             image=before.image if before is not None else None,
             merge=self._merge,
             lock=self._changed,
             threads=self._threads,
-            resolution=request.resolution,
         )
         self._request, self._drawing = request, True
         self._planning_seconds = time.perf_counter() - self._frame_began
@@ -244,13 +241,9 @@ class SplatServer:
         if assembly is None or assembly.frame != frame:
             return  # the client has gone on to another frame
         idle = Idle(assembly)
-        image = messages.ImageRead(
-            frame=frame,
-            step=assembly.plan.step,
-            complete=assembly.complete and not assembly.lost,
-            width=assembly.plan.width,
-            height=assembly.plan.height,
-        )
+        width, height = assembly.plan.image_size
+        complete = assembly.complete and not assembly.lost
+        image = messages.ImageRead(frame=frame, step=assembly.plan.step, complete=complete, width=width, height=height)
         self._outbox.post_image(image, assembly.published())
         self._answering_seconds += idle.seconds
 

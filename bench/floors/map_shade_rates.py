@@ -20,6 +20,7 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import SHADED_PACKET_BYTES
+from volsplat.protocol.rules.shading_rule import shading_rule
 
 QUANTISATION = Quantisation(window=(0.0, 1.0), strength_scale=100.0)
 VISIBLE = 0.065  # of the voxels, as in the figure that the floor was measured at
@@ -89,7 +90,7 @@ class PackedVolume:
     def walk(self, scene: Scene) -> int:
         """Map and shade one frame; the packets that it sent."""
         plan = plan_frame(scene, self.geometry, Step.F)
-        frame = FrameWalk([self.sub_cube], self.geometry, QUANTISATION, scene, plan)
+        frame = FrameWalk([self.sub_cube], self.geometry, QUANTISATION, shading_rule(scene, Step.F), plan)
         sent = 0
         while (batch := frame.next_batch()) is not None:
             sent += len(batch.packets) // SHADED_PACKET_BYTES

@@ -28,6 +28,7 @@ from volsplat.protocol.description.scene import (
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.footprint_shape import footprint_shape
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
+from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 from volsplat.protocol.rules.packet_layout import (
     COLOUR_SHIFT,
     OPACITY_SHIFT,
@@ -92,7 +93,7 @@ class Block:
         buffers.push(0, 0, self._memory, 0, 0, True)
         self._spans = buffers.advance(1 << 62)[0]
         self._table = footprint_table(
-            footprint_shape(plan_frame(scene, Geometry((8, 8, 8)), Step.F), scene.reconstruction)
+            footprint_shape(grid_on_screen(scene, Geometry((8, 8, 8))), 1, scene.reconstruction)
         )
         assert (self._table.width, self._table.height) == (side, side)
         self._image = ImageBuffer(SIZE, SIZE)

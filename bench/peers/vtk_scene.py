@@ -14,8 +14,8 @@ from volsplat.protocol.description.scene import Bounds, Colour, CrossBar, Scene,
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
-from volsplat.protocol.rules.frame_plan import resolved_center, resolved_zoom, screen_rotation
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.resolved_view import resolved_center, resolved_zoom, screen_rotation
 from volsplat.protocol.text.errors import BadInput
 
 LAST = 255

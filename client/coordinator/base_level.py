@@ -8,7 +8,7 @@ from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages.messages import LevelBoxes
 from volsplat.protocol.rules import levels
-from volsplat.protocol.rules.frame_plan import resolved_zoom
+from volsplat.protocol.rules.resolved_view import resolved_zoom
 
 BYTES_PER_VOXEL = 4 * (1 + levels.LISTS_PER_STORED_PACKET)  # held: its packet, and lists of what can be seen
 SHARE_OF_MEMORY = 0.5  # of what a machine has left, for all its servers together

@@ -10,8 +10,6 @@ turn (see protocol.exchanges) is checked here for what it says: one that tells w
 from collections.abc import Iterable
 from dataclasses import replace
 
-import msgspec
-
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     AnswerProbe,
@@ -32,6 +30,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
+from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.probes import Probes
 from volsplat.client.coordinator.running_frame import RunningFrame
 from volsplat.client.coordinator.server_states import ServerState, incomplete, missing_boxes
@@ -39,7 +38,6 @@ from volsplat.client.coordinator.volume_holding import Phase, VolumeHolding
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.rules.frame_plan import plan_frame, resolved_order
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 
 
@@ -241,24 +239,22 @@ class Coordinator:
             if not self.holding.holds(packing):
                 return self.holding.prepare(packing)
             resolution = self.holding.resolution(frame.step, frame.scene.refine.striding)
-            plan_frame(frame.scene, geometry, frame.step, resolution)
+            render = frame_request(
+                frame.frame,
+                self.holding.assignment,
+                frame.scene,
+                frame.step,
+                geometry,
+                packing.quantisation,
+                resolution,
+                list(self.holding.boxes),
+            )
         except BadInput as error:
             return self._end_frame(error)
         except ValueError as error:
             return self._end_frame(BadInput(str(error)))
         frame.level, frame.why_level = resolution.level, packing.why_level
         frame.started = True
-        render = messages.RenderFrame(
-            frame=frame.frame,
-            assignment=self.holding.assignment,
-            # No two machines may decide this differently.
-            scene=msgspec.structs.replace(frame.scene, order=resolved_order(frame.scene, geometry)),
-            step=frame.step,
-            geometry=geometry,
-            quantisation=packing.quantisation,
-            resolution=resolution,
-            workers=list(self.holding.boxes),
-        )
         partial = self._handle_PartialImageAsked(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
         return [
             ReportProgress(f"step {frame.step}"),

@@ -6,11 +6,13 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass, field
 
 from volsplat.client.coordinator.coordinator_events import AnswerProbe, Instruction, ProbeAsked
+from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
-from volsplat.protocol.rules.line_of_sight import LineOfSight
+from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 
@@ -36,7 +38,7 @@ class Probes:
     def add(self, asked: ProbeAsked, geometry: Geometry) -> list[Instruction]:
         """Take a probe, or refuse it where it does not fit the volume."""
         try:
-            line = LineOfSight(asked.scene, geometry, asked.x, asked.y)
+            line = line_of_sight(asked.scene, geometry, asked.x, asked.y)
         except ValueError as error:
             return [AnswerProbe(asked.probe, None, BadInput(str(error)))]
         self._probes[asked.probe] = _Probe(asked, line)
@@ -60,12 +62,11 @@ class Probes:
         return messages.ProbeVoxels(
             probe=asked.probe,
             assignment=assignment,
-            scene=asked.scene,
+            line=line_of_sight(asked.scene, geometry, asked.x, asked.y, resolution),
+            shading=shading_rule(asked.scene, Step.F),
             geometry=geometry,
             quantisation=packed_by,
-            resolution=resolution,
-            x=asked.x,
-            y=asked.y,
+            level=resolution.level,
         )
 
     def received(self, server: int, message: messages.VoxelProbed) -> list[Instruction]:

@@ -6,7 +6,7 @@ import msgspec
 
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import VolumeDescription
-from volsplat.protocol.rules.frame_plan import resolved_zoom
+from volsplat.protocol.rules.resolved_view import resolved_zoom
 
 VOLUME, PIXEL_SIZE = "volume", "pixel_size"
 

@@ -24,7 +24,7 @@ from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.geometry.upright import Up, upright
-from volsplat.protocol.rules.frame_plan import resolved_bounds, resolved_center, resolved_zoom
+from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, resolved_zoom
 from volsplat.protocol.text.errors import BadInput
 
 TurningAxis = Literal["screen-x", "screen-y", "screen-z", "grid-i", "grid-j", "grid-k"]

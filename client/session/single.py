@@ -33,8 +33,10 @@ from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import Resolution
-from volsplat.protocol.rules.line_of_sight import LineOfSight
+from volsplat.protocol.rules.line_of_sight import line_of_sight
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
 from volsplat.splat_server.image_buffer import ImageBuffer
@@ -133,11 +135,11 @@ class SingleProcess:
         packing = self._packed(scene, Step.F)
         resolution = self._holding.finest()
         try:
-            line = LineOfSight(scene, geometry, x, y, resolution)
+            line = line_of_sight(scene, geometry, x, y, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
         sub_cubes = self._held.sub_cubes(resolution.level)
-        return front_most(sub_cubes, geometry, packing.quantisation, scene, line)
+        return front_most(sub_cubes, geometry, packing.quantisation, shading_rule(scene, Step.F), line)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
@@ -205,22 +207,15 @@ class SingleProcess:
         try:
             packing = self._packed(scene, step)
             resolution = self._holding.resolution(step, scene.refine.striding)
-            assembly = FrameAssembly(
-                scene,
-                geometry,
-                step,
-                self._frame,
-                [WORKER],
-                image=self._image,
-                threads=self._threads,
-                resolution=resolution,
-            )
+            plan = plan_frame(scene, geometry, step, resolution)
+            assembly = FrameAssembly(plan, self._frame, [WORKER], image=self._image, threads=self._threads)
         except ValueError as error:
             raise BadInput(str(error)) from error
         self._image = assembly.image
         self._say(f"step {step}")
         sub_cubes = self._held.sub_cubes(resolution.level)
-        walk = FrameWalk(sub_cubes, geometry, packing.quantisation, scene, assembly.plan, assembly.image.closed_tiles)
+        shading, tiles = shading_rule(scene, step), assembly.image.closed_tiles
+        walk = FrameWalk(sub_cubes, geometry, packing.quantisation, shading, plan, tiles)
         return resolution, walk, assembly
 
     def _packed(self, scene: Scene, step: Step) -> Packing:
@@ -265,4 +260,4 @@ class SingleProcess:
 
 
 def _published(assembly: FrameAssembly) -> PublishedImage:
-    return PublishedImage(assembly.published(), assembly.plan.width, assembly.plan.height)
+    return PublishedImage(assembly.published(), *assembly.plan.image_size)

@@ -14,8 +14,8 @@ from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS
-from volsplat.protocol.rules.frame_plan import FIT_FRACTION, resolved_bounds
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.resolved_view import FIT_FRACTION, resolved_bounds
 
 FAINT = 0.01  # opacity: less is hardly seen
 FAINT_SHARE = 0.1  # of the greatest opacity: nor is less than that, in a scene that is faint altogether

@@ -54,7 +54,7 @@ class Field(StrEnum):
 
 
 class Order(StrEnum):
-    FASTEST = "fastest"  # whichever of the others draws the scene sooner (frame_plan.resolved_order)
+    FASTEST = "fastest"  # whichever of the others draws the scene sooner (resolved_view.resolved_order)
     BACK_TO_FRONT = "btf"
     FRONT_TO_BACK = "ftb"
 

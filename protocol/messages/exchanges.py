@@ -97,7 +97,7 @@ class Exchanges:
             )
 
     def _note_size(self, request: RenderFrame) -> None:
-        self._sizes[request.frame] = (request.scene.image.width, request.scene.image.height)
+        self._sizes[request.frame] = request.plan.image_size
         if len(self._sizes) > MAX_SERVERS:
             del self._sizes[next(iter(self._sizes))]
 

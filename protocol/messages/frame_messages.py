@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from volsplat.protocol.description.machine import Machine
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
@@ -13,6 +13,7 @@ from volsplat.protocol.messages.message import (
     Count,
     Detail,
     FrameId,
+    LevelNumber,
     Line,
     Message,
     Ordinal,
@@ -25,9 +26,11 @@ from volsplat.protocol.messages.message import (
 )
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, DATA_LINK_TO_SPLAT
 from volsplat.protocol.rules.closed_tiles import tile_map_bytes
+from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
+from volsplat.protocol.rules.shading_rule import ShadingRule
 
 RGBA_BYTES = 16  # four float32
 RAW: Literal["raw"] = "raw"  # the one encoding of batches so far
@@ -122,11 +125,11 @@ class RenderFrame(Message, frozen=True):
 
     frame: FrameId
     assignment: AssignmentId
-    scene: Scene
-    step: Step
+    plan: FramePlan
+    shading: ShadingRule
     geometry: Geometry
     quantisation: Quantisation
-    resolution: Resolution
+    level: LevelNumber
     workers: ServerIds
 
 
@@ -233,17 +236,15 @@ class VoxelProbed(Message, frozen=True):
 
 @asks(CLIENT_TO_MAPSHADE, VoxelProbed, at_once=1024)
 class ProbeVoxels(Message, frozen=True):
-    """Client to map/shade server: which of your voxels is seen at this point of the scene's image (see line_of_sight)?
+    """Client to map/shade server: which of your voxels is seen on this line (see line_of_sight)?
 
-    x and y are pixels from the centre of the image's top left pixel, x to the right and y down. The voxels are those of
-    the resolution's level; the index in the answer is the volume's, of `geometry`.
+    The voxels are those of the level; the index in the answer is the volume's, of `geometry`.
     """
 
     probe: ProbeId
     assignment: AssignmentId
-    scene: Scene
+    line: LineOfSight
+    shading: ShadingRule
     geometry: Geometry
     quantisation: Quantisation
-    resolution: Resolution
-    x: float
-    y: float
+    level: LevelNumber

@@ -15,6 +15,7 @@ from volsplat.protocol.messages.roles import Way
 
 LARGEST_ID = 2**31 - 1
 LARGEST_COUNT = 2**62
+MOST_LEVELS = 32
 MAX_SERVERS = 4096
 OTHERS_AT_ONCE = 64
 LONGEST_LINE = 1000  # characters
@@ -24,6 +25,7 @@ FrameId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each image req
 ProbeId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each probe of a session
 AssignmentId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # one partition of the volume among the workers
 IdOrNone = Annotated[int, Meta(ge=0, le=LARGEST_ID)]  # 0: none
+LevelNumber = Annotated[int, Meta(ge=0, lt=MOST_LEVELS)]
 Count = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Ordinal = Annotated[int, Meta(ge=0, le=2**32 - 1)]  # as in a row run
 Seconds = Annotated[float, Meta(ge=0)]

@@ -10,9 +10,11 @@ from volsplat.protocol.description.volume import LONGEST_AXIS, MOST_VOXELS, SCAL
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
+    MOST_LEVELS,
     AssignmentId,
     Count,
     Detail,
+    LevelNumber,
     Message,
     Ordinal,
     Seconds,
@@ -24,13 +26,11 @@ from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Quantisation, Su
 from volsplat.protocol.rules.levels import Prepared
 
 MAX_BOXES = 4096
-MOST_LEVELS = 32
 LONGEST_PATH = 4096  # characters
 HISTOGRAM_BYTES = 16  # two int64 for each bin
 LARGEST_HISTOGRAMS = (1 << 20) + BLOCK_BYTES * MOST_BLOCKS**3
 LARGEST_PART = 1 << 24  # bytes of values; senders choose less
 
-LevelNumber = Annotated[int, Meta(ge=0, lt=MOST_LEVELS)]
 Path = Annotated[str, Meta(min_length=1, max_length=LONGEST_PATH)]
 ScalarType = Literal[
     "uint8", "int8", "uint16", "int16", "uint32", "int32", "uint64", "int64", "float32", "float64"

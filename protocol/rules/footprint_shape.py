@@ -6,11 +6,12 @@ scaled to integrate to 1 over the plane. Q is the inverse of the upper 2x2 block
 """
 
 import math
-from dataclasses import dataclass, replace
+
+import msgspec
 
 from volsplat.protocol.description.scene import Kernel, Reconstruction
 from volsplat.protocol.geometry.matrices import dot
-from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.grid_on_screen import GridOnScreen
 
 # Radial kernels K(r) of the design's section 4, r in voxels, each zero from its radius R on:
 #   gaussian       exp(-r^2 / (2 sigma^2)), cut at R
@@ -43,9 +44,11 @@ DOCUMENTED_RIPPLE = {
 
 ROUND_WITHIN = 1e-9  # relative: far above rounding errors, far below what shows
 
+GREATEST_COEFFICIENT = 1e6  # of the ellipse: 1 where it is widened to the pixel
+GREATEST_AMPLITUDE = 1e30  # float32 computes with it
 
-@dataclass(frozen=True)
-class FootprintShape:
+
+class FootprintShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Weights are amplitude * P(sqrt(qxx x^2 + 2 qxy x y + qyy y^2)), x and y in pixels, zero beyond `radius`."""
 
     kernel: Kernel
@@ -57,9 +60,20 @@ class FootprintShape:
     half_width: float  # of the ellipse's bounding box, in pixels
     half_height: float
 
+    def __post_init__(self) -> None:
+        Reconstruction(radius=self.radius)
+        if not (0 < min(self.qxx, self.qyy) and max(self.qxx, self.qyy, abs(self.qxy)) <= GREATEST_COEFFICIENT):
+            raise ValueError(f"a footprint must be an ellipse, not of {self.qxx}, {self.qxy} and {self.qyy}")
+        if not (0 < self.half_width < math.inf and 0 < self.half_height < math.inf):
+            raise ValueError(f"a footprint has a finite size, not {self.half_width} x {self.half_height} pixels")
+        if not 0 <= self.amplitude <= GREATEST_AMPLITUDE:
+            raise ValueError(f"a footprint's amplitude must be 0 to {GREATEST_AMPLITUDE:g}, not {self.amplitude}")
+
     def mirrored(self) -> "FootprintShape":
         """With x and y exchanged."""
-        return replace(self, qxx=self.qyy, qyy=self.qxx, half_width=self.half_height, half_height=self.half_width)
+        return msgspec.structs.replace(
+            self, qxx=self.qyy, qyy=self.qxx, half_width=self.half_height, half_height=self.half_width
+        )
 
 
 def kernel_radius(reconstruction: Reconstruction) -> float:
@@ -67,20 +81,21 @@ def kernel_radius(reconstruction: Reconstruction) -> float:
     return DEFAULT_RADIUS[reconstruction.kernel] if reconstruction.radius == "default" else reconstruction.radius
 
 
-def footprint_shape(plan: FramePlan, reconstruction: Reconstruction) -> FootprintShape:
-    """The footprint of a sample of `plan`: its weights over all pixels sum to (zoom * stride)^2.
+def footprint_shape(grid: GridOnScreen, stride: int, reconstruction: Reconstruction) -> FootprintShape:
+    """The footprint of a sample of every `stride`-th voxel: its weights over all pixels sum to (zoom * stride)^2.
 
     An axis of the ellipse below one pixel a voxel is widened to one, the sum kept, so that nothing aliases.
+    Raises ValueError where it is of no size that can be computed with.
     """
-    d, s = plan.pixels_per_index, plan.stride
+    d, s = grid.pixels_per_index, stride
     vxx, vxy, vyy = dot(d[0], d[0]) * s * s, dot(d[0], d[1]) * s * s, dot(d[1], d[1]) * s * s
-    vxx, vxy, vyy = _widened(*_rounded_if_round(vxx, vxy, vyy, (plan.zoom * s) ** 2))
+    vxx, vxy, vyy = _widened(*_rounded_if_round(vxx, vxy, vyy, (grid.zoom * s) ** 2))
     area = vxx * vyy - vxy * vxy
     radius = kernel_radius(reconstruction)
     return FootprintShape(
         kernel=reconstruction.kernel,
         radius=radius,
-        amplitude=(plan.zoom * s) ** 2 / math.sqrt(area),
+        amplitude=(grid.zoom * s) ** 2 / math.sqrt(area),
         qxx=vyy / area,
         qxy=-vxy / area,
         qyy=vxx / area,

@@ -14,14 +14,11 @@ from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
-from volsplat.protocol.rules.refinement import STEP_RULES
+from volsplat.protocol.rules.refinement import GREATEST_STRIDE, STEP_RULES
 
 # What lists of the voxels that can be seen may take, of the bytes of packets that come from a store. With what is held
 # while bricks are unpacked instead, a server never takes more than 1.5 times its packets.
 LISTS_PER_STORED_PACKET = 0.4
-
-
-GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
 
 
 class Prepared(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -75,12 +72,16 @@ def factors_of(geometry: Geometry, level: Geometry) -> Index:
     if not all(math.isfinite(ratio) for ratio in ratios):
         raise ValueError(f"spacing {level.spacing} is that of no level of a volume whose spacing is {geometry.spacing}")
     i, j, k = (round(ratio) for ratio in ratios)
-    if min(i, j, k) < 1 or level.dims != tuple(
-        -(-size // factor) for size, factor in zip(geometry.dims, (i, j, k), strict=True)
-    ):
+    if min(i, j, k) < 1 or level.dims != dims_at_level(geometry.dims, (i, j, k)):
         raise ValueError(
             f"{level.dims} voxels, each of {i} x {j} x {k}, are no level of a volume of {geometry.dims} voxels"
         )
+    return (i, j, k)
+
+
+def dims_at_level(dims: Index, factors: Index) -> Index:
+    """How many voxels a level of a volume has along i, j, k."""
+    i, j, k = (-(-size // factor) for size, factor in zip(dims, factors, strict=True))
     return (i, j, k)
 
 

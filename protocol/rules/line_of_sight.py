@@ -7,39 +7,36 @@ many voxels is answered as fast as any other.
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import msgspec
 
 from volsplat.protocol.description.scene import Order, Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry, Index
-from volsplat.protocol.rules.frame_plan import FIXED_ONE, plan_frame
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, grid_on_screen
 from volsplat.protocol.rules.levels import Resolution
 
 HALF = 0.5  # of a cell, and of a pixel
 MOST_ASIDE = 2.0  # voxels
 
+Offset = tuple[float, float]  # pixels
 
-class LineOfSight:
+
+class LineOfSight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A line from a point of the image into the volume."""
 
-    def __init__(
-        self, scene: Scene, geometry: Geometry, x: float, y: float, resolution: Resolution | None = None
-    ) -> None:
-        """x and y are pixels from the centre of the image's top left pixel, x to the right and y down.
+    plan: FramePlan  # of step F, front to back
+    x: float  # pixels from the centre of the image's top left pixel, to the right
+    y: float  # likewise, down
+    across: Vector  # pixels to the right for a step along i, j, k
+    down: Vector
 
-        It runs through the level of `resolution`, or where there is none through the volume itself; indices are the
-        level's. Raises ValueError where bounds or view do not fit the volume.
-        """
-        self.plan = plan_frame(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK), geometry, Step.F, resolution)
-        self._inside = 0 <= x + HALF < self.plan.width and 0 <= y + HALF < self.plan.height
-        self._x = x - self.plan.x.origin / FIXED_ONE
-        self._y = y - self.plan.y.origin / FIXED_ONE
-        across, down, _ = self.plan.pixels_per_index
-        sheet, row, sample = self.plan.traversal.axes
-        self._sheet = (across[sheet], down[sheet])  # pixels for a step from sheet to sheet, and within one
-        self._row = (across[row], down[row])
-        self._sample = (across[sample], down[sample])
-        self._area = across[row] * down[sample] - across[sample] * down[row]
+    def __post_init__(self) -> None:
+        area = self._cells().area
+        if not 0 < abs(area) < math.inf:
+            raise ValueError(f"a line of sight must cross sheets whose cells it can hit, not of {area} square pixels")
 
     def place(self, index: Index) -> Index:
         """What sorts voxels from front to back."""
@@ -50,50 +47,86 @@ class LineOfSight:
         return (i, j, k)
 
     def voxels(self, box: Box) -> Iterator[Index]:
-        """Those of the box, within the bounds, that lie under the point, front to back."""
-        if not self._inside:
+        """Those of the box, within the bounds, that lie under the point, front to back; indices are the level's."""
+        if not (0 <= self.x + HALF < self.plan.width and 0 <= self.y + HALF < self.plan.height):
             return
+        cells = self._cells()
         sheets, rows, samples = (self._range(box, axis) for axis in self.plan.traversal.axes)
-        aside_row = self._aside(self._sample)
-        aside_sample = self._aside(self._row)
+        aside_row, aside_sample = cells.aside(cells.sample), cells.aside(cells.row)
         for sheet in self._in_order(0, sheets):
-            row_there, sample_there = self._crossing(sheet)
+            row_there, sample_there = cells.crossing(sheet)
             for row in self._in_order(1, _around(row_there, aside_row, rows)):
                 for sample in self._in_order(2, _around(sample_there, aside_sample, samples)):
-                    if self._is_under(row - row_there, sample - sample_there):
+                    if cells.lie_under(row - row_there, sample - sample_there):
                         yield self._index(sheet, row, sample)
+
+    def _cells(self) -> "_SheetCells":
+        sheet, row, sample = ((self.across[axis], self.down[axis]) for axis in self.plan.traversal.axes)
+        return _SheetCells(
+            x=self.x - self.plan.x.origin / FIXED_ONE,
+            y=self.y - self.plan.y.origin / FIXED_ONE,
+            sheet=sheet,
+            row=row,
+            sample=sample,
+            area=row[0] * sample[1] - sample[0] * row[1],
+        )
 
     def _range(self, box: Box, axis: int) -> range:
         bounds = self.plan.bounds
         return range(max(box.low[axis], bounds.low[axis]), min(box.high[axis], bounds.high[axis]))
 
-    def _aside(self, other: tuple[float, float]) -> float:
-        """How far along an axis of the sheet voxels under the point may be, `other` being its other axis."""
-        half_pixel = HALF * (abs(other[0]) + abs(other[1])) / abs(self._area)
-        return max(HALF, min(MOST_ASIDE, half_pixel))
-
     def _in_order(self, loop: int, indices: range) -> range:
         return indices if self.plan.traversal.ascending[loop] else indices[::-1]
-
-    def _crossing(self, sheet: int) -> tuple[float, float]:
-        """Where in a sheet the line crosses it: row and sample."""
-        x, y = self._x - sheet * self._sheet[0], self._y - sheet * self._sheet[1]
-        return (
-            (x * self._sample[1] - y * self._sample[0]) / self._area,
-            (y * self._row[0] - x * self._row[1]) / self._area,
-        )
-
-    def _is_under(self, rows: float, samples: float) -> bool:
-        """Whether a voxel so far from the crossing lies under the point."""
-        if abs(rows) <= HALF and abs(samples) <= HALF:
-            return True
-        x = rows * self._row[0] + samples * self._sample[0]
-        y = rows * self._row[1] + samples * self._sample[1]
-        return abs(x) <= HALF and abs(y) <= HALF
 
     def _index(self, *place: int) -> Index:
         by_axis = dict(zip(self.plan.traversal.axes, place, strict=True))
         return (by_axis[0], by_axis[1], by_axis[2])
+
+
+def line_of_sight(
+    scene: Scene, geometry: Geometry, x: float, y: float, resolution: Resolution | None = None
+) -> LineOfSight:
+    """From a point of the scene's image, through the level of `resolution`, or where there is none the volume itself.
+
+    x and y are pixels from the centre of the image's top left pixel, x to the right and y down. Raises ValueError
+    where bounds or view do not fit the volume.
+    """
+    plan = plan_frame(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK), geometry, Step.F, resolution)
+    grid = grid_on_screen(scene, geometry, resolution.geometry if resolution else None)
+    return LineOfSight(plan, x, y, grid.pixels_per_index[0], grid.pixels_per_index[1])
+
+
+@dataclass(frozen=True)
+class _SheetCells:
+    """How the cells of the sheets lie about the line on the screen."""
+
+    x: float  # of the line, in pixels from the grid's origin
+    y: float
+    sheet: Offset  # from sheet to sheet
+    row: Offset
+    sample: Offset
+    area: float  # of a cell, with its sign
+
+    def aside(self, other: Offset) -> float:
+        """How far along an axis of the sheet voxels under the point may be, `other` being its other axis."""
+        half_pixel = HALF * (abs(other[0]) + abs(other[1])) / abs(self.area)
+        return max(HALF, min(MOST_ASIDE, half_pixel))
+
+    def crossing(self, sheet: int) -> tuple[float, float]:
+        """Where in a sheet the line crosses it: row and sample."""
+        x, y = self.x - sheet * self.sheet[0], self.y - sheet * self.sheet[1]
+        return (
+            (x * self.sample[1] - y * self.sample[0]) / self.area,
+            (y * self.row[0] - x * self.row[1]) / self.area,
+        )
+
+    def lie_under(self, rows: float, samples: float) -> bool:
+        """Whether a voxel so far from the crossing lies under the point."""
+        if abs(rows) <= HALF and abs(samples) <= HALF:
+            return True
+        x = rows * self.row[0] + samples * self.sample[0]
+        y = rows * self.row[1] + samples * self.sample[1]
+        return abs(x) <= HALF and abs(y) <= HALF
 
 
 def _around(middle: float, aside: float, within: range) -> range:

@@ -25,6 +25,8 @@ STEP_RULES = {
     Step.F: StepRule(stride=1, footprint=True),
 }
 
+GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
+
 
 def finer(step: Step) -> Step | None:
     """The step that follows; None after F."""

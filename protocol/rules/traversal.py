@@ -5,18 +5,22 @@ the one that changes least the innermost (sample). A zero delta counts as positi
 before j before i.
 """
 
-from dataclasses import dataclass
+import msgspec
 
 from volsplat.protocol.description.scene import Order
-from volsplat.protocol.description.volume import Index
+from volsplat.protocol.description.volume import LONGEST_AXIS, Index
+from volsplat.protocol.rules.refinement import GREATEST_STRIDE
 
 
-@dataclass(frozen=True)
-class Traversal:
+class Traversal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Nested loops over (sheet, row, sample): grid axis numbers (0 = i) and whether each runs upwards."""
 
     axes: Index
     ascending: tuple[bool, bool, bool]
+
+    def __post_init__(self) -> None:
+        if sorted(self.axes) != [0, 1, 2]:
+            raise ValueError(f"a traversal has each of the axes 0, 1 and 2 once, not {self.axes}")
 
 
 def traversal_of(ray: Index, order: Order) -> Traversal:
@@ -38,8 +42,7 @@ def traversal_of(ray: Index, order: Order) -> Traversal:
     )
 
 
-@dataclass(frozen=True)
-class AxisVisits:
+class AxisVisits(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=True):
     """The indices that a step visits on one axis, and the block of voxels that each of them stands for.
 
     Visited are `first`, `first + stride`, …: `count` of them. Their blocks partition low..high: a block reaches
@@ -51,6 +54,17 @@ class AxisVisits:
     stride: int
     first: int
     count: int
+
+    def __post_init__(self) -> None:
+        if not (
+            0 <= self.low <= self.first < self.high <= LONGEST_AXIS
+            and self.first - self.low < self.stride <= GREATEST_STRIDE
+            and self.count == (self.high - 1 - self.first) // self.stride + 1
+        ):
+            raise ValueError(
+                f"an axis cannot be visited at every {self.stride} of {self.low}..{self.high}, from {self.first} on "
+                f"{self.count} times"
+            )
 
     def index(self, ordinal: int) -> int:
         return self.first + self.stride * ordinal

@@ -14,8 +14,10 @@ from tolerances import DDA_DRIFT, HALF_A_LATTICE_STEP, ROUNDING
 from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
-from volsplat.protocol.rules.frame_plan import FIT_FRACTION, bounding_radius, plan_frame, resolved_zoom
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
+from volsplat.protocol.rules.resolved_view import FIT_FRACTION, bounding_radius, resolved_zoom
 
 
 @given(situations(largest=40), st.sampled_from(Step))
@@ -32,8 +34,7 @@ def test_i_runs_right_j_up_and_k_to_the_viewer_when_nothing_is_turned() -> None:
     points = torch.tensor([[2.0, 2, 2], [3, 2, 2], [2, 3, 2], [2, 2, 3]], dtype=torch.float64)
     screen = mapping.on_screen(points, scene, geometry)
     assert screen.tolist() == [[32, 16], [35, 16], [32, 13], [32, 16]]
-    plan = plan_frame(scene, geometry, Step.C)
-    assert plan.depth.half_steps[2] > 0
+    assert grid_on_screen(scene, geometry).pixels_per_index[2][2] > 0
 
 
 def test_rotation_turns_by_the_right_hand_rule() -> None:
@@ -68,8 +69,7 @@ def test_chosen_grid_point_is_at_the_centre_of_the_image(situation: tuple[Scene,
 @given(situations())
 def test_zoom_is_pixels_per_reference_spacing(situation: tuple[Scene, Geometry]) -> None:
     scene, geometry = situation
-    plan = plan_frame(scene, geometry, Step.C)
-    pixels = abs(matrices.determinant(plan.pixels_per_index)) ** (1 / 3)
+    pixels = abs(matrices.determinant(grid_on_screen(scene, geometry).pixels_per_index)) ** (1 / 3)
     assert pixels == pytest.approx(scene.view.zoom, rel=ROUNDING)
 
 

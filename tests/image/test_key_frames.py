@@ -27,7 +27,8 @@ from volsplat.protocol.description.scene import (
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
-from volsplat.protocol.rules.frame_plan import plan_frame, resolved_center, resolved_zoom
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.resolved_view import resolved_center, resolved_zoom
 from volsplat.protocol.text.errors import BadInput
 
 GRID = Geometry((10, 20, 30))

@@ -37,6 +37,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_STORED_PACKET
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 LATTICE = 64
@@ -73,7 +74,7 @@ def walk_of(
     held: list[SubCube], scene: Scene, step: Step = Step.F, closed_tiles: "_kernels.Array | None" = None
 ) -> FrameWalk:
     geometry = held[0].geometry
-    return FrameWalk(held, geometry, PLAIN, scene, plan_frame(scene, geometry, step), closed_tiles)
+    return FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), plan_frame(scene, geometry, step), closed_tiles)
 
 
 def frame(
@@ -309,7 +310,7 @@ def assert_hidden_ones_are_left_out(
     all_rows: list[list[int]], some: list[list[int]], closed: Tensor, scene: Scene, geometry: Geometry = CUBE
 ) -> None:
     """Of all packets some were sent: none is missing that reaches an open tile, nor sent that is far from each."""
-    reach = sample_reach(scene, plan_frame(scene, geometry, Step.F))
+    reach = sample_reach(plan_frame(scene, geometry, Step.F))
     spared = (reach[0] + SPARED, reach[1] + SPARED)
     size = (scene.image.width, scene.image.height)
     for row in some:
@@ -351,7 +352,7 @@ def test_most_of_what_is_hidden_is_left_out() -> None:
     held = held_as(CUBE, torch.ones(SIDE, SIDE, SIDE), [CUBE.box])
     closed = tiles(4 * SIDE, 4 * SIDE, closed=True)
     closed[SIDE // 2, SIDE // 2] = False
-    reach = sample_reach(scene, plan_frame(scene, CUBE, Step.F))
+    reach = sample_reach(plan_frame(scene, CUBE, Step.F))
     positions = [row[2:4] for row in frame(held, scene).rows]
     needed = sum(not closed[reached_tiles(position, reach)].all() for position in positions)
     sent = len(frame(held, scene, Step.F, tile_map(closed, 4 * SIDE, 4 * SIDE)).rows)
@@ -395,9 +396,9 @@ def test_hidden_samples_are_found_on_an_image_of_any_size(zoom: float, roll: flo
 def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: bool) -> tuple[bytes, int]:
     """The finished image, and how many packets it took; `live` hides by the image's own closed tiles."""
     geometry = held[0].geometry
-    assembly = FrameAssembly(scene, geometry, step, frame=1, workers=[1])
+    assembly = FrameAssembly(plan_frame(scene, geometry, step), frame=1, workers=[1])
     tiles_of_image = assembly.image.closed_tiles if live else None
-    walk = FrameWalk(held, geometry, PLAIN, scene, assembly.plan, tiles_of_image)
+    walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), assembly.plan, tiles_of_image)
     while (batch := walk.next_batch(most, most)) is not None:
         assembly.arrived(1, batch.runs, batch.packets, batch.reached, batch.last)
         assembly.advance()

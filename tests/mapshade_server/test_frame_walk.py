@@ -19,6 +19,7 @@ from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.traversal import visits_of
 from volsplat.protocol.text.errors import LocalProtocolError
 
@@ -42,7 +43,11 @@ def visible_volume(geometry: Geometry) -> Tensor:
 
 
 def walked(geometry: Geometry, values: Tensor, scene: Scene, plan: FramePlan) -> list[ShadedBatch]:
-    return all_batches(FrameWalk(sub_cubes(geometry, values, PLAIN, [geometry.box]), geometry, PLAIN, scene, plan))
+    return all_batches(
+        FrameWalk(
+            sub_cubes(geometry, values, PLAIN, [geometry.box]), geometry, PLAIN, shading_rule(scene, plan.step), plan
+        )
+    )
 
 
 @given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(Step))
@@ -53,8 +58,8 @@ def test_one_server_with_many_boxes_sends_what_it_would_for_the_whole(
     plan = plan_frame(scene, geometry, step)
     whole = sub_cubes(geometry, values, quantisation, [geometry.box])
     parts = sub_cubes(geometry, values, quantisation, data.draw(partitions(geometry)))
-    one = all_batches(FrameWalk(whole, geometry, quantisation, scene, plan))
-    many = all_batches(FrameWalk(parts, geometry, quantisation, scene, plan))
+    one = all_batches(FrameWalk(whole, geometry, quantisation, shading_rule(scene, plan.step), plan))
+    many = all_batches(FrameWalk(parts, geometry, quantisation, shading_rule(scene, plan.step), plan))
     assert packets_of(many).rows() == packets_of(one).rows()
     assert sum(batch.voxels_visited for batch in many) == sum(batch.voxels_visited for batch in one)
 
@@ -66,10 +71,12 @@ def test_runs_of_many_servers_merge_by_key_into_what_one_server_sends(
     scene, values = data.draw(shaded_scenes(geometry)), data.draw(volumes(geometry))
     plan = plan_frame(scene, geometry, step)
     whole = sub_cubes(geometry, values, quantisation, [geometry.box])
-    expected = packets_of(all_batches(FrameWalk(whole, geometry, quantisation, scene, plan))).rows()
+    expected = packets_of(
+        all_batches(FrameWalk(whole, geometry, quantisation, shading_rule(scene, plan.step), plan))
+    ).rows()
     runs: list[tuple[list[int], list[list[int]]]] = []
     for sub_cube in sub_cubes(geometry, values, quantisation, data.draw(partitions(geometry))):
-        batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, scene, plan))
+        batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan))
         keys, counts = runs_of(batches).keys.tolist(), runs_of(batches).count.tolist()
         rows = iter(packets_of(batches).rows())
         runs += [(key, [next(rows) for _ in range(count)]) for key, count in zip(keys, counts, strict=True)]
@@ -84,8 +91,8 @@ def test_limits_decide_where_batches_end_but_not_what_they_hold(
     scene, values = data.draw(shaded_scenes(geometry)), data.draw(volumes(geometry))
     plan = plan_frame(scene, geometry, step)
     held = sub_cubes(geometry, values, PLAIN, data.draw(partitions(geometry)))
-    large = all_batches(FrameWalk(held, geometry, PLAIN, scene, plan))
-    small = all_batches(FrameWalk(held, geometry, PLAIN, scene, plan), max_packets, max_voxels)
+    large = all_batches(FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan))
+    small = all_batches(FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan), max_packets, max_voxels)
     assert packets_of(small).rows() == packets_of(large).rows()
     for batch in small:
         assert batch.packet_count <= max_packets
@@ -101,7 +108,9 @@ def test_keys_rise_and_nothing_comes_before_what_was_reached(
     scene, values = data.draw(shaded_scenes(geometry)), data.draw(volumes(geometry))
     plan = plan_frame(scene, geometry, step)
     held = sub_cubes(geometry, values, PLAIN, data.draw(partitions(geometry)))
-    batches = all_batches(FrameWalk(held, geometry, PLAIN, scene, plan), max_packets, max_voxels)
+    batches = all_batches(
+        FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan), max_packets, max_voxels
+    )
     reached, end = [0, 0], [0, 0, 0]
     for batch in batches:
         runs = runs_of([batch])
@@ -178,7 +187,7 @@ def test_only_samples_that_touch_no_pixel_are_left_out(data: st.DataObject, geom
     scene = plain_scene(view=drawn.view, order=drawn.order, size=(width, height))
     plan = plan_frame(scene, geometry, step)
     samples = mapping.samples_of(scene, geometry, plan)
-    reach = torch.tensor(sample_reach(scene, plan), dtype=torch.float64)
+    reach = torch.tensor(sample_reach(plan), dtype=torch.float64)
     size = torch.tensor([width, height])
     position = samples.lattice / LATTICE
     near = ((position >= -reach) & (position <= size - 1 + reach)).all(dim=1).tolist()
@@ -209,7 +218,7 @@ def test_a_batch_keeps_its_bytes_while_it_is_held() -> None:
     scene = plain_scene(opacity=0.5)
     plan = plan_frame(scene, geometry, Step.F)
     held = sub_cubes(geometry, visible_volume(geometry), PLAIN, [geometry.box])
-    walk = FrameWalk(held, geometry, PLAIN, scene, plan)
+    walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan)
     kept, copies = [], []
     while (batch := walk.next_batch(max_packets=100)) is not None:
         kept.append(batch)
@@ -221,7 +230,7 @@ def test_a_batch_keeps_its_bytes_while_it_is_held() -> None:
 def test_a_server_without_boxes_says_at_once_that_it_is_done() -> None:
     scene, geometry = plain_scene(), Geometry(CUBE)
     plan = plan_frame(scene, geometry, Step.F)
-    walk = FrameWalk([], geometry, PLAIN, scene, plan)
+    walk = FrameWalk([], geometry, PLAIN, shading_rule(scene, plan.step), plan)
     batch = walk.next_batch()
     assert batch is not None
     assert batch.last
@@ -233,4 +242,10 @@ def test_a_server_without_boxes_says_at_once_that_it_is_done() -> None:
 def test_a_sub_cube_must_be_packed_before_it_is_walked() -> None:
     scene, geometry = plain_scene(), Geometry(CUBE)
     with pytest.raises(LocalProtocolError, match="before it was packed"):
-        FrameWalk([SubCube(geometry, geometry.box)], geometry, PLAIN, scene, plan_frame(scene, geometry, Step.F))
+        FrameWalk(
+            [SubCube(geometry, geometry.box)],
+            geometry,
+            PLAIN,
+            shading_rule(scene, Step.F),
+            plan_frame(scene, geometry, Step.F),
+        )

@@ -27,6 +27,7 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 
 HALF = 0.5
@@ -36,7 +37,7 @@ CPU_FLAGS = {"avx2": {"avx2", "bmi2"}, "avx512": {"avx512f", "avx512bw", "avx512
 def shaded(geometry: Geometry, values: Tensor, quantisation: Quantisation, scene: Scene, plan: FramePlan) -> Packets:
     sub_cube = SubCube.of_volume(geometry, values)
     sub_cube.pack(quantisation)
-    return packets_of(all_batches(FrameWalk([sub_cube], geometry, quantisation, scene, plan)))
+    return packets_of(all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan)))
 
 
 @given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(Step))
@@ -53,7 +54,7 @@ def test_a_frame_holds_what_the_reference_shades(
     fields = shading.field_bytes(plan, geometry, quantisation.directions, samples.indices, here)
     vectors = voxel_packets.directions(quantisation.directions)
     exponent = shading.opacity_exponents(plan, samples.indices)
-    colour, opacity = shading.shade(here, fields, scene, step, plan, exponent, vectors)
+    colour, opacity = shading.shade(here, fields, scene, step, exponent, vectors)
     sent = shading.opacity_codes(opacity) > 0
 
     got = shaded(geometry, values, quantisation, scene, plan)
@@ -82,7 +83,7 @@ def test_every_cpu_path_gives_the_same_bits(
         with kernels_on(_kernels, path):
             sub_cube = SubCube.of_volume(geometry, values)
             sub_cube.pack(quantisation)
-            batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, scene, plan))
+            batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan))
             frames.append([(bytes(batch.runs), bytes(batch.packets)) for batch in batches])
     assert all(frame == frames[0] for frame in frames)
 
@@ -125,16 +126,16 @@ def test_light_tables_are_those_of_the_reference(
     data: st.DataObject, geometry: Geometry, scheme: str, step: Step
 ) -> None:
     scene = data.draw(shaded_scenes(geometry))
-    plan = plan_frame(scene, geometry, step)
-    expected = shading.light_of_directions(scene, step, plan, voxel_packets.directions(scheme))
+    lighting = shading_rule(scene, step).lighting
+    expected = shading.light_of_directions(scene, step, voxel_packets.directions(scheme))
     for path in _kernels.cpu_paths():
         with kernels_on(_kernels, path):
-            table = from_dlpack(shading_tables.light_of_directions(scene, step, plan, scheme == "octahedral"))
+            table = from_dlpack(shading_tables.light_of_directions(lighting, scheme == "octahedral"))
         assert ((table - expected).abs() * 255 <= FLOAT32_COLOUR).all()
 
 
 def test_tables_are_kept_while_the_scene_stays_the_same() -> None:
-    rules = [shading_tables.opacity_rule(plain_scene(opacity=0.3)) for _ in range(2)]
+    rules = [shading_tables.opacity_rule(shading_rule(plain_scene(opacity=0.3), Step.F)) for _ in range(2)]
     assert shading_tables.opacity_codes(rules[0], 2.0) is shading_tables.opacity_codes(rules[1], 2.0)
 
 

@@ -15,16 +15,19 @@ from support.messages.message_samples import SAMPLES
 from support.patience import PATIENCE, wait_until
 from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION, shaded_scene
+from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.mapshade_server.volume_identity import identified_volume
-from volsplat.protocol.description.scene import Bounds, Order, Scene, Step, View
+from volsplat.protocol.description.scene import Order, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import new_tile_map
 from volsplat.protocol.rules.levels import own_resolution
+from volsplat.protocol.rules.line_of_sight import line_of_sight
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -35,7 +38,6 @@ from volsplat.protocol.wire.tokens import new_token
 
 SIZE = 16
 SCENE = shaded_scene(View(zoom=3.0), (64, 48))
-OUTSIDE = msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0)))
 KEY = bytes(range(messages.WORKER_KEY_BYTES))
 
 
@@ -146,7 +148,7 @@ def bench() -> Iterator[Bench]:
 
 def render(frame: int, geometry: Geometry, scene: Scene = SCENE, assignment: int = 1) -> messages.RenderFrame:
     resolution = own_resolution(geometry, Step.F)
-    return messages.RenderFrame(frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, workers=[1])
+    return frame_request(frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, workers=[1])
 
 
 def test_a_link_whose_route_is_unchanged_is_kept(bench: Bench, shells: Path) -> None:
@@ -196,7 +198,8 @@ def test_what_cannot_be_done_is_refused_in_one_line_and_the_server_goes_on(bench
     assert unlinked.frame == 2 and "no splat server" in unlinked.cause
     bench.connects(0)
     with bench.accepts(0) as link:
-        outside = bench.refuses(render(3, geometry, OUTSIDE))
+        larger = render(3, Geometry(dims=(SIZE, SIZE, SIZE + 1)))
+        outside = bench.refuses(msgspec.structs.replace(larger, geometry=geometry))
         assert outside.frame == 3 and "bounds" in outside.cause
         bench.draws(4, geometry, link)
 
@@ -271,8 +274,8 @@ def test_what_lies_behind_closed_tiles_is_left_out(bench: Bench, tmp_path: Path)
 
 def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
     width, height = scene.image.width, scene.image.height
-    resolution, middle = own_resolution(geometry, Step.F), ((width - 1) / 2, (height - 1) / 2)
-    return messages.ProbeVoxels(1, assignment, scene, geometry, QUANTISATION, resolution, *middle)
+    line = line_of_sight(scene, geometry, (width - 1) / 2, (height - 1) / 2)
+    return messages.ProbeVoxels(1, assignment, line, shading_rule(scene, Step.F), geometry, QUANTISATION, level=0)
 
 
 def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_path: Path) -> None:

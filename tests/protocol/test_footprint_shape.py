@@ -1,7 +1,6 @@
 """The footprint's ellipse and its kernels: the integral, unity over the lattice, and widening below a pixel."""
 
 import math
-from dataclasses import replace
 
 import pytest
 import torch
@@ -21,7 +20,10 @@ from volsplat.protocol.rules.footprint_shape import (
     FootprintShape,
     footprint_shape,
 )
-from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.grid_on_screen import grid_on_screen
+from volsplat.protocol.rules.refinement import STEP_RULES
+from volsplat.protocol.rules.resolved_view import resolved_zoom
 
 ZOOMS = (0.25, 0.5, 0.77, 1.0, 1.005, 1.73, 2.01, 4.0, 16.0)
 
@@ -78,10 +80,10 @@ def test_ellipse_is_that_of_an_independent_derivation(
     geometry: Geometry, rotation: tuple[float, float, float, float], zoom: float, kernel: Kernel, step: Step
 ) -> None:
     scene = scene_of(kernel, rotation, zoom)
-    plan = plan_frame(scene, geometry, step)
-    shape = footprint_shape(plan, scene.reconstruction)
+    stride = STEP_RULES[step].stride
+    shape = footprint_shape(grid_on_screen(scene, geometry), stride, scene.reconstruction)
     steps = mapping.steps_on_screen(scene, geometry)
-    expected = footprint_of(steps, zoom, plan.stride, scene.reconstruction)
+    expected = footprint_of(steps, zoom, stride, scene.reconstruction)
     q = expected.inverse_ellipse
     got = torch.tensor([shape.qxx, shape.qxy, shape.qyy, shape.amplitude, shape.half_width, shape.half_height])
     wanted = torch.tensor([q[0, 0], q[0, 1], q[1, 1], expected.amplitude, *expected.half_size])
@@ -94,31 +96,33 @@ def test_weights_over_all_pixels_sum_to_a_voxel_s_share(
 ) -> None:
     """The mean over sub-pixel shifts of the sum over pixels is the integral: (zoom * stride)^2."""
     scene = scene_of(kernel, rotation, zoom)
-    for step in (Step.A, Step.D):
-        plan = plan_frame(scene, geometry, step)
-        shape = footprint_shape(plan, scene.reconstruction)
+    for stride in (1, 4):
+        shape = footprint_shape(grid_on_screen(scene, geometry), stride, scene.reconstruction)
         fine_x, fine_y = shape.half_width / 256, shape.half_height / 256
         x = torch.arange(-256, 257, dtype=torch.float64) * fine_x
         y = torch.arange(-256, 257, dtype=torch.float64) * fine_y
         total = float(weights(shape, x[None, :], y[:, None]).sum()) * fine_x * fine_y
-        assert total == pytest.approx((zoom * plan.stride) ** 2, rel=SUM_OVER_PIXELS)
+        assert total == pytest.approx((zoom * stride) ** 2, rel=SUM_OVER_PIXELS)
 
 
-def sums_over_a_layer(plan: FramePlan, shape: FootprintShape, shifts: torch.Tensor) -> torch.Tensor:
-    """The sum of the weights of an endless layer (the plan's sheet) at pixels (n, 2) of any sub-pixel shift.
+def sums_over_a_layer(
+    scene: Scene, geometry: Geometry, stride: int, shape: FootprintShape, shifts: torch.Tensor
+) -> torch.Tensor:
+    """The sum of the weights of an endless layer (the sheet in this view) at pixels (n, 2) of any sub-pixel shift.
 
     In reference spacings of thickness: 1 where the layer's weights are just the path through it.
     """
-    sheet, row, sample = plan.traversal.axes
-    steps = torch.tensor(plan.pixels_per_index, dtype=torch.float64)[:2, [row, sample]] * plan.stride
+    pixels_per_index = torch.tensor(grid_on_screen(scene, geometry).pixels_per_index, dtype=torch.float64)
+    _, row, sample = plan_frame(scene, geometry, Step.D).traversal.axes
+    steps = pixels_per_index[:2, [row, sample]] * stride
     reach = torch.tensor([shape.half_width, shape.half_height], dtype=torch.float64).norm()
     back = torch.linalg.inv(steps)
     counts = [int(reach * back[n].norm()) + 2 for n in range(2)]
     lattice = torch.cartesian_prod(*(torch.arange(-n, n + 1, dtype=torch.float64) for n in counts)) @ steps.T
     off = shifts[:, None, :] - lattice[None]
     total = weights(shape, off[..., 0], off[..., 1]).sum(dim=1)
-    volume = abs(float(torch.linalg.det(torch.tensor(plan.pixels_per_index, dtype=torch.float64))))
-    path = volume / (abs(float(torch.linalg.det(steps))) / plan.stride**2) / plan.zoom
+    volume = abs(float(torch.linalg.det(pixels_per_index)))
+    path = volume / (abs(float(torch.linalg.det(steps))) / stride**2) / resolved_zoom(scene, geometry)
     return total / path
 
 
@@ -137,13 +141,13 @@ def test_weights_that_cover_a_pixel_sum_to_thickness(
     shift: tuple[float, float],
 ) -> None:
     scene = scene_of(kernel, rotation, zoom)
-    plan = plan_frame(scene, geometry, Step.D)
-    shape = footprint_shape(plan, scene.reconstruction)
+    grid = grid_on_screen(scene, geometry)
+    shape = footprint_shape(grid, 1, scene.reconstruction)
     # Shifts over the lattice's own cell, where the ripple has its crests and troughs, and over the pixel.
-    sheet, row, sample = plan.traversal.axes
-    steps = torch.tensor(plan.pixels_per_index, dtype=torch.float64)[:2, [row, sample]]
+    _, row, sample = plan_frame(scene, geometry, Step.D).traversal.axes
+    steps = torch.tensor(grid.pixels_per_index, dtype=torch.float64)[:2, [row, sample]]
     parts = torch.cartesian_prod(*(torch.arange(4, dtype=torch.float64) / 4,) * 2) @ steps.T
-    sums = sums_over_a_layer(plan, shape, parts + torch.tensor(shift, dtype=torch.float64))
+    sums = sums_over_a_layer(scene, geometry, 1, shape, parts + torch.tensor(shift, dtype=torch.float64))
     assert (sums - 1).abs().max() <= DOCUMENTED_RIPPLE[kernel]
 
 
@@ -156,9 +160,9 @@ def test_with_strides_weights_sum_to_thickness_over_the_stride(
     geometry: Geometry, rotation: tuple[float, float, float, float], zoom: float
 ) -> None:
     scene = scene_of(Kernel.GAUSSIAN, rotation, zoom)
-    for step in (Step.A, Step.B):
-        plan = plan_frame(scene, geometry, step)
-        sums = sums_over_a_layer(plan, footprint_shape(plan, scene.reconstruction), torch.zeros((1, 2)).double())
+    for stride in (2, 4):
+        shape = footprint_shape(grid_on_screen(scene, geometry), stride, scene.reconstruction)
+        sums = sums_over_a_layer(scene, geometry, stride, shape, torch.zeros((1, 2)).double())
         # A layer of stride s is s voxels thick and its weights count it in s reference spacings.
         assert float(sums) == pytest.approx(1, abs=DOCUMENTED_RIPPLE[Kernel.GAUSSIAN])
 
@@ -166,7 +170,7 @@ def test_with_strides_weights_sum_to_thickness_over_the_stride(
 @pytest.mark.parametrize("zoom", [0.05, 0.25, 0.5, 0.99])
 def test_below_one_pixel_a_voxel_the_footprint_is_widened_to_the_pixel(zoom: float) -> None:
     scene = scene_of(Kernel.GAUSSIAN, (0.1, 0.2, 0.3, 0.9), zoom)
-    shape = footprint_shape(plan_frame(scene, Geometry((4, 4, 4)), Step.D), scene.reconstruction)
+    shape = footprint_shape(grid_on_screen(scene, Geometry((4, 4, 4))), 1, scene.reconstruction)
     assert (shape.qxx, shape.qxy, shape.qyy) == pytest.approx((1, 0, 1), abs=ROUNDING)
     assert shape.half_width == pytest.approx(shape.radius, abs=ROUNDING)
     assert shape.amplitude == pytest.approx(zoom**2, rel=ROUNDING)
@@ -175,7 +179,7 @@ def test_below_one_pixel_a_voxel_the_footprint_is_widened_to_the_pixel(zoom: flo
 def test_only_the_narrow_axis_is_widened() -> None:
     geometry = Geometry((4, 4, 4), ((1.0, 0.0, 0.0), (0.0, 8.0, 0.0), (0.0, 0.0, 1.0)))
     scene = scene_of(Kernel.GAUSSIAN, (0.0, 0.0, 0.0, 1.0), 1.0)  # 1/2 x 4 x 1/2 pixels a voxel
-    shape = footprint_shape(plan_frame(scene, geometry, Step.D), scene.reconstruction)
+    shape = footprint_shape(grid_on_screen(scene, geometry), 1, scene.reconstruction)
     assert (shape.qxx, shape.qxy, shape.qyy) == pytest.approx((1, 0, 1 / 16), abs=ROUNDING)
     assert shape.amplitude == pytest.approx(1 / 4, rel=ROUNDING)
 
@@ -187,9 +191,9 @@ def test_footprint_does_not_change_with_handedness(
     m = geometry.index_to_physical
     mirrored = Geometry(geometry.dims, ((-m[0][0], m[0][1], m[0][2]), (-m[1][0], *m[1][1:]), (-m[2][0], *m[2][1:])))
     scene = scene_of(Kernel.GAUSSIAN, rotation, zoom)
-    one = footprint_shape(plan_frame(scene, geometry, Step.D), scene.reconstruction)
-    two = footprint_shape(plan_frame(scene, mirrored, Step.D), scene.reconstruction)
-    assert replace(one, qxy=0.0).qxx == pytest.approx(two.qxx, rel=ROUNDING)
+    one = footprint_shape(grid_on_screen(scene, geometry), 1, scene.reconstruction)
+    two = footprint_shape(grid_on_screen(scene, mirrored), 1, scene.reconstruction)
+    assert one.qxx == pytest.approx(two.qxx, rel=ROUNDING)
     assert (one.qxy, one.qyy) == pytest.approx((two.qxy, two.qyy), rel=ROUNDING)
 
 
@@ -200,7 +204,7 @@ def test_with_equal_spacings_the_footprint_is_exactly_the_same_from_every_side(
     matrix = ((spacing, 0.0, 0.0), (0.0, spacing, 0.0), (0.0, 0.0, spacing))
     geometry = Geometry(dims=(5, 6, 7), index_to_physical=matrix)
     turned, straight = (
-        footprint_shape(plan_frame(plain_scene(view=View(rotation=r, zoom=zoom)), geometry, Step.F), Reconstruction())
+        footprint_shape(grid_on_screen(plain_scene(view=View(rotation=r, zoom=zoom)), geometry), 1, Reconstruction())
         for r in (rotation, (0.0, 0.0, 0.0, 1.0))
     )
     assert turned == straight

@@ -2,7 +2,6 @@
 
 import itertools
 import math
-from dataclasses import replace
 
 import msgspec
 import pytest
@@ -10,7 +9,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from reference import mapping
+from reference import mapping, shading
 from support.scenes.arbitrary import plain_scene, situations
 from tolerances import ROUNDING
 from volsplat.protocol.description.scene import (
@@ -25,7 +24,8 @@ from volsplat.protocol.description.scene import (
     View,
 )
 from volsplat.protocol.description.volume import Box, Geometry
-from volsplat.protocol.rules.frame_plan import CELLS_IN_A_SHEET, Reach, plan_frame
+from volsplat.protocol.rules.frame_plan import CELLS_IN_A_SHEET, FramePlan, Reach, opacity_exponent, plan_frame
+from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 from volsplat.protocol.rules.refinement import active_shading
 
 NEAREST_STEPS = (Step.A, Step.B, Step.C)
@@ -35,15 +35,13 @@ def thickness_of_a_layer(scene: Scene, geometry: Geometry, axis: int) -> float:
     """What a ray runs inside one layer of the grid, in reference spacings: no kernel, no cells, just geometry."""
     steps = mapping.steps_on_screen(scene, geometry)
     toward = torch.linalg.inv(steps)[axis, 2].abs()  # of this index, per pixel of depth
-    return float(1 / toward) / plan_frame(scene, geometry, Step.C).zoom
+    return float(1 / toward) / grid_on_screen(scene, geometry).zoom
 
 
 @given(situations(), st.sampled_from(Step))
-def test_plan_of_an_equal_scene_is_equal(situation: tuple[Scene, Geometry], step: Step) -> None:
-    scene, geometry = situation
-    sent_scene = msgspec.msgpack.decode(msgspec.msgpack.encode(scene), type=Scene)
-    sent_geometry = msgspec.msgpack.decode(msgspec.msgpack.encode(geometry), type=Geometry)
-    assert plan_frame(sent_scene, sent_geometry, step) == plan_frame(scene, geometry, step)
+def test_a_plan_arrives_as_it_was_sent(situation: tuple[Scene, Geometry], step: Step) -> None:
+    plan = plan_frame(*situation, step)
+    assert msgspec.msgpack.decode(msgspec.msgpack.encode(plan), type=FramePlan) == plan
 
 
 @given(situations(), st.sampled_from(NEAREST_STEPS))
@@ -51,14 +49,15 @@ def test_cells_of_all_sheets_add_up_to_the_path_through_the_volume(
     situation: tuple[Scene, Geometry], step: Step
 ) -> None:
     scene, geometry = situation
-    plan = replace(plan_frame(scene, geometry, step), reach=Reach.CELL)
+    plan, grid = plan_frame(scene, geometry, step), grid_on_screen(scene, geometry)
     sheet_axis = plan.traversal.axes[0]
     total = 0.0
     for n in range(plan.visits[sheet_axis].count):
         low, high = plan.visits[sheet_axis].block(n)
         block = [1, 1, 1]
         block[sheet_axis] = high - low
-        total += CELLS_IN_A_SHEET * plan.opacity_exponent((block[0], block[1], block[2]))
+        exponent = opacity_exponent(grid, Reach.CELL, plan.traversal.axes, plan.stride, (block[0], block[1], block[2]))
+        total += CELLS_IN_A_SHEET * exponent
     layers = plan.bounds.size[sheet_axis]
     assert total == pytest.approx(layers * thickness_of_a_layer(scene, geometry, sheet_axis), rel=ROUNDING)
 
@@ -66,18 +65,30 @@ def test_cells_of_all_sheets_add_up_to_the_path_through_the_volume(
 @given(situations(), st.sampled_from(NEAREST_STEPS))
 def test_nearest_pixels_carry_the_volume_of_all_blocks(situation: tuple[Scene, Geometry], step: Step) -> None:
     scene, geometry = situation
-    plan = replace(plan_frame(scene, geometry, step), reach=Reach.PIXEL)
+    plan, grid = plan_frame(scene, geometry, step), grid_on_screen(scene, geometry)
     sizes = mapping.samples_of(scene, geometry, plan).block_sizes.tolist()
-    total = math.fsum(plan.opacity_exponent((ni, nj, nk)) for ni, nj, nk in sizes)
-    assert total == pytest.approx(plan.bounds.voxels * plan.zoom**2, rel=ROUNDING)
+    total = math.fsum(
+        opacity_exponent(grid, Reach.PIXEL, plan.traversal.axes, plan.stride, (ni, nj, nk)) for ni, nj, nk in sizes
+    )
+    assert total == pytest.approx(plan.bounds.voxels * grid.zoom**2, rel=ROUNDING)
+
+
+@given(situations(), st.sampled_from((1, 2, 4)))
+def test_footprints_carry_thickness_in_their_weights_so_only_the_stride_counts(
+    situation: tuple[Scene, Geometry], stride: int
+) -> None:
+    assert opacity_exponent(grid_on_screen(*situation), Reach.FOOTPRINT, (2, 1, 0), stride, (1, 2, 3)) == stride
 
 
 @given(situations(), st.sampled_from(Step))
-def test_footprints_carry_thickness_in_their_weights_so_only_the_stride_counts(
-    situation: tuple[Scene, Geometry], step: Step
-) -> None:
-    plan = replace(plan_frame(*situation, step), reach=Reach.FOOTPRINT)
-    assert plan.opacity_exponent((1, 2, 3)) == plan.stride
+def test_each_sample_has_the_exponent_of_its_block(situation: tuple[Scene, Geometry], step: Step) -> None:
+    plan, grid = plan_frame(*situation, step), grid_on_screen(*situation)
+    samples = mapping.samples_of(*situation, plan)
+    expected = [
+        opacity_exponent(grid, plan.reach, plan.traversal.axes, plan.stride, (ni, nj, nk))
+        for ni, nj, nk in samples.block_sizes.tolist()
+    ]
+    assert shading.opacity_exponents(plan, samples.indices).tolist() == expected
 
 
 @given(situations(largest=30), st.sampled_from(NEAREST_STEPS), st.floats(0.02, 1.0))
@@ -171,4 +182,4 @@ def test_the_fastest_order_is_front_to_back_where_something_can_be_hidden(opacit
 def test_plan_depends_on_order_only_in_its_traversal() -> None:
     one = plan_frame(plain_scene(order=Order.BACK_TO_FRONT), Geometry((8, 8, 8)), Step.C)
     two = plan_frame(plain_scene(order=Order.FRONT_TO_BACK), Geometry((8, 8, 8)), Step.C)
-    assert replace(two, order=one.order, traversal=one.traversal) == one
+    assert msgspec.structs.replace(two, order=one.order, traversal=one.traversal) == one

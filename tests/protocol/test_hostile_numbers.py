@@ -3,7 +3,7 @@
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 import numpy as np
@@ -15,19 +15,21 @@ from hypothesis import strategies as st
 from support.messages.message_samples import SAMPLES
 from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION
+from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
-from volsplat.protocol.description.scene import Step, View
+from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.refusals import OUT_OF_MEMORY, refusal
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey, strength_scale
-from volsplat.protocol.rules.levels import Resolution, factors_of
-from volsplat.protocol.rules.line_of_sight import LineOfSight
+from volsplat.protocol.rules.levels import Resolution, factors_of, own_resolution
+from volsplat.protocol.rules.line_of_sight import line_of_sight
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
@@ -39,6 +41,7 @@ FLOATS = (
     *(float("nan"), float("inf"), float("-inf")),
 )
 Place = tuple[Any, ...]
+Spoilable = TypeVar("Spoilable", bound=msgspec.Struct)
 
 
 @pytest.fixture(scope="module")
@@ -72,7 +75,7 @@ def replaced(value: Any, at: Place, number: float) -> Any:
 
 
 @st.composite
-def spoilt(draw: st.DrawFn, message: Message) -> Message | None:
+def spoilt(draw: st.DrawFn, message: Spoilable) -> Spoilable | None:
     """The message with one to three of its numbers changed; None where it is refused as it is decoded."""
     builtins = msgspec.to_builtins(message)
     places = list(numbers_in(builtins))
@@ -104,33 +107,32 @@ def held_at(path: Path) -> tuple[HeldVolume, messages.VolumeDescribed]:
     return held, described.message
 
 
-FRAME = messages.RenderFrame(
-    frame=1,
-    assignment=1,
-    scene=plain_scene(0.5, view=View(zoom=3.0), size=(20, 16)),
-    step=Step.C,
-    geometry=GEOMETRY,
-    quantisation=QUANTISATION,
-    resolution=Resolution(level=0, geometry=GEOMETRY, stride=1),
-    workers=[1],
-)
+SCENE = plain_scene(0.5, view=View(zoom=3.0), size=(20, 16))
+EDGED = msgspec.structs.replace(SCENE, image=msgspec.structs.replace(SCENE.image, edges=True))
+
+
+class Situation(msgspec.Struct):
+    scene: Scene
+    geometry: Geometry
+    point: tuple[float, float]
+
+
+def render(step: Step) -> messages.RenderFrame:
+    return frame_request(1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), [1])
 
 
 @settings(max_examples=150)
 @given(data=st.data(), step=st.sampled_from(Step))
 def test_a_frame_of_any_numbers(path: Path, data: st.DataObject, step: Step) -> None:
-    request = data.draw(spoilt(msgspec.structs.replace(FRAME, step=step)))
-    if not isinstance(request, messages.RenderFrame) or request.scene.image.width * request.scene.image.height > 10**6:
+    request = data.draw(spoilt(render(step)))
+    if not isinstance(request, messages.RenderFrame) or request.plan.width * request.plan.height > 10**6:
         return
     held, _ = held_at(path)
     held.answers(messages.PackVoxels(1, QUANTISATION))
     with told(request):
-        plan = plan_frame(request.scene, request.geometry, request.step, request.resolution)
-        sub_cubes = held.sub_cubes_drawn(request.resolution)
-        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.scene, plan)
-        assembly = FrameAssembly(
-            request.scene, request.geometry, request.step, request.frame, [1], resolution=request.resolution
-        )
+        sub_cubes = held.sub_cubes_drawn(request.level, request.geometry, request.plan)
+        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.shading, request.plan)
+        assembly = FrameAssembly(request.plan, request.frame, [1])
         while (batch := walk.next_batch()) is not None:
             assembly.arrived(1, batch.runs, batch.packets, batch.reached, batch.last)
         while not assembly.advance().complete:
@@ -140,18 +142,30 @@ def test_a_frame_of_any_numbers(path: Path, data: st.DataObject, step: Step) -> 
 
 
 @settings(max_examples=100)
+@given(data=st.data(), step=st.sampled_from(Step))
+def test_a_scene_and_a_volume_of_any_numbers_are_planned_or_refused(data: st.DataObject, step: Step) -> None:
+    """By the client, before anything is sent."""
+    situation = data.draw(spoilt(Situation(EDGED, GEOMETRY, (9.0, 7.0))))
+    if isinstance(situation, Situation):
+        with contextlib.suppress(ValueError):
+            plan_frame(situation.scene, situation.geometry, step)
+            shading_rule(situation.scene, step)
+            line_of_sight(situation.scene, situation.geometry, *situation.point)
+
+
+@settings(max_examples=100)
 @given(data=st.data())
 def test_a_probe_of_any_numbers(path: Path, data: st.DataObject) -> None:
-    probe = messages.ProbeVoxels(1, 1, FRAME.scene, FRAME.geometry, FRAME.quantisation, FRAME.resolution, x=9.0, y=7.0)
+    line, shading = line_of_sight(SCENE, GEOMETRY, 9.0, 7.0), shading_rule(SCENE, Step.F)
+    probe = messages.ProbeVoxels(1, 1, line, shading, GEOMETRY, QUANTISATION, 0)
     request = data.draw(spoilt(probe))
     if not isinstance(request, messages.ProbeVoxels):
         return
     held, _ = held_at(path)
     held.answers(messages.PackVoxels(1, QUANTISATION))
     with told(request):
-        sub_cubes = held.sub_cubes_drawn(request.resolution)
-        line = LineOfSight(request.scene, request.geometry, request.x, request.y, request.resolution)
-        front_most(sub_cubes, request.geometry, request.quantisation, request.scene, line)
+        sub_cubes = held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
+        front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
 
 
 @settings(max_examples=250)
@@ -247,16 +261,20 @@ def test_gradients_too_weak_for_a_scale_are_none() -> None:
 
 def test_levels_that_a_volume_lacks_are_refused(path: Path) -> None:
     held, _ = held_at(path)
-    other = Resolution(level=0, geometry=Geometry((6, 5, 3)), stride=1)
-    with pytest.raises(BadInput, match=r"has \(6, 5, 4\) voxels"):
-        held.sub_cubes_drawn(other)
+    other, drawn = Geometry((6, 5, 3)), render(Step.C).plan
+    with pytest.raises(BadInput, match=r"has \(6, 5, 4\) voxels, not \(6, 5, 3\)"):
+        held.sub_cubes_drawn(0, other, drawn)
+    with pytest.raises(BadInput, match=r"has \(6, 5, 4\) voxels, not \(3, 5, 4\)"):
+        held.sub_cubes_drawn(0, GEOMETRY, msgspec.structs.replace(drawn, factors=(2, 1, 1)))
+    with pytest.raises(BadInput, match="level 1 is not held"):
+        held.sub_cubes_drawn(1, GEOMETRY, drawn)
     thin, wide = (
         ((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, c)) for a, b, c in ((1e-160, 1e100, 1e60), (1e153, 1.0, 1.0))
     )
     with pytest.raises(ValueError, match="that of no level"):
         factors_of(Geometry((1, 1, 1), thin), Geometry((1, 1, 1), wide))
     with pytest.raises(ValueError, match="are no level"):
-        factors_of(GEOMETRY, other.geometry)
+        factors_of(GEOMETRY, other)
     for stride in (0, 5, 2**62):
         with pytest.raises(ValueError, match="stride must be 1 to 4"):
             Resolution(level=0, geometry=GEOMETRY, stride=stride)

@@ -26,7 +26,7 @@ from volsplat.protocol.description.scene import ScalarTable, Scene, Shading, Vie
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.upright import UPS, Up, upright
-from volsplat.protocol.rules.frame_plan import screen_rotation
+from volsplat.protocol.rules.resolved_view import screen_rotation
 
 SAME_PICTURE = 0.01  # mean of all differences: positions are rounded to 1/64 pixel, from another side of the grid
 UNPLACED = Geometry((40, 44, 48))

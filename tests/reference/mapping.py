@@ -11,8 +11,10 @@ from torch import Tensor
 
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.rules.frame_plan import Dda, FramePlan, resolved_center, resolved_zoom
+from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.grid_on_screen import Dda
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
+from volsplat.protocol.rules.resolved_view import resolved_center, resolved_zoom
 
 QUARTER = math.sqrt(0.5)
 # The turns that bring each axis to z, as quaternions (x, y, z, w).

@@ -15,9 +15,11 @@ from reference import combining, mapping, shading, voxel_packets
 from reference.footprint import Footprint, footprint_of
 from volsplat.protocol.description.scene import Order, Scene, Step
 from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.rules.frame_plan import FRACTION_BITS, FramePlan, Reach, plan_frame
+from volsplat.protocol.rules.frame_plan import FramePlan, Reach, plan_frame
+from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
+from volsplat.protocol.rules.resolved_view import resolved_zoom
 
 LATTICE = 1 << SUBPIXEL_BITS
 NEARLY_AN_EDGE = 1e-6  # voxels: where float64 might choose the wrong cell
@@ -59,7 +61,7 @@ def render(
         _splat_pixels(buffer, shaded, plan, scene, exact)
     else:
         steps = mapping.steps_on_screen(scene, geometry)
-        footprint = footprint_of(steps, plan.zoom, plan.stride, scene.reconstruction)
+        footprint = footprint_of(steps, resolved_zoom(scene, geometry), plan.stride, scene.reconstruction)
         _splat_footprints(buffer, shaded, plan, scene, footprint, exact, weights)
     return buffer.reshape(plan.height, plan.width, 4)
 
@@ -74,7 +76,7 @@ def shaded_samples(
     fields = shading.field_bytes(plan, geometry, quantisation.directions, samples.indices, here)
     exponent = shading.opacity_exponents(plan, samples.indices)
     directions = voxel_packets.directions(quantisation.directions)
-    colour, opacity = shading.shade(here, fields, scene, plan.step, plan, exponent, directions)
+    colour, opacity = shading.shade(here, fields, scene, plan.step, exponent, directions)
     if not exact:
         colour = torch.floor(255 * colour + 0.5) / 255
         opacity = coded(opacity)

@@ -11,6 +11,7 @@ from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import grid_index_bytes
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, OPACITY_UNIT, code_of_opacity
 from volsplat.protocol.rules.refinement import active_shading
+from volsplat.protocol.rules.resolved_view import screen_rotation
 
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 GRADIENT_FIELDS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
@@ -31,11 +32,14 @@ def blocks(plan: FramePlan, indices: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def opacity_exponents(plan: FramePlan, indices: Tensor) -> Tensor:
-    """The t of 1 - (1 - a)^t for visited samples: float64 (n,)."""
-    low, high = blocks(plan, indices)
-    sizes, inverse = torch.unique(high - low, dim=0, return_inverse=True)
-    each = [plan.opacity_exponent((int(s[0]), int(s[1]), int(s[2]))) for s in sizes]
-    return torch.tensor(each, dtype=torch.float64)[inverse]
+    """The t of 1 - (1 - a)^t for visited samples, by the class of their blocks: float64 (n,)."""
+    block_class = torch.zeros(len(indices), dtype=torch.int64)
+    for axis in (2, 1, 0):
+        visits = plan.visits[axis]
+        ordinal = (indices[:, axis] - visits.first) // visits.stride
+        on_axis = torch.where(ordinal == 0, 0, torch.where(ordinal == visits.count - 1, 2, 1))
+        block_class = 3 * block_class + on_axis
+    return torch.tensor(plan.opacity_exponents, dtype=torch.float64)[block_class]
 
 
 def field_bytes(
@@ -61,10 +65,10 @@ def field_bytes(
     return fields
 
 
-def light_of_directions(scene: Scene, step: Step, plan: FramePlan, directions: Tensor) -> Tensor:
+def light_of_directions(scene: Scene, step: Step, directions: Tensor) -> Tensor:
     """What multiplies the reflected colour, for unit gradient directions (n, 3) or zeros: float64 (n,)."""
     active = active_shading(scene, step)
-    to_physical = matrices.transposed(plan.rotation)
+    to_physical = matrices.transposed(screen_rotation(scene.view))
     light = matrices.normalised(scene.light.direction)
     if scene.light.fixed_to == "world":
         light = matrices.applied(to_physical, light)
@@ -92,7 +96,6 @@ def shade(
     fields: dict[Field, Tensor],
     scene: Scene,
     step: Step,
-    plan: FramePlan,
     exponent: Tensor,
     directions: Tensor,
 ) -> tuple[Tensor, Tensor]:
@@ -104,7 +107,7 @@ def shade(
     colour = torch.zeros(len(packets), 3, dtype=torch.float64)
     if active_shading(scene, step).emitted:
         colour = colour + _colours(scene.tables.emit)[fields[cross_bar.emit]]
-    light = light_of_directions(scene, step, plan, directions)[packets >> DIRECTION_SHIFT & 0x7FFF]
+    light = light_of_directions(scene, step, directions)[packets >> DIRECTION_SHIFT & 0x7FFF]
     colour = colour + _colours(scene.tables.refl)[fields[cross_bar.refl]] * light[:, None]
 
     alpha = _scalars(scene.tables.opac)[fields[cross_bar.opac]]

@@ -166,7 +166,8 @@ def test_what_cannot_be_encoded_ends_its_frame_and_no_server(head: Path, single:
 
         def broken(instruction: Any) -> None:
             if isinstance(instruction, Send) and isinstance(instruction.message, messages.RenderFrame):
-                message = replaced(instruction.message, scene=replaced(scene, order=other(object())))
+                plan = replaced(instruction.message.plan, order=other(object()))
+                message = replaced(instruction.message, plan=plan)
                 instruction = replaced_instruction(instruction, message)
             carry_out(instruction)
 

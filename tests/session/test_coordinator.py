@@ -113,7 +113,7 @@ def test_servers_are_told_an_order_and_need_not_choose() -> None:
     coordinator = surveyed()
     coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, whole=True))
     told = [i.message for i in packed(coordinator) if isinstance(i, Send)]
-    orders = {message.scene.order for message in told if isinstance(message, messages.RenderFrame)}
+    orders = {message.plan.order for message in told if isinstance(message, messages.RenderFrame)}
     assert len(orders) == 1 and orders <= set(TRAVERSAL_ORDERS)
 
 
@@ -574,7 +574,7 @@ def levels_opened(instructions: list[Instruction]) -> list[int]:
 def drawn_from(instructions: list[Instruction]) -> set[tuple[int, int]]:
     """Level and stride that the servers are told."""
     told = [i.message for i in instructions if isinstance(i, Send)]
-    return {(m.resolution.level, m.resolution.stride) for m in told if isinstance(m, messages.RenderFrame)}
+    return {(m.level, m.plan.stride) for m in told if isinstance(m, messages.RenderFrame)}
 
 
 def test_of_a_prepared_volume_a_step_has_the_levels_opened_that_it_needs() -> None:
@@ -644,6 +644,6 @@ def test_a_probe_of_a_prepared_volume_looks_at_what_is_held() -> None:
     coordinator = opened_store()
     assert levels_opened(coordinator.handle(ProbeAsked(5, zoomed(0.5), 1.0, 1.0))) == [1, 2]
     (ask, _) = [i.message for i in packed(coordinator) if isinstance(i, Send)]
-    assert isinstance(ask, messages.ProbeVoxels) and ask.resolution.level == 1
+    assert isinstance(ask, messages.ProbeVoxels) and ask.level == 1
     asked = coordinator.handle(ProbeAsked(6, zoomed(4.0), 1.0, 1.0))
     assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]

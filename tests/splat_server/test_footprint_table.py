@@ -1,9 +1,9 @@
 """The footprint table: kernels projected, offsets chosen, and unity over views, zooms, shifts and matrices."""
 
-import dataclasses
 import math
 from dataclasses import dataclass
 
+import msgspec
 import pytest
 import torch
 from hypothesis import assume, given, settings
@@ -19,7 +19,8 @@ from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, S
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS, DOCUMENTED_RIPPLE, FootprintShape, footprint_shape
-from volsplat.protocol.rules.frame_plan import FIXED_ONE, FramePlan, plan_frame
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, GridOnScreen, grid_on_screen
 from volsplat.protocol.rules.packet_layout import OPACITY_SHIFT, OPACITY_UNIT, POSITION_BITS, ROW_RUN
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server import _kernels
@@ -40,7 +41,7 @@ def shape_of(
     zoom: float, kernel: Kernel = Kernel.GAUSSIAN, matrix: matrices.Matrix = matrices.IDENTITY
 ) -> FootprintShape:
     scene = plain_scene(view=View(zoom=zoom), reconstruction=Reconstruction(kernel=kernel))
-    return footprint_shape(plan_frame(scene, Geometry((8, 8, 8), matrix), Step.F), scene.reconstruction)
+    return footprint_shape(grid_on_screen(scene, Geometry((8, 8, 8), matrix)), 1, scene.reconstruction)
 
 
 @pytest.mark.parametrize("kernel", KERNELS)
@@ -84,13 +85,13 @@ class EndlessSheet:
 
     scene: Scene
     geometry: Geometry
-    plan: FramePlan
+    grid: GridOnScreen
     doubled: Tensor  # (n, 3) indices
     thickness: float  # of a sheet of cells along the line of sight, in reference spacings
 
     @property
     def shape(self) -> FootprintShape:
-        return footprint_shape(self.plan, self.scene.reconstruction)
+        return footprint_shape(self.grid, 1, self.scene.reconstruction)
 
     def positions(self) -> Tensor:
         """(n, 2) exact, in pixels."""
@@ -98,7 +99,7 @@ class EndlessSheet:
 
     def lattice(self) -> Tensor:
         """(n, 2) in 1/64 pixel, rounded."""
-        return torch.stack([mapping.on_lattice(dda, self.doubled) for dda in (self.plan.x, self.plan.y)], dim=1)
+        return torch.stack([mapping.on_lattice(dda, self.doubled) for dda in (self.grid.x, self.grid.y)], dim=1)
 
 
 @st.composite
@@ -107,27 +108,29 @@ def endless_sheets(draw: st.DrawFn) -> EndlessSheet:
     view = View(rotation=draw(quaternions), zoom=draw(st.floats(0.25, 16)), center=draw(st.tuples(*[shifts] * 3)))
     scene = plain_scene(view=view, size=(5, 4), reconstruction=Reconstruction(kernel=draw(st.sampled_from(KERNELS))))
     geometry = Geometry((1, 1, 1), draw(index_to_physical()))
-    plan = plan_frame(scene, geometry, Step.F)
-    shape = footprint_shape(plan, scene.reconstruction)
-    _, row, sample = plan.traversal.axes
-    d = torch.tensor(plan.pixels_per_index, dtype=torch.float64)
+    grid = grid_on_screen(scene, geometry)
+    shape = footprint_shape(grid, 1, scene.reconstruction)
+    _, row, sample = plan_frame(scene, geometry, Step.F).traversal.axes
+    d = torch.tensor(grid.pixels_per_index, dtype=torch.float64)
     on_screen = d[:2, [row, sample]]
     area = abs(float(torch.linalg.det(on_screen)))
     margin_x, margin_y = shape.half_width + 1, shape.half_height + 1
     assume(area > MOST_SAMPLES_PER_PIXEL**-1 and 2 * max(margin_x, margin_y) + 6 < FARTHEST / 64)
     low = torch.tensor([-margin_x, -margin_y], dtype=torch.float64)
-    high = torch.tensor([plan.width + margin_x, plan.height + margin_y], dtype=torch.float64)
-    origin = torch.tensor([plan.x.origin, plan.y.origin], dtype=torch.float64) / FIXED_ONE
+    high = torch.tensor([scene.image.width + margin_x, scene.image.height + margin_y], dtype=torch.float64)
+    origin = torch.tensor([grid.x.origin, grid.y.origin], dtype=torch.float64) / FIXED_ONE
     corners = torch.cartesian_prod(torch.stack((low[0], high[0])), torch.stack((low[1], high[1])))
     grid_corners = (corners - origin) @ torch.linalg.inv(on_screen).T
     first, end = grid_corners.min(dim=0).values.floor().long() - 1, grid_corners.max(dim=0).values.ceil().long() + 2
     assume(int((end - first).prod()) < MOST_SAMPLES)
-    grid = torch.cartesian_prod(*(torch.arange(int(first[n]), int(end[n])) for n in (0, 1)))
-    near = ((grid.double() @ on_screen.T + origin >= low) & (grid.double() @ on_screen.T + origin < high)).all(dim=1)
+    points = torch.cartesian_prod(*(torch.arange(int(first[n]), int(end[n])) for n in (0, 1)))
+    near = ((points.double() @ on_screen.T + origin >= low) & (points.double() @ on_screen.T + origin < high)).all(
+        dim=1
+    )
     doubled = torch.zeros((int(near.sum()), 3), dtype=torch.int64)
-    doubled[:, row], doubled[:, sample] = 2 * grid[near, 0], 2 * grid[near, 1]
-    thickness = abs(float(torch.linalg.det(d))) / area / plan.zoom
-    return EndlessSheet(scene, geometry, plan, doubled, thickness)
+    doubled[:, row], doubled[:, sample] = 2 * points[near, 0], 2 * points[near, 1]
+    thickness = abs(float(torch.linalg.det(d))) / area / grid.zoom
+    return EndlessSheet(scene, geometry, grid, doubled, thickness)
 
 
 @settings(max_examples=20)
@@ -135,7 +138,7 @@ def endless_sheets(draw: st.DrawFn) -> EndlessSheet:
 def test_the_table_holds_the_footprint_at_each_offset(sheet: EndlessSheet, data: st.DataObject) -> None:
     table = footprint_table(sheet.shape)
     steps = mapping.steps_on_screen(sheet.scene, sheet.geometry)
-    expected = reference.footprint_of(steps, sheet.plan.zoom, 1, sheet.scene.reconstruction)
+    expected = reference.footprint_of(steps, sheet.grid.zoom, 1, sheet.scene.reconstruction)
     n = 1 << table.offset_bits
     fx, fy = data.draw(st.integers(0, n - 1)), data.draw(st.integers(0, n - 1))
     left, top, weights = table.weights_at(fx, fy)
@@ -169,7 +172,7 @@ def test_offsets_are_as_fine_as_the_cache_allows() -> None:
 
 def test_a_slanted_flat_footprint_gets_offsets_for_its_narrow_side() -> None:
     across = shape_of(4.0)
-    flat = dataclasses.replace(across, qxx=0.5, qxy=-0.49, qyy=0.5, half_width=14.2, half_height=14.2)
+    flat = msgspec.structs.replace(across, qxx=0.5, qxy=-0.49, qyy=0.5, half_width=14.2, half_height=14.2)
     assert offset_bits_for(flat) == 6
     assert FootprintTable.bytes_needed(Ellipse(1.0, 0.5, -0.49, 0.5, 14.2, 14.2), 6) > CACHE_BUDGET
 
@@ -179,7 +182,7 @@ def test_offsets_are_at_least_eight_a_pixel_unless_footprints_are_very_large(dat
     """The map/shade server relies on that (mapshade_server/kernels/closed_tiles.cpp) to tell what is hidden."""
     height = data.draw(st.floats(0.25, 4095 / width))
     qxx, qyy = (2 / width) ** 2, (2 / height) ** 2
-    shape = dataclasses.replace(shape_of(1.0), qxx=qxx, qxy=0.0, qyy=qyy, half_width=width, half_height=height)
+    shape = msgspec.structs.replace(shape_of(1.0), qxx=qxx, qxy=0.0, qyy=qyy, half_width=width, half_height=height)
     assert offset_bits_for(shape) >= 3
 
 
@@ -196,7 +199,7 @@ def test_a_huge_footprint_is_coarse_and_one_beyond_any_image_refused() -> None:
 def test_the_weights_over_a_pixel_sum_to_the_thickness(sheet: EndlessSheet) -> None:
     reconstruction = sheet.scene.reconstruction
     steps = mapping.steps_on_screen(sheet.scene, sheet.geometry)
-    footprint = reference.footprint_of(steps, sheet.plan.zoom, 1, reconstruction)
+    footprint = reference.footprint_of(steps, sheet.grid.zoom, 1, reconstruction)
     pixels = torch.cartesian_prod(torch.arange(2, 4), torch.arange(2, 4)).double()
     dx, dy = (pixels[:, None, :] - sheet.positions()[None]).unbind(2)
     off = footprint.weights(dx, dy).sum(dim=1) / sheet.thickness - 1
@@ -220,7 +223,7 @@ def test_splatted_weights_sum_to_the_thickness(sheet: EndlessSheet) -> None:
     buffers = _kernels.SortedBuffers(1, 1, 1, len(packets))
     buffers.push(0, 0, memory, 0, 0, True)
     spans, _, _, _ = buffers.advance(1 << 62)
-    image = ImageBuffer(sheet.plan.width, sheet.plan.height)
+    image = ImageBuffer(sheet.scene.image.width, sheet.scene.image.height)
     image.splat(spans, footprint_table(sheet.shape), Order.BACK_TO_FRONT)
     alpha = torch.frombuffer(bytearray(image.snapshot()), dtype=torch.float32)[3::4].double()
     off = alpha / THINNEST / sheet.thickness - 1

@@ -30,7 +30,7 @@ def test_busy_lines_are_those_between_the_volume_s_corners(
     view, image = View(rotation=(*turn, 1.0), zoom=zoom), Image(width=120, height=90)
     scene = msgspec.structs.replace(plain_scene(view=view), image=image)
     plan = plan_frame(scene, Geometry(dims), step)
-    reach = pixel_reach(plan, scene.reconstruction, by_columns)
+    reach = pixel_reach(plan, by_columns)
     corners = itertools.product(*((2 * visits.low - 1, 2 * visits.high - 1) for visits in plan.visits))
     dda, lines = (plan.x, 120) if by_columns else (plan.y, 90)
     at = [dda.at_half_indices((i, j, k)) / 2**32 for i, j, k in corners]

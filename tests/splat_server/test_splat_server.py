@@ -19,9 +19,10 @@ from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from support.scenes.threaded import everything_threaded
+from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Scene, Step, View
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.refusals import OUT_OF_MEMORY
@@ -29,6 +30,7 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA, TILE_SIDE, tile_map_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import own_resolution
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -47,6 +49,11 @@ GEOMETRY = Geometry(dims=(SIZE, SIZE, SIZE))
 SCENE = shaded_scene(View(rotation=(0.2, 0.5, 0.1, 0.8), zoom=3.0), (96, 80))
 WORKERS = (11, 12, 13)
 KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WORKERS}
+
+
+def request(frame: int, scene: Scene = SCENE, step: Step = Step.F) -> messages.RenderFrame:
+    resolution = own_resolution(GEOMETRY, step)
+    return frame_request(frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, list(WORKERS))
 
 
 class Bench:
@@ -101,9 +108,7 @@ class Bench:
             assert self._server._changed.wait_for(lambda: not self._server._merge.may_read(worker), PATIENCE)
 
     def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
-        resolution = own_resolution(GEOMETRY, step)
-        request = messages.RenderFrame(frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, list(WORKERS))
-        self.control.send(request)
+        self.control.send(request(frame, scene, step))
 
     def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
         message = messages.Batch(
@@ -174,7 +179,7 @@ def batches(
     for box in boxes:
         sub_cube = SubCube.of_volume(GEOMETRY, VALUES, box)
         sub_cube.pack(QUANTISATION)
-        walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, scene, plan)
+        walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, shading_rule(scene, step), plan)
         of_workers.append(list(iter(lambda walk=walk: walk.next_batch(max_packets), None)))  # type: ignore[misc]
     return of_workers
 
@@ -376,10 +381,12 @@ def test_a_frame_that_cannot_be_drawn_is_refused_and_the_next_one_drawn(bench: B
     assert bench.draws(1, of_workers).complete
     for worker, sent in zip(WORKERS, of_workers, strict=True):
         bench.sends(worker, 2, 0, sent[0])
-    bench.renders(2, msgspec.structs.replace(SCENE, bounds=Bounds(low=(SIZE, 0, 0))))
+    asked = request(2)
+    huge = msgspec.structs.replace(asked.plan.footprint, half_width=1e5, half_height=1e5)  # type: ignore[type-var]
+    bench.control.send(msgspec.structs.replace(asked, plan=msgspec.structs.replace(asked.plan, footprint=huge)))
     refused = bench.hears(messages.Refused)[0]
     assert isinstance(refused, messages.Refused)
-    assert (refused.request, refused.frame) == ("RenderFrame", 2) and "bounds" in refused.cause
+    assert (refused.request, refused.frame) == ("RenderFrame", 2) and "lower the zoom" in refused.cause
     assert bench.draws(3, of_workers).complete
 
 
@@ -454,7 +461,7 @@ def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(
     geometry = Geometry(dims=(1, 1, 1))
     values = torch.full((1, 1, 1), 200.0, dtype=torch.float64)
     touched = int((rendered(values, geometry, scene, step)[..., 3] > 0).sum())
-    counted = FrameAssembly(scene, geometry, step, 1, [1]).pixels_per_packet
+    counted = FrameAssembly(plan_frame(scene, geometry, step), 1, [1]).pixels_per_packet
     assert touched <= counted <= 64 * (touched + 200 + 160)
     assert packets_at_once(counted) * counted <= max(PIXELS_AT_ONCE, counted)
 

@@ -13,6 +13,7 @@ import pytest
 
 from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
+from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
@@ -78,7 +79,7 @@ class Attacked:
 
     def begins(self, frame: int, workers: list[int]) -> None:
         resolution = own_resolution(GEOMETRY, Step.F)
-        self.control.send(messages.RenderFrame(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, workers))
+        self.control.send(frame_request(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, workers))
 
     def finishes(self) -> messages.FrameFinished:
         while (received := self.control.receive()) is not None:

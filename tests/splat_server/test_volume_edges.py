@@ -14,11 +14,13 @@ from volsplat.protocol.description.scene import Bounds, Image, Order, Scene, Ste
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
-from volsplat.protocol.rules.frame_plan import FIXED_ONE, plan_frame
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, grid_on_screen
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES, opacity_of_code
+from volsplat.protocol.rules.volume_edges import CLIP_LINE_WIDTH, VOLUME_LINE_WIDTH, volume_edges
 from volsplat.splat_server._kernels import EdgeLayer, ImageMemory, published
+from volsplat.splat_server.edge_layers import edge_layers
 from volsplat.splat_server.frame_assembly import FrameAssembly
-from volsplat.splat_server.volume_edges import CLIP_LINE_WIDTH, VOLUME_LINE_WIDTH, edge_layers, volume_edges
 
 SIZE = 40
 DIMS = (10, 10, 10)
@@ -47,7 +49,7 @@ def test_there_are_twelve_edges_and_twelve_more_with_bounds() -> None:
     edges = volume_edges(cut, geometry)
     assert [edge.line_width for edge in edges] == [VOLUME_LINE_WIDTH] * 12 + [CLIP_LINE_WIDTH] * 12
     off = msgspec.structs.replace(scene, image=Image(width=SIZE, height=SIZE, edges=False))
-    assert volume_edges(off, geometry) == []
+    assert volume_edges(off, geometry) == ()
 
 
 @given(index_to_physical(), quaternions)
@@ -56,9 +58,9 @@ def test_an_edge_is_behind_when_both_its_faces_face_away(
 ) -> None:
     """By the depth of each face's plane: nine edges are in front and three behind, those that meet in one corner."""
     scene, geometry = scene_of(rotation), Geometry((3, 4, 5), matrix)
-    plan = plan_frame(scene, geometry, Step.F)
+    grid = grid_on_screen(scene, geometry)
     edges = volume_edges(scene, geometry)
-    facing = [abs(row[2]) for row in matrices.inverse(plan.pixels_per_index)]
+    facing = [abs(row[2]) for row in matrices.inverse(grid.pixels_per_index)]
     behind = [edge for edge in edges if not edge.in_front]
     if min(facing) / max(facing) < EDGE_ANGLE:  # a face seen edge on
         assert len(behind) <= 3
@@ -66,16 +68,16 @@ def test_an_edge_is_behind_when_both_its_faces_face_away(
     assert len(behind) == 3
     # A ray through the box ends where the three planes that face away meet: at the corner farthest along each
     # axis in the direction away from the viewer.
-    away = [row[2] < 0 for row in matrices.inverse(plan.pixels_per_index)]
+    away = [row[2] < 0 for row in matrices.inverse(grid.pixels_per_index)]
     doubled = [2 * n - 1 if upper else -1 for n, upper in zip(geometry.dims, away, strict=True)]
-    corner = tuple(dda.at_half_indices((doubled[0], doubled[1], doubled[2])) / FIXED_ONE for dda in (plan.x, plan.y))
+    corner = tuple(dda.at_half_indices((doubled[0], doubled[1], doubled[2])) / FIXED_ONE for dda in (grid.x, grid.y))
     assert all(corner in (edge.begin, edge.end) for edge in behind)
 
 
 @pytest.mark.parametrize("opacity", [OPACITY_CODES - 1, OPACITY_CODES - 300])
 def test_lines_behind_are_attenuated_and_lines_in_front_are_not(opacity: int) -> None:
     scene, geometry = scene_of(TURNED, zoom=0.25), Geometry((100, 100, 100))
-    assembly = FrameAssembly(scene, geometry, Step.C, 1, [3])
+    assembly = FrameAssembly(plan_frame(scene, geometry, Step.C), 1, [3])
     runs, packets = batch_bytes(
         [Run(0, n, 0, tuple(Dot(x * 64, n * 64, opacity, (0, 0, 0)) for x in range(SIZE))) for n in range(SIZE)]
     )

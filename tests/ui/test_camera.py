@@ -18,11 +18,11 @@ from support.scenes.arbitrary import plain_scene
 from tolerances import CAMERA_PIXELS, ROUNDING
 from volsplat.client.scene.view_rotation import Quaternion, named_view
 from volsplat.client.ui.doors.static_files import STATIC
-from volsplat.protocol.description.scene import Step, View
+from volsplat.protocol.description.scene import View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
-from volsplat.protocol.rules.frame_plan import FIXED_ONE, plan_frame
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, grid_on_screen
 
 __all__ = ["browser", "browser_page"]
 
@@ -92,11 +92,12 @@ def position(case: Case, view: Case, index: Vector) -> Vector:
         view=View(rotation=view["rotation"], zoom=view["zoom"], center=vector(view["center"])),
         size=(case["size"]["width"], case["size"]["height"]),
     )
-    plan = plan_frame(scene, geometry_of(case), Step.F)
+    grid = grid_on_screen(scene, geometry_of(case))
     whole = (math.floor(index[0]), math.floor(index[1]), math.floor(index[2]))
-    within = matrices.applied(plan.pixels_per_index, matrices.minus(index, vector([float(n) for n in whole])))
+    within = matrices.applied(grid.pixels_per_index, matrices.minus(index, vector([float(n) for n in whole])))
     doubled = (2 * whole[0], 2 * whole[1], 2 * whole[2])
-    x, y, z = (dda.at_half_indices(doubled) / FIXED_ONE for dda in (plan.x, plan.y, plan.depth))
+    x, y = (dda.at_half_indices(doubled) / FIXED_ONE for dda in (grid.x, grid.y))
+    z = grid.origin[2] + matrices.dot(grid.pixels_per_index[2], vector([float(n) for n in whole]))
     return (x + within[0], y + within[1], z + within[2])
 
 

@@ -22,7 +22,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.server_links import ServerIds
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Image, Step
+from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.control_part import encode_control
 from volsplat.protocol.messages.exchanges import EXCHANGES, Exchanges
@@ -71,8 +71,8 @@ def test_nothing_is_answered_unasked_and_nothing_twice(way: Way) -> None:
         for n, answer_kind in enumerate(kind.answers):
             answer = msgspec.structs.replace(SAMPLES[answer_kind][0], **ids)
             if isinstance(answer, messages.ImageRead) and isinstance(asked, messages.RenderFrame):
-                size = asked.scene.image
-                answer = msgspec.structs.replace(answer, width=size.width, height=size.height)
+                width, height = asked.plan.image_size
+                answer = msgspec.structs.replace(answer, width=width, height=height)
             exchanges = Exchanges(way)
             with pytest.raises(ValueError, match=rf"^{answer_kind.__name__}.* came unasked$"):
                 exchanges.check(answer)
@@ -127,8 +127,8 @@ def test_an_image_of_another_size_than_was_asked_for_is_given_no_memory() -> Non
     render = SAMPLES[messages.RenderFrame][0]
     assert isinstance(render, messages.RenderFrame)
     for frame, side in ((1, 32), (2, 64)):
-        scene = msgspec.structs.replace(render.scene, image=Image(width=side, height=side))
-        exchanges.said(msgspec.structs.replace(render, frame=frame, scene=scene))
+        plan = msgspec.structs.replace(render.plan, width=side, height=side)
+        exchanges.said(msgspec.structs.replace(render, frame=frame, plan=plan))
     exchanges.said(messages.ReadImage(2))
     allocated: list[int] = []
 

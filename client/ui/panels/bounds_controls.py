@@ -11,7 +11,7 @@ from volsplat.client.ui.controls.text_field import whole_number_field
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Bounds, Scene
 from volsplat.protocol.description.volume import Geometry, Index
-from volsplat.protocol.rules.frame_plan import resolved_bounds
+from volsplat.protocol.rules.resolved_view import resolved_bounds
 
 AXES = "ijk"
 

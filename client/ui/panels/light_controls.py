@@ -13,7 +13,7 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Light, Scene
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
-from volsplat.protocol.rules.frame_plan import screen_rotation
+from volsplat.protocol.rules.resolved_view import screen_rotation
 
 replace = msgspec.structs.replace
 

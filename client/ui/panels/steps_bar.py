@@ -15,7 +15,7 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import ORDER_WORDS, Order, Scene, Step
-from volsplat.protocol.rules.frame_plan import resolved_order
+from volsplat.protocol.rules.resolved_view import resolved_order
 
 INTERVAL = 0.1  # seconds between updates
 

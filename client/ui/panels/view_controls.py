@@ -17,7 +17,7 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.geometry.upright import UPS
-from volsplat.protocol.rules.frame_plan import resolved_center
+from volsplat.protocol.rules.resolved_view import resolved_center
 
 ROLL_DEGREES = 15.0
 ROTATION, UP, CENTER = KEYS["view.rotation"], KEYS["view.up"], KEYS["view.center"]

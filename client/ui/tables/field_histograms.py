@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from volsplat.client.histogram.density_histogram import DensityHistogram, density_histogram
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Quantise
-from volsplat.protocol.rules.frame_plan import bounding_radius
+from volsplat.protocol.rules.resolved_view import bounding_radius
 
 LAST = TABLE_ENTRIES - 1
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)

@@ -16,8 +16,8 @@ from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.upright import Up, upright
-from volsplat.protocol.rules.frame_plan import resolved_bounds, resolved_center, resolved_zoom
 from volsplat.protocol.rules.refinement import finer
+from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, resolved_zoom
 
 HEADER_LENGTH_BYTES = 4  # little-endian, before a picture's header
 

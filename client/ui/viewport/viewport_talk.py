@@ -23,7 +23,7 @@ from volsplat.client.ui.viewport import viewport_messages as said
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.protocol.description.scene import Bounds, Scene
 from volsplat.protocol.geometry.upright import Up
-from volsplat.protocol.rules.frame_plan import resolved_bounds
+from volsplat.protocol.rules.resolved_view import resolved_bounds
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 
 log = logging.getLogger(__name__)

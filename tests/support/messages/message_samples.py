@@ -9,7 +9,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from support.checkout import ROOT
-from support.scenes.arbitrary import geometries
+from support.scenes.arbitrary import geometries, situations
 from support.scenes.scenes import scenes
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.machine import Machine
@@ -23,9 +23,12 @@ from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.messages.versions import SPOKEN
 from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
+from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
-from volsplat.protocol.rules.levels import Prepared, Resolution
+from volsplat.protocol.rules.levels import Prepared
+from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.packet_layout import ROW_RUN
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.wire.framing import HEADER, MAGIC
 
 RECORDED = ROOT / "tests" / "recorded" / f"protocol-{SPOKEN.newest}"
@@ -52,7 +55,8 @@ SCENE = Scene(
         opac=ScalarTable(points=((0.25, 0.0), (0.5, 1.0))),
     )
 )
-RESOLUTION = Resolution(level=0, geometry=GEOMETRY, stride=1)
+PLAN, SHADING = plan_frame(SCENE, GEOMETRY, Step.F), shading_rule(SCENE, Step.F)
+LINE = line_of_sight(SCENE, GEOMETRY, 12.5, 7.25)
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 MACHINE = Machine("node-1", "Linux", "a processor", 8)
 SPLAT_STATS = messages.SplatStats(
@@ -88,7 +92,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
-        (messages.RenderFrame(7, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, RESOLUTION, [1, 2]), b""),
+        (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, [1, 2]), b""),
         (messages.AbortFrame(7), b""),
         (messages.FrameAborted(7), b""),
         (
@@ -105,7 +109,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
         ),
         (messages.TilesClosed(7, 260, 5), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
-        (messages.ProbeVoxels(5, 1, SCENE, GEOMETRY, QUANTISATION, RESOLUTION, 12.5, 7.25), b""),
+        (messages.ProbeVoxels(5, 1, LINE, SHADING, GEOMETRY, QUANTISATION, 0), b""),
         (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
         (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
         (messages.EndSession(), b""),
@@ -179,7 +183,11 @@ _small_boxes = st.tuples(_voxel, st.tuples(*[st.integers(1, 4)] * 3)).map(
 )
 _scalar_types = st.sampled_from(sorted(SCALAR_BYTES))
 _parts = st.builds(messages.Part, ids, ordinals, st.integers(0, 1), _scalar_types, _small_boxes)
-_resolutions = st.builds(Resolution, st.integers(0, 31), geometries(), st.integers(1, 4))
+_steps = st.sampled_from(Step)
+_plans = st.tuples(situations(), _steps).map(lambda drawn: plan_frame(*drawn[0], drawn[1]))
+_lines = st.tuples(situations(), finite, finite).map(lambda drawn: line_of_sight(*drawn[0], *drawn[1:]))
+_shadings = st.builds(shading_rule, scenes(), _steps)
+_level_numbers = st.integers(0, 31)
 _prepared = st.builds(Prepared, surveys, quantisations, st.lists(geometries(), min_size=1, max_size=3).map(tuple))
 _machines = st.builds(Machine, *[st.text(max_size=20)] * 3, st.integers(1, 64))
 _map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts, _machines)
@@ -264,11 +272,11 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.RenderFrame,
         ids,
         ids,
-        scenes(),
-        st.sampled_from(Step),
+        _plans,
+        _shadings,
         geometries(),
         quantisations,
-        _resolutions,
+        _level_numbers,
         st.lists(ids, max_size=3),
     ),
     messages.AbortFrame: st.builds(messages.AbortFrame, ids),
@@ -284,7 +292,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.Batch: st.tuples(st.integers(0, 9), st.integers(0, 9)).flatmap(_batches),
     messages.TilesClosed: st.builds(messages.TilesClosed, ids, st.integers(1, 600), st.integers(1, 40)),
     messages.ProbeVoxels: st.builds(
-        messages.ProbeVoxels, ids, ids, scenes(), geometries(), quantisations, _resolutions, finite, finite
+        messages.ProbeVoxels, ids, ids, _lines, _shadings, geometries(), quantisations, _level_numbers
     ),
     messages.VoxelProbed: st.builds(
         messages.VoxelProbed,

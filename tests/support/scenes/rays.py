@@ -6,7 +6,7 @@ from torch import Tensor
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
-from volsplat.protocol.rules.frame_plan import screen_rotation
+from volsplat.protocol.rules.resolved_view import screen_rotation
 
 MATRICES: dict[str, Matrix] = {
     "cubic": IDENTITY,

@@ -14,9 +14,12 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
+from volsplat.protocol.rules.refinement import STEP_RULES
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server.footprint_table import footprint_table
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
@@ -42,15 +45,13 @@ def rendered(
     held = resolution.geometry if resolution else geometry
     holdings = workers or [[held.box]]
     plan = plan_frame(scene, geometry, step, resolution)
-    assembly = FrameAssembly(
-        scene, geometry, step, frame=1, workers=range(len(holdings)), threads=threads, resolution=resolution
-    )
+    assembly = FrameAssembly(plan, frame=1, workers=range(len(holdings)), threads=threads)
     walks = []
     for boxes in holdings:
         sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
-        walks.append(FrameWalk(sub_cubes, geometry, quantisation, scene, plan))
+        walks.append(FrameWalk(sub_cubes, geometry, quantisation, shading_rule(scene, step), plan))
     delivering = list(range(len(walks)))
     while delivering:
         worker = arrival.choice(delivering) if arrival else delivering[0]
@@ -67,14 +68,15 @@ def rendered(
     assert not assembly.lost
     image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32)
     assembly.image.close()
-    return image.reshape(plan.height, plan.width, 4)
+    width, height = plan.image_size
+    return image.reshape(height, width, 4)
 
 
 class TableWeights:
     """The splat server's own footprint table, as the reference takes it (reference.render.Weights)."""
 
     def __init__(self, scene: Scene, geometry: Geometry, step: Step) -> None:
-        shape = footprint_shape(plan_frame(scene, geometry, step), scene.reconstruction)
+        shape = footprint_shape(grid_on_screen(scene, geometry), STEP_RULES[step].stride, scene.reconstruction)
         self.offset_bits, self.starts, self.boxes = _table(shape)
 
     def __call__(self, lattice: Tensor, pixel_x: Tensor, pixel_y: Tensor) -> Tensor:

@@ -1,0 +1,32 @@
+"""What servers are told of a frame: its plan, made once for all of them, and its shading rule."""
+
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.shading_rule import shading_rule
+
+
+def frame_request(
+    frame: int,
+    assignment: int,
+    scene: Scene,
+    step: Step,
+    geometry: Geometry,
+    quantisation: Quantisation,
+    resolution: Resolution,
+    workers: list[int],
+) -> messages.RenderFrame:
+    """Raises ValueError where the scene does not fit the volume."""
+    return messages.RenderFrame(
+        frame=frame,
+        assignment=assignment,
+        plan=plan_frame(scene, geometry, step, resolution),
+        shading=shading_rule(scene, step),
+        geometry=geometry,
+        quantisation=quantisation,
+        level=resolution.level,
+        workers=workers,
+    )

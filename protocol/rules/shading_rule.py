@@ -1,0 +1,80 @@
+"""How the samples of a frame become colour and opacity (paper: "Shading"), with what its step leaves of the scene."""
+
+import msgspec
+
+from volsplat.protocol.description.scene import (
+    ColourTable,
+    CrossBar,
+    Field,
+    ScalarTable,
+    Scene,
+    Shading,
+    Step,
+)
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.refinement import active_shading
+from volsplat.protocol.rules.resolved_view import screen_rotation
+
+BLACK = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
+ONE = ScalarTable(points=((0.0, 1.0),))
+
+LONGEST_UNIT = 1.0 + 1e-9  # rounding included
+
+
+class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What multiplies the reflected colour; unit vectors along the volume's physical axes."""
+
+    light: Vector  # towards it
+    half_way: Vector  # between light and eye, or zero where they are opposite: then nothing is reflected to the eye
+    diffuse: bool
+    specular: bool
+    two_sided: bool
+    specular_power: float
+
+    def __post_init__(self) -> None:
+        if not all(matrices.length(vector) <= LONGEST_UNIT for vector in (self.light, self.half_way)):
+            raise ValueError(f"light and half way must be unit vectors, not {self.light} and {self.half_way}")
+        Shading(specular_power=self.specular_power)
+
+
+class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The four tables, what indexes them, and the light: what is off is black, without modulation modu is 1."""
+
+    emit: ColourTable
+    refl: ColourTable
+    opac: ScalarTable
+    modu: ScalarTable
+    cross_bar: CrossBar
+    lighting: Lighting
+
+
+def shading_rule(scene: Scene, step: Step) -> ShadingRule:
+    active, tables, cross_bar = active_shading(scene, step), scene.tables, scene.cross_bar
+    modulated = scene.shading.modulation
+    return ShadingRule(
+        emit=tables.emit if active.emitted else BLACK,
+        refl=tables.refl,
+        opac=tables.opac,
+        modu=tables.modu if modulated else ONE,
+        cross_bar=cross_bar if modulated else msgspec.structs.replace(cross_bar, modu=Field.STRENGTH),
+        lighting=_lighting(scene, step),
+    )
+
+
+def _lighting(scene: Scene, step: Step) -> Lighting:
+    active = active_shading(scene, step)
+    to_physical = matrices.transposed(screen_rotation(scene.view))
+    light = matrices.normalised(scene.light.direction)
+    if scene.light.fixed_to == "world":
+        light = matrices.applied(to_physical, light)
+    eye = matrices.applied(to_physical, (0.0, 0.0, 1.0))
+    between = matrices.plus(light, eye)
+    return Lighting(
+        light=light,
+        half_way=matrices.normalised(between) if any(between) else between,
+        diffuse=active.diffuse,
+        specular=active.specular,
+        two_sided=scene.shading.two_sided,
+        specular_power=scene.shading.specular_power,
+    )
