@@ -30,7 +30,7 @@ COMPILING := 3 of 3: volsplat and what it needs; compiling its kernels takes a m
 
 $(INSTALLED): $(BUILD_INPUTS) $(TORCH)
 	@echo "$(COMPILING)"
-	$(PIP) install -c constraints.txt '.[ui,formats]'
+	$(PIP) install -c constraints.txt '.[torch,ui,formats]'
 	@touch $@
 
 $(READY): $(BUILD_INPUTS) $(TORCH)

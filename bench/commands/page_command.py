@@ -21,10 +21,10 @@ import click
 
 from volsplat.bench.slow_link import slow_link
 from volsplat.bench.subject import subject_of, volume_file
-from volsplat.bench.tables.extra import need
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
+from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
@@ -92,8 +92,8 @@ def page(
     """Drag VOLUME about in headless Chromium, and time it from the pointer's event to the canvas's change."""
     outputs = Outputs(json, markdown)
     outputs.check()
-    need("playwright", "a browser to measure in")
-    need("nicegui", "the page")
+    need("playwright", "a browser to measure in", "bench")
+    need("nicegui", "the page", "ui")
     line = _link(link) if link else None
     subject = subject_of(volume, phantom, None, None, None)
     with PlainConsole(stderr=True).status("starting") as status, volume_file(subject, status.update) as path:

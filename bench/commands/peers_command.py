@@ -11,7 +11,6 @@ import click
 
 from volsplat.bench.commands.option_lists import fractions, whole_numbers
 from volsplat.bench.subject import Shares, shares, subject_of, subject_options, volume_file, volume_words
-from volsplat.bench.tables.extra import need
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
@@ -20,6 +19,7 @@ from volsplat.bench.timing import interleaved, ratios, wall_seconds
 from volsplat.bench.views import around, seen
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.session.renderer import Renderer
+from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
@@ -75,7 +75,7 @@ def peers(
     outputs.check()
     if pictures is not None:
         make_folder(pictures)
-    need("vtkmodules", "volsplat bench peers")
+    need("vtkmodules", "volsplat bench peers", "bench")
     with interrupts_held():
         from volsplat.bench.peers.contenders import opened_contenders
 
@@ -140,14 +140,14 @@ def compare_pictures(contenders: Sequence[Contender], likeness: dict[str, list[f
 
     from volsplat.bench.peers.contenders import VTK
     from volsplat.bench.ssim import luminance, ssim
-    from volsplat.client.image.image_file import over_background, write_pixels
+    from volsplat.client.image.image_file import write_pixels
 
     own = contenders[0].picture()
     other: dict[str, torch.Tensor] = {c.name: c.picture() for c in reversed(contenders) if c.name.startswith(VTK)}
     for name, picture in other.items():
         likeness.setdefault(name, []).append(ssim(luminance(own), luminance(picture)))
     if path is not None:
-        row = [over_background(image, (0.0, 0.0, 0.0)) for image in (own, *reversed(other.values()))]
+        row = [image[..., :3] for image in (own, *reversed(other.values()))]  # over black
         write_pixels(path, torch.cat(row, dim=1))
 
 

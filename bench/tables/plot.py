@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from volsplat.bench.tables.extra import need
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.program.extras import need
 from volsplat.protocol.text.errors import BadInput
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Panel:
 
 def check_plot(path: Path) -> None:
     """Raise BadInput where write_plot could not."""
-    need("matplotlib", "--plot")
+    need("matplotlib", "--plot", "bench")
     if path.suffix.lower() != ".png":
         raise BadInput(f"{path}: a plot is a PNG file; end its name in .png")
 

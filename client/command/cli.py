@@ -20,9 +20,7 @@ def main() -> NoReturn:
     """Run a sub-command and exit with its status."""
     # Until there is something to clean up, Ctrl-C ends the process at once and without a word.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    from volsplat.client.command.import_ahead import leave
-
-    leave(_status())
+    sys.exit(_status())
 
 
 def _status() -> int:

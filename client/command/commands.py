@@ -3,15 +3,16 @@
 import logging
 import os
 import resource
+import sys
 from importlib import import_module
 from importlib.metadata import version
-from importlib.util import find_spec
 from typing import NamedTuple
 
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.deploy.server_command import Program, server_command
+from volsplat.deploy.server_command import Program
+from volsplat.program.extras import need
 from volsplat.program.log_lines import log_to_stderr
 from volsplat.protocol.text.errors import BadInput
 
@@ -20,24 +21,28 @@ LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abo
 
 class Entry(NamedTuple):
     summary: str
-    module: str = ""  # with a command of the entry's name
-    program: Program | None = None  # that the command becomes
-    images: bool = True  # it makes images or volumes, by torch
+    torch: bool = False  # it makes volumes, by torch
+    program: str = ""  # the module of the program that the command becomes
+    module: str = "volsplat.client.command.{name}_command"  # with a command of the entry's name
 
 
 ENTRIES = {
-    "view": Entry("Show a volume in the browser, with every control.", "volsplat.client.command.view_command"),
-    "render": Entry("Draw a volume into an image.", "volsplat.client.command.render_command"),
-    "movie": Entry("Turn a volume around, or fly through it, into a movie.", "volsplat.client.command.movie_command"),
-    "demo": Entry("Draw the head phantom, step by step, into a folder.", "volsplat.client.command.demo_command"),
-    "gallery": Entry("Draw the paper's sixteen images on four plates.", "volsplat.client.command.gallery_command"),
-    "info": Entry("Tell what a volume is, with its histogram.", "volsplat.client.command.info_command", images=False),
-    "scene": Entry("Print a complete scene file to start from.", "volsplat.client.command.scene_command", images=False),
-    "phantom": Entry("Write a volume that volsplat makes itself.", "volsplat.client.command.phantom_command"),
-    "prepare": Entry("Turn a volume of any size into a packet store on disk.", program=Program.PREPARE),
-    "bench": Entry("Measure volsplat: its paper, its floors, its peers.", "volsplat.bench.commands.command"),
-    "mapshade-server": Entry("Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER),
-    "splat-server": Entry("Run a splat server that joins a client.", program=Program.SPLAT_SERVER),
+    "view": Entry("Show a volume in the browser, with every control."),
+    "render": Entry("Draw a volume into an image."),
+    "movie": Entry("Turn a volume around, or fly through it, into a movie."),
+    "demo": Entry("Draw the head phantom, step by step, into a folder.", torch=True),
+    "gallery": Entry("Draw the paper's sixteen images on four plates.", torch=True),
+    "info": Entry("Tell what a volume is, with its histogram."),
+    "scene": Entry("Print a complete scene file to start from."),
+    "phantom": Entry("Write a volume that volsplat makes itself.", torch=True),
+    "prepare": Entry(
+        "Turn a volume of any size into a packet store on disk.", program="volsplat.mapshade_server.prepare"
+    ),
+    "bench": Entry(
+        "Measure volsplat: its paper, its floors, its peers.", torch=True, module="volsplat.bench.commands.command"
+    ),
+    "mapshade-server": Entry("Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER.value),
+    "splat-server": Entry("Run a splat server that joins a client.", program=Program.SPLAT_SERVER.value),
 }
 
 
@@ -51,12 +56,12 @@ class Commands(click.Group):
         entry = ENTRIES.get(name)
         if entry is None:
             return None
-        if entry.program is not None:
+        if entry.program:
             return _becoming(name, entry.program)
-        if entry.images:
+        if entry.torch:
             _need_torch(name)
         with interrupts_held():
-            command: click.Command = getattr(import_module(entry.module), name)
+            command: click.Command = getattr(import_module(entry.module.format(name=name)), name)
         return command
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
@@ -65,21 +70,19 @@ class Commands(click.Group):
 
 
 def _need_torch(command: str) -> None:
-    """Raises BadInput if torch is not installed, as on a machine that only works for others, or cannot be loaded."""
-    if find_spec("torch") is None:
-        raise BadInput(f"{command} needs torch, which is not installed: pip install 'volsplat[client]'")
+    """Raises BadInput if torch is not installed, or would end the process while it is loaded."""
+    need("torch", command, "torch")
     allowed, _ = resource.getrlimit(resource.RLIMIT_AS)
     if allowed != resource.RLIM_INFINITY and allowed < LEAST_MEMORY_FOR_TORCH:
         least, given = (f"{size // 10**6} MB" for size in (LEAST_MEMORY_FOR_TORCH, allowed))
         raise BadInput(f"{command} needs torch, which takes {least}, and may have {given}; raise `ulimit -v`")
 
 
-def _becoming(name: str, program: Program) -> click.Command:
+def _becoming(name: str, program: str) -> click.Command:
     """A sub-command that becomes the program itself, so that it alone decides its options."""
 
     def become(arguments: tuple[str, ...]) -> None:
-        command = server_command(program, *arguments)
-        os.execv(command[0], command)
+        os.execv(sys.executable, [sys.executable, "-m", program, *arguments])
 
     return click.Command(
         name,

@@ -49,8 +49,11 @@ def demo(output: Path) -> None:
             report = report_of(session.volume, scene, outcomes)
             properties = image_properties(session.volume.description, scene)
     for refinement in finished:
-        write_image(step_image_path(output, refinement.step), refinement.image, scene, properties)
-    pictures = [StepPicture(r.step, r.image, o.wall_seconds) for r, o in zip(finished, outcomes, strict=True)]
+        write_image(step_image_path(output, refinement.step), refinement.published.pixels, scene, properties)
+    pictures = [
+        StepPicture(drawn.step, drawn.published.pixels, outcome.wall_seconds)
+        for drawn, outcome in zip(finished, outcomes, strict=True)
+    ]
     write_contact_sheet(output / SHEET, pictures, title="volsplat: successive refinement of the head phantom")
     write_report(output / "report.json", report)
     console.print(step_table(report))

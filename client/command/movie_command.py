@@ -106,7 +106,7 @@ def movie(
     with shown_progress(frames, console) as (say, done):
         with opened_quietly(volume, servers, True, say, console) as renderer:
             scenes = scenes_of(renderer.volume)
-            with interrupts_held():  # takes a second to import; by now every server works
+            with interrupts_held():  # imported when every server works
                 from volsplat.client.movie.movie import write_movie
             write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step))
     image = scenes[0].image

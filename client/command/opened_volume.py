@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 import socket
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from ipaddress import ip_address
 from pathlib import Path
 
 import click
 
+from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.program.plain_console import PlainConsole
@@ -70,8 +72,12 @@ def opened(
     spawns: bool,
     console: PlainConsole,
     also_say: Callable[[str], None] = ignored,
+    imports: Sequence[str] = (),
 ) -> Iterator[Renderer]:
-    """The volume, ready to be drawn, with a line on the terminal that says what is going on, and elsewhere as well."""
+    """The volume, ready to be drawn, with a line on the terminal that says what is going on, and elsewhere as well.
+
+    The modules `imports` are imported while the servers start and read.
+    """
     with console.status("starting") as status:
 
         def say(text: str) -> None:
@@ -81,6 +87,9 @@ def opened(
                 console.say(text)
 
         with opened_quietly(volume, servers, spawns, say, console) as renderer:
+            with interrupts_held():
+                for module in imports:
+                    import_module(module)
             renderer.volume.check_has_values()
             for warning in (*renderer.volume.description.warnings, *renderer.volume.notes()):
                 console.say(f"note: {warning}")

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
-from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.opened_volume import memory_option, opened, servers_from_options
 from volsplat.client.command.render_options import (
     SceneOptions,
@@ -29,8 +27,7 @@ from volsplat.protocol.description.scene import Order, Scene, Step
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
 
-if TYPE_CHECKING:
-    from torch import Tensor
+IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers start
 
 
 @click.command()
@@ -111,7 +108,7 @@ def render(
     outputs.check(Path(volume_name(volume).place))
     servers = servers_from_options(workers, listen, token_file, single, memory)
     console = PlainConsole(stderr=True)
-    with opened(volume, servers, spawns, console) as renderer:
+    with opened(volume, servers, spawns, console, imports=[IMAGE_FILES]) as renderer:
         draw(renderer, scene_options, Step(step), outputs, console)
 
 
@@ -119,8 +116,7 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
     """Draw the last step, or all up to it where each is wanted, and write the files."""
     scene = options.scene_of(renderer.volume)
     properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
-    with interrupts_held():  # takes a second to import; by now every server works
-        from volsplat.client.image.image_file import write_image
+    from volsplat.client.image.image_file import write_image  # while the servers start
 
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
@@ -128,22 +124,19 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
         finished.append(refinement)
         if outputs.steps_dir is not None:
             outputs.make_folder()
-            write_image(step_image_path(outputs.steps_dir, refinement.step), refinement.image, scene, properties)
+            path = step_image_path(outputs.steps_dir, refinement.step)
+            write_image(path, refinement.published.pixels, scene, properties)
     tell_level(finished[-1], console)
     if outputs.image is not None:
-        write_image(outputs.image, finished[-1].image, scene, properties)
-        tell_if_empty(finished[-1].image, scene, console)
+        pixels = finished[-1].published.pixels
+        write_image(outputs.image, pixels, scene, properties)
+        if why := why_empty(pixels, scene):
+            console.say(f"note: {why}")
         console.say(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}")
     if outputs.steps_dir is not None:
         console.say(f"{outputs.steps_dir}: steps A to {last}")
     if outputs.report is not None:
         write_report(outputs.report, report_of(renderer.volume, scene, [r.outcome for r in finished if r.outcome]))
-
-
-def tell_if_empty(image: Tensor, scene: Scene, console: PlainConsole) -> None:
-    """Say so where nothing is to be seen, and why."""
-    if why := why_empty(image, scene):
-        console.say(f"note: {why}")
 
 
 def tell_level(drawn: Refinement, console: PlainConsole) -> None:

@@ -100,7 +100,7 @@ def _scene_in(path: Path, base: Scene) -> Scene:
 
 
 def _stored_scene(image: Path) -> Scene:
-    from volsplat.client.image.image_file import read_scene  # takes a second to import, which only this case needs
+    from volsplat.client.image.image_file import read_scene  # takes time to import, which only this case needs
 
     return read_scene(image)
 

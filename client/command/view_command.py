@@ -5,14 +5,12 @@ from __future__ import annotations
 import errno
 import socket
 from contextlib import nullcontext
-from importlib.util import find_spec
 from pathlib import Path
 
 import click
 import msgspec
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.import_ahead import imported_ahead
 from volsplat.client.command.opened_volume import ignored, memory_option, opened, servers_from_options
 from volsplat.client.command.render_options import SceneOptions, up_from_option, up_option
 from volsplat.client.command.terminal_watch import ended_with_its_reader
@@ -21,6 +19,7 @@ from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.browser_tab import BrowserTab
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.port_holder import port_holder
+from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Refine, Step
@@ -29,8 +28,7 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import LOOPBACK
 
 GRACE_SECONDS = 600
-PAGE = "volsplat.client.ui.page"
-NEEDED_FOR_THE_PAGE = ("volsplat.client.ui.application", PAGE, "torch")
+PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page")  # takes a second to import
 LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 
@@ -73,19 +71,19 @@ def view(
     elsewhere, forward its port: ssh -t -L PORT:localhost:PORT machine volsplat view VOLUME --no-browser --port PORT.
     Ctrl-C ends everything, and so does the end of the terminal.
     """
-    _need_extra()
+    for package in ("nicegui", "PIL"):
+        need(package, "the page", "ui")
     options = SceneOptions(scene=scene, preset=preset, up=up_from_option(up))
     options.scene_of(None)
     if listen is None:
         check_is_there(volume)
     servers = servers_from_options(workers, listen, token_file, memory=memory)
     console = PlainConsole(stderr=True)
-    with ended_with_its_reader(), _bound(port) as bound, imported_ahead(*NEEDED_FOR_THE_PAGE) as imported:
+    with ended_with_its_reader(), _bound(port) as bound:
         address = PageAddress(bound)
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
-            with opened(volume, servers, listen is None, console, tab.say if tab else ignored) as session:
+            with opened(volume, servers, listen is None, console, tab.say if tab else ignored, PAGE) as session:
                 assert isinstance(session, Session)
-                imported(PAGE)
                 _serve(session, options, address, grace, tab, console)
 
 
@@ -119,12 +117,6 @@ def _serve(
     application.run(ready)
     if application.ended_by_grace:
         console.say(f"no page was open for {grace:g} s: everything has ended")
-
-
-def _need_extra() -> None:
-    for package in ("nicegui", "PIL"):
-        if find_spec(package) is None:
-            raise BadInput(f"the page needs {package}, which is not installed: pip install 'volsplat[ui]'")
 
 
 def _bound(port: int) -> socket.socket:

@@ -7,7 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import msgspec
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.client.gallery.plates import IMAGES, PLATES, DataSet, Plate, PlateImage, scene_path
 from volsplat.client.image.image_file import over_background, write_image, write_pixels
@@ -32,7 +33,7 @@ Opened = Callable[[str], AbstractContextManager[Renderer]]  # by the volume's na
 class Drawn:
     """A finished image over its background, (H, W, 3), and what it was made of."""
 
-    pixels: Tensor
+    pixels: NDArray[np.float32]
     label: str
     phases: tuple[Colour, ...] | None = None  # the colours of equal sectors of phase, if it is coloured by phase
 
@@ -75,7 +76,7 @@ def draw_gallery(
         write_pixels(sheet_path(folder, plate), plate_sheet(plate, drawn))
 
 
-def plate_sheet(plate: Plate, drawn: dict[str, Drawn]) -> Tensor:
+def plate_sheet(plate: Plate, drawn: dict[str, Drawn]) -> NDArray[np.float32]:
     """The sheet of a plate as (H, W, 3) float32; `drawn` has its images by name."""
     shown = [_sheet_picture(image, drawn[image.name]) for image in plate.images]
     return picture_sheet(shown, COLUMNS, f"Plate {plate.number}: {plate.title}")
@@ -103,7 +104,7 @@ def _drawn(
             if image.data != data_set:
                 continue
             scene = sized(read_scene_file(scene_path(image, measured), renderer.volume.default_scene()), pixels)
-            finished = renderer.finish(scene, image.step).image
+            finished = renderer.finish(scene, image.step).published.pixels
             properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
             write_image(image_path(folder, image), finished, scene, properties)
             pixels_shown = over_background(finished, scene.image.background)

@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.client.image.image_file import over_background, write_pixels
 from volsplat.client.image.picture_sheet import SheetPicture, picture_sheet
@@ -24,7 +25,7 @@ CAPTIONS = {
 
 class StepPicture(NamedTuple):
     step: Step
-    image: Tensor  # (H, W, 4) float32, associated alpha; all of one size
+    image: NDArray[np.float32]  # (H, W, 4) float32, associated alpha; all of one size
     seconds: float
 
 
@@ -35,7 +36,9 @@ def write_contact_sheet(
     write_pixels(path, contact_sheet(pictures, background, title))
 
 
-def contact_sheet(pictures: Sequence[StepPicture], background: Colour = (0.0, 0.0, 0.0), title: str = "") -> Tensor:
+def contact_sheet(
+    pictures: Sequence[StepPicture], background: Colour = (0.0, 0.0, 0.0), title: str = ""
+) -> NDArray[np.float32]:
     """The sheet as (H, W, 3) float32, 0..1."""
     shown = [
         SheetPicture(

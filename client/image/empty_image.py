@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 from volsplat.protocol.description.scene import Scene
 
 if TYPE_CHECKING:
-    from torch import Tensor
+    import numpy as np
+    from numpy.typing import NDArray
 
 
-def why_empty(image: Tensor, scene: Scene) -> str:
+def why_empty(image: NDArray[np.float32], scene: Scene) -> str:
     """One line for the person; "" where something is visible. `image` is (H, W, 4), associated, without background."""
     if image[..., 3].any():
         return ""

@@ -12,11 +12,12 @@ import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import msgspec
+import numpy as np
 import OpenImageIO as oiio
-import torch
-from torch import Tensor
+from numpy.typing import ArrayLike, NDArray
 
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
@@ -39,7 +40,7 @@ _LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg end
 
 def write_image(
     path: Path,
-    image: Tensor,
+    image: ArrayLike,
     scene: Scene,
     properties: Mapping[str, str] | None = None,
     depth: Depth | None = None,
@@ -58,25 +59,13 @@ def write_image(
 
 def write_pixels(
     path: Path,
-    pixels: Tensor,
+    pixels: ArrayLike,
     properties: Mapping[str, str] | None = None,
     depth: Depth | None = None,
     jpeg_quality: int = JPEG_QUALITY,
 ) -> None:
     """Write (H, W, C) values 0..1 as they are, and `properties` as text. Otherwise as write_image."""
     _write(path, pixels, None, properties or {}, depth, jpeg_quality)
-
-
-def read_image(path: Path) -> Tensor:
-    """The image in a file as (H, W, C) float32, alpha associated, 8 and 16 bits as 0..1. Raises BadInput."""
-    opened = _opened(path)
-    try:
-        pixels = opened.read_image("float")
-        if pixels is None:
-            raise BadInput(f"{path}: cannot read the image: {_one_line(opened.geterror())}")
-    finally:
-        opened.close()
-    return torch.from_numpy(pixels)
 
 
 def read_scene(path: Path) -> Scene:
@@ -101,14 +90,14 @@ def read_properties(path: Path) -> dict[str, str]:
         opened.close()
 
 
-def over_background(image: Tensor, background: Colour) -> Tensor:
+def over_background(image: NDArray[np.float32], background: Colour) -> NDArray[np.float32]:
     """(H, W, 4) with associated alpha over an opaque colour: (H, W, 3)."""
-    return image[..., :3] + (1.0 - image[..., 3:4]) * torch.tensor(background, dtype=image.dtype)
+    return image[..., :3] + (1.0 - image[..., 3:4]) * np.array(background, image.dtype)
 
 
 def _write(
     path: Path,
-    pixels: Tensor,
+    values: ArrayLike,
     background: Colour | None,
     properties: Mapping[str, str],
     depth: Depth | None,
@@ -120,6 +109,7 @@ def _write(
     depth = depth or DEPTHS[kind][0]
     if depth not in DEPTHS[kind]:
         raise BadInput(f"{path}: {kind} cannot hold {depth} pixels; choose one of {', '.join(DEPTHS[kind])}")
+    pixels = np.asarray(values)
     height, width, channels = pixels.shape
     spec = oiio.ImageSpec(width, height, channels if background is None else 3, depth)
     spec.attribute("oiio:ColorSpace", "sRGB")
@@ -133,21 +123,20 @@ def _write(
     _write_whole(path, spec, _coded_blocks(pixels, background, depth))
 
 
-def _coded_blocks(pixels: Tensor, background: Colour | None, depth: Depth) -> Iterator[Tensor]:
+def _coded_blocks(pixels: NDArray[Any], background: Colour | None, depth: Depth) -> Iterator[NDArray[Any]]:
     rows = max(_BLOCK_PIXELS // pixels.shape[1] // _BLOCK_ROWS, 1) * _BLOCK_ROWS
     for first in range(0, len(pixels), rows):
         yield coded(pixels[first : first + rows], background, depth)
 
 
-def coded(block: Tensor, background: Colour | None, depth: Depth) -> Tensor:
+def coded(block: NDArray[Any], background: Colour | None, depth: Depth) -> NDArray[Any]:
     """Rows of pixels (H, W, C) as they are stored; over the background, without alpha, if there is one."""
     if background is not None:
         block = over_background(block, background)
     if depth == "float":
-        return block.to(torch.float32).contiguous()
-    largest = 255 if depth == "uint8" else 65535
-    levels = torch.floor(block.clamp(0.0, 1.0).to(torch.float64) * largest + 0.5)
-    return levels.to(torch.uint8 if depth == "uint8" else torch.uint16).contiguous()
+        return np.ascontiguousarray(block, np.float32)
+    levels: NDArray[np.float64] = np.clip(block, 0.0, 1.0).astype(np.float64) * np.iinfo(depth).max + 0.5
+    return levels.astype(depth)  # which cuts off
 
 
 def _store(spec: "oiio.ImageSpec", path: Path, properties: Mapping[str, str]) -> None:
@@ -187,7 +176,7 @@ def _opened(path: Path) -> "oiio.ImageInput":
     return opened
 
 
-def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -> None:
+def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> None:
     """Write beside the target, then rename: whoever looks finds the old file or the new one."""
     target = Path(os.path.realpath(path))
     temporary = temporary_name(target)
@@ -218,14 +207,14 @@ def _written_by_library(path: Path) -> Iterator[str]:
         os.close(memory)
 
 
-def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[Tensor]) -> str | None:
+def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> str | None:
     """None where it went well, else what the library says of it."""
     output = oiio.ImageOutput.create(str(path))
     if output is None:
         return _one_line(oiio.geterror())
     written, row = output.open(place, spec), 0
     for block in blocks if written else ():
-        written = output.write_scanlines(row, row + len(block), 0, block.numpy()) and written
+        written = output.write_scanlines(row, row + len(block), 0, block) and written
         row += len(block)
     if output.close() and written and _is_ended(Path(place), path.suffix):
         return None

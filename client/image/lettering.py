@@ -1,19 +1,27 @@
 """Words on pictures, by OpenImageIO and the fonts that come with it."""
 
+import numpy as np
 import OpenImageIO as oiio
-from torch import Tensor
+from numpy.typing import NDArray
 
 from volsplat.protocol.text.errors import VolsplatError
 
 FONT, BOLD_FONT = "DroidSans", "DroidSans-Bold"
 
 
-def canvas_of(image: Tensor) -> "oiio.ImageBuf":
+def canvas_of(image: NDArray[np.float32]) -> "oiio.ImageBuf":
     """A canvas of the image (H, W, channels), for OpenImageIO to write on."""
     height, width, channels = image.shape
     canvas = oiio.ImageBuf(oiio.ImageSpec(width, height, channels, oiio.FLOAT))
-    canvas.set_pixels(canvas.roi, image.contiguous().numpy())
+    canvas.set_pixels(canvas.roi, image)
     return canvas
+
+
+def pixels_of(canvas: "oiio.ImageBuf") -> NDArray[np.float32]:
+    """What the canvas shows, (H, W, channels), 0..1."""
+    pixels: NDArray[np.float32] | None = canvas.get_pixels(oiio.FLOAT)
+    assert pixels is not None, canvas.geterror()
+    return np.clip(pixels, 0.0, 1.0)
 
 
 def extent(text: str, size: int, font: str) -> int:

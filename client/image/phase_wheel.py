@@ -2,10 +2,10 @@
 
 import math
 
-import torch
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
 
-from volsplat.client.image.lettering import FONT, canvas_of, extent, write
+from volsplat.client.image.lettering import FONT, canvas_of, extent, pixels_of, write
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, Field, Scene
 from volsplat.protocol.description.volume import VolumeDescription
@@ -39,29 +39,28 @@ def _of_bands(description: VolumeDescription, emitted: list[Colour]) -> tuple[Co
     return tuple(next(iter(colours)) for colours in within)
 
 
-def phase_wheel(colours: tuple[Colour, ...], side: int) -> Tensor:
+def phase_wheel(colours: tuple[Colour, ...], side: int) -> NDArray[np.float32]:
     """A ring of the colours, (side, side, 4) float32 with straight alpha, its edges smooth; clear elsewhere."""
     middle, outer = (side - 1) / 2, side / 2 - 1
-    across = torch.arange(side, dtype=torch.float64) - middle
+    across = np.arange(side) - middle
     x, y = across[None, :], -across[:, None]
-    radius = torch.sqrt(x * x + y * y)
-    turns = (torch.atan2(y, x) / (2 * math.pi)) % 1.0
-    sector = (turns * len(colours)).long().clamp(max=len(colours) - 1)
-    alpha = (outer + 0.5 - radius).clamp(0, 1) * (radius - INNER * outer + 0.5).clamp(0, 1)
-    ring = torch.tensor(colours, dtype=torch.float64)[sector]
-    return torch.cat((ring, alpha[:, :, None]), dim=2).float()
+    radius = np.sqrt(x * x + y * y)
+    turns = (np.arctan2(y, x) / (2 * math.pi)) % 1.0
+    sector = np.minimum((turns * len(colours)).astype(int), len(colours) - 1)
+    alpha = np.clip(outer + 0.5 - radius, 0, 1) * np.clip(radius - INNER * outer + 0.5, 0, 1)
+    return np.dstack((np.array(colours)[sector], alpha)).astype(np.float32)
 
 
-def phase_legend(colours: tuple[Colour, ...], side: int, ink: float = 0.95, paper: float = 0.0) -> Tensor:
+def phase_legend(colours: tuple[Colour, ...], side: int, ink: float = 0.95, paper: float = 0.0) -> NDArray[np.float32]:
     """The wheel with its degrees about it, (side, side, 3) float32, 0..1, on a grey `paper`, for a sheet or plate."""
     text = max(round(LABEL_SIZE * side), LEAST_LABEL)
     widest = extent(DEGREES[2], text, FONT)
     across = max(side - 2 * (widest + text // 4), 3)
-    picture = torch.full((side, side, 3), paper)
+    picture = np.full((side, side, 3), paper, np.float32)
     wheel, start = phase_wheel(colours, across), (side - across) // 2
     inside = picture[start : start + across, start : start + across]
     alpha = wheel[:, :, 3:]
-    inside.copy_(inside * (1 - alpha) + wheel[:, :, :3] * alpha)
+    inside[:] = inside * (1 - alpha) + wheel[:, :, :3] * alpha
     canvas, middle, end = canvas_of(picture), side // 2, start + across
     half = round(text * 0.36)  # of a digit's height
     for label, place in zip(
@@ -71,4 +70,4 @@ def phase_legend(colours: tuple[Colour, ...], side: int, ink: float = 0.95, pape
     ):
         left, base = place
         write(canvas, middle - extent(label, text, FONT) // 2 if left is None else left, base, label, text, ink, FONT)
-    return torch.from_numpy(canvas.get_pixels("float")).clamp(0.0, 1.0)
+    return pixels_of(canvas)

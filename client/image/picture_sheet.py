@@ -3,11 +3,11 @@
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+import numpy as np
 import OpenImageIO as oiio
-import torch
-from torch import Tensor
+from numpy.typing import NDArray
 
-from volsplat.client.image.lettering import BOLD_FONT, FONT, canvas_of, extent, write
+from volsplat.client.image.lettering import BOLD_FONT, FONT, canvas_of, extent, pixels_of, write
 
 LARGEST_SIDE = 640  # pixels of a picture in the sheet; larger ones are reduced
 LEAST_WIDTH = 240  # of a cell, so that its caption fits
@@ -15,16 +15,19 @@ PAPER = 0.09  # grey of the sheet
 INK, FAINT_INK = 0.95, 0.62
 
 
+Pixels = NDArray[np.float32]
+
+
 class SheetPicture(NamedTuple):
-    pixels: Tensor  # (H, W, 3) float32, 0..1
+    pixels: Pixels  # (H, W, 3) float32, 0..1
     mark: str  # one letter, in bold before the caption; or nothing
     caption: str
     aside: str = ""  # faint, at the caption's right
     note: str = ""  # faint, below the caption
-    legend: Callable[[int, float], Tensor] | None = None  # (N, N, 3) for a side of N pixels on a grey, at the right
+    legend: Callable[[int, float], Pixels] | None = None  # (N, N, 3) for a side of N pixels on a grey, at the right
 
 
-def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "") -> Tensor:
+def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "") -> Pixels:
     """The sheet as (H, W, 3) float32, 0..1, with so many pictures in a row."""
     images = [_reduced(picture.pixels) for picture in pictures]
     height, width = max(i.shape[0] for i in images), max(i.shape[1] for i in images)
@@ -33,7 +36,7 @@ def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "
     gap, strip = text, round(text * (3.3 if any(picture.note for picture in pictures) else 2.0))
     head = round(text * 3.2) if title else gap
     columns, rows = min(columns, len(images)), -(-len(images) // columns)
-    sheet = torch.full((head + rows * (height + strip + gap), gap + columns * (cell + gap), 3), PAPER)
+    sheet = np.full((head + rows * (height + strip + gap), gap + columns * (cell + gap), 3), PAPER, np.float32)
     corners = []
     for n, image in enumerate(images):
         left = gap + (n % columns) * (cell + gap)
@@ -50,7 +53,7 @@ def picture_sheet(pictures: Sequence[SheetPicture], columns: int, title: str = "
     for (left, bottom), picture in zip(corners, pictures, strict=True):
         room = cell if picture.legend is None else cell - strip
         _write_caption(canvas, left, bottom, room, text, picture)
-    return torch.from_numpy(canvas.get_pixels(oiio.FLOAT)).clamp(0.0, 1.0)
+    return pixels_of(canvas)
 
 
 def _write_caption(
@@ -69,12 +72,25 @@ def _write_caption(
         write(canvas, left + indent, below, picture.note, round(text * 0.85), FAINT_INK, FONT, room=cell - indent)
 
 
-def _reduced(image: Tensor) -> Tensor:
+def _reduced(image: Pixels) -> Pixels:
     """The image, no side longer than LARGEST_SIDE; averaged, never enlarged."""
     largest = max(image.shape[0], image.shape[1])
     if largest <= LARGEST_SIDE:
         return image
     factor = LARGEST_SIDE / largest
-    size = (max(round(image.shape[0] * factor), 1), max(round(image.shape[1] * factor), 1))
-    planes = image.permute(2, 0, 1).unsqueeze(0)
-    return torch.nn.functional.interpolate(planes, size=size, mode="area")[0].permute(1, 2, 0)
+    (top, tall), (left, wide) = (_windows(side, max(round(side * factor), 1)) for side in image.shape[:2])
+    total = np.zeros((len(top), len(left), image.shape[2]), np.float32)
+    for down, right in np.ndindex(tall.max(), wide.max()):
+        inside = (down < tall)[:, None, None] & (right < wide)[:, None]
+        values = image[np.ix_((top + down) % image.shape[0], (left + right) % image.shape[1])]
+        np.add(total, values, out=total, where=inside)
+    total /= tall.astype(np.float32)[:, None, None]
+    total /= wide.astype(np.float32)[:, None]
+    return total
+
+
+def _windows(side: int, fewer: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Of so many pixels instead of `side`: the first one that each takes part of, and how many."""
+    pixel = np.arange(fewer)
+    first = pixel * side // fewer
+    return first, -(-(pixel + 1) * side // fewer) - first

@@ -15,12 +15,12 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import IO
 
-import torch
-from torch import Tensor
+import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.image.image_file import over_background, write_image
+from volsplat.client.image.image_file import coded, write_image
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.image.temporary_name import temporary_name
 from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
@@ -33,7 +33,8 @@ from volsplat.protocol.text.errors import BadInput, VolsplatError
 _ENDING_INTERVAL = 0.1  # seconds between two questions whether to cancel while ffmpeg ends its file
 _LONGEST_COMPLAINT = 300  # characters of what ffmpeg says
 
-Put = Callable[[Tensor, Scene], None]  # takes the next frame: (H, W, 4) float32, associated
+Pixels = NDArray[np.float32]
+Put = Callable[[Pixels, Scene], None]  # takes the next frame: (H, W, 4), associated
 
 
 class MovieCancelled(Exception):
@@ -82,11 +83,11 @@ def _size_of_all(scenes: Sequence[Scene]) -> tuple[int, int]:
     return sizes[0]
 
 
-def _drawn(renderer: Renderer, scene: Scene, step: Step, cancelled: Callable[[], bool]) -> Tensor:
-    """The finished image. It is asked for again where something else on the same session took its place."""
+def _drawn(renderer: Renderer, scene: Scene, step: Step, cancelled: Callable[[], bool]) -> Pixels:
+    """The finished image. It is asked for again if something else on the same session took its place."""
     while not cancelled():
         try:
-            return renderer.finish(scene, step).image
+            return renderer.finish(scene, step).published.pixels
         except FrameAborted:
             continue
     raise MovieCancelled
@@ -100,7 +101,7 @@ def _images(folder: Path, description: VolumeDescription) -> Iterator[Put]:
     images: list[Path] = []
     whole = False
 
-    def put(image: Tensor, scene: Scene) -> None:
+    def put(image: Pixels, scene: Scene) -> None:
         images.append(frame_image_path(hidden, len(images) + 1))
         write_image(images[-1], image, scene, image_properties(description, scene))
 
@@ -174,16 +175,14 @@ def _ffmpeg_command(encoder: Sequence[str], rate: int, width: int, height: int, 
     ]
 
 
-def _levels(image: Tensor, scene: Scene) -> Tensor:
-    """(H, W, 3) uint8 over the background, as a PNG has it; a row and a column more where the sizes are odd."""
+def _levels(image: Pixels, scene: Scene) -> memoryview:
+    """(H, W, 3) uint8 over the background, as a PNG has it; a row and a column more if the sizes are odd."""
     height, width, _ = image.shape
-    padded = torch.nn.functional.pad(image, (0, 0, 0, width % 2, 0, height % 2))
-    shown = over_background(padded, scene.image.background)
-    return torch.floor(shown.clamp(0.0, 1.0).to(torch.float64) * 255 + 0.5).to(torch.uint8).contiguous()
+    padded = np.pad(image, ((0, height % 2), (0, width % 2), (0, 0)))
+    return coded(padded, scene.image.background, "uint8").data.cast("B")
 
 
-def _send(frames: IO[bytes], levels: Tensor) -> None:
-    left = levels.numpy().data.cast("B")
+def _send(frames: IO[bytes], left: memoryview) -> None:
     while left:
         left = left[frames.write(left) :]
 

@@ -39,7 +39,7 @@ class Refinement:
 
     @property
     def image(self) -> Tensor:
-        """(H, W, 4) float32, associated alpha, 0..1, without the background."""
+        """(H, W, 4) float32, associated alpha, 0..1, without the background. Raises BadInput without torch."""
         return self.published.tensor
 
     @property
@@ -101,4 +101,4 @@ def laid_over(partial: PublishedImage, finished: PublishedImage | None) -> Publi
     """A step's partial image over the finished image of the step before (design, section 6)."""
     if finished is None:
         return partial
-    return PublishedImage.of(partial.tensor + (1.0 - partial.tensor[..., 3:]) * finished.tensor)
+    return PublishedImage.of(partial.pixels + (1.0 - partial.pixels[..., 3:]) * finished.pixels)

@@ -6,7 +6,7 @@
         image = session.render(scene)
 
 Threads: one receives from each server and one sends to it, one runs the coordinator; all end with the session.
-Importing this module does not import torch, so that the servers start while it loads.
+Importing this module does not import torch, nor does the session until a tensor is asked for.
 """
 
 from __future__ import annotations
@@ -16,7 +16,6 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from importlib.util import find_spec
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -60,11 +59,12 @@ from volsplat.client.session.renderer import (
 )
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
-from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.tokens import Token, new_token
 
@@ -163,8 +163,8 @@ class Session:
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha, without the background.
 
-        Raises BadInput if the scene does not fit the volume, PeerLost if a server is gone and with it a part of the
-        volume, and FrameAborted if a newer frame took its place.
+        Raises BadInput if the scene does not fit the volume or torch is not installed, PeerLost if a server is gone
+        and with it a part of the volume, and FrameAborted if a newer frame took its place.
         """
         return self.finish(scene, step).image
 
@@ -247,8 +247,7 @@ class Session:
 
     def widget(self, scene: Scene | None = None) -> VolumeWidget:
         """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
-        if find_spec("anywidget") is None:
-            raise BadInput("a widget needs anywidget, which is not installed: pip install 'volsplat[ui,notebook]'")
+        need("anywidget", "a widget", "notebook")
         from volsplat.client.ui.notebook_widget import VolumeWidget
 
         return VolumeWidget(self, scene)

@@ -89,7 +89,7 @@ class SingleProcess:
         return self._holding.volume
 
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
-        """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput."""
+        """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput, also without torch."""
         return self.finish(scene, step).image
 
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:

@@ -9,17 +9,17 @@ import click
 import msgspec
 import pytest
 
+from support.files.images import read_image
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import Person
 from volsplat.bench.commands.command import SUMMARIES, bench
-from volsplat.bench.tables import extra
 from volsplat.bench.tables.record import Record, read_record
-from volsplat.client.image.image_file import read_image
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.client.session.frame_report import PAPER_SECONDS, StepReport, report_of
 from volsplat.client.session.single import SingleProcess
+from volsplat.program import extras
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.description.scene import Step
@@ -186,7 +186,7 @@ def test_a_mistake_is_one_line_and_exit_status_2(person: Person, arguments: tupl
 def test_a_missing_extra_is_one_line_with_the_cure(
     monkeypatch: pytest.MonkeyPatch, missing: str, arguments: list[str]
 ) -> None:
-    monkeypatch.setattr(extra, "find_spec", lambda name: None if name == missing else find_spec(name))
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == missing else find_spec(name))
     with pytest.raises(BadInput, match=r"pip install 'volsplat\[bench\]'") as raised:
         bench.main(arguments, standalone_mode=False)
     assert "\n" not in str(raised.value)

@@ -9,10 +9,11 @@ from pathlib import Path
 import pytest
 import torch
 
+from support.files.images import read_image
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import VOLSPLAT, Person
-from volsplat.client.image.image_file import read_image, read_scene
+from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 

@@ -1,4 +1,4 @@
-"""What is installed where: torch as its CPU build, and not at all where servers only work for others."""
+"""What is installed where: torch as its CPU build, and not at all on a machine that draws without tensors."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ import subprocess
 import sys
 import zipfile
 from collections.abc import Iterator
-from importlib.metadata import requires
 from pathlib import Path
 
 import pytest
 import torch
 
 from support.checkout import ROOT
+from support.files.images import read_image
 from support.files.loopback_files import served
+from support.pages.viewed import viewed
 from support.patience import PATIENCE
 from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.exit_status import EXIT_BAD_INPUT
 
 CPU_TORCH = ROOT / "packaging" / "cpu_torch.py"
+CURE = "pip install 'volsplat[torch]'"
 WITHOUT_TORCH = 'import sys\nsys.modules["torch"] = None\n'  # to Python: there is no such module
 
 
@@ -35,31 +36,63 @@ def without_torch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", str(tmp_path / "absent"))
 
 
-def test_torch_comes_with_the_client_only() -> None:
-    always = [line for line in requires("volsplat") or [] if "extra ==" not in line]
-    assert any(line.startswith("numpy") for line in always)
-    assert not any(line.startswith("torch") for line in always)
-
-
-@pytest.mark.usefixtures("without_torch")
-def test_servers_draw_without_torch(tmp_path: Path) -> None:
-    write_volume(tmp_path / "head.nrrd", *make_phantom("head", size=(24, 32, 28)))
-    with SingleProcess(tmp_path / "head.nrrd") as single:
-        scene = single.volume.default_scene()
-        expected = single.render(scene)
-    with Session(tmp_path / "head.nrrd", workers=2) as session:
-        assert torch.equal(session.render(scene), expected)
-
-
-@pytest.mark.usefixtures("without_torch")
-@pytest.mark.parametrize("command", ["render head.nrrd -o head.png", "phantom head -o head.nrrd", "demo"])
-def test_a_command_that_needs_torch_names_the_extra(tmp_path: Path, command: str) -> None:
-    (tmp_path / "head.nrrd").write_bytes(b"")
-    started = Person(tmp_path).starts(*command.split())
+def ended(folder: Path, command: str) -> tuple[int, list[str]]:
+    """The status of a command as a shell starts it, and its mistakes in its words."""
+    started = Person(folder).starts(*command.split())
     _, said = started.communicate(timeout=PATIENCE)
-    assert started.returncode == EXIT_BAD_INPUT
-    assert "torch" in said and "pip install 'volsplat[client]'" in said
-    assert len(said.splitlines()) == 1
+    return started.returncode, [line for line in said.splitlines() if line.startswith("volsplat: ")]
+
+
+@pytest.fixture
+def head(tmp_path: Path) -> Path:
+    write_volume(tmp_path / "head.nrrd", *make_phantom("head", size=(24, 32, 28)))
+    return tmp_path / "head.nrrd"
+
+
+@pytest.mark.usefixtures("without_torch")
+def test_images_are_drawn_and_written_without_torch(head: Path) -> None:
+    with SingleProcess(head) as single:
+        expected = single.render(single.volume.default_scene())
+    for name, options in {"servers": "--workers 2", "single": "--single"}.items():
+        assert ended(head.parent, f"render head.nrrd -o {name}.exr {options}") == (0, [])
+        assert torch.equal(read_image(head.parent / f"{name}.exr"), expected)
+    for command in (
+        "render head.nrrd --steps-dir steps --scene single.exr",
+        "movie head.nrrd -o film --frames 2 --size 16x16",
+        "info head.nrrd",
+    ):
+        assert ended(head.parent, command) == (0, [])
+
+
+@pytest.mark.usefixtures("without_torch")
+def test_the_page_draws_without_torch(head: Path) -> None:
+    with viewed(head.parent, head, "--workers", "1") as view, view.viewport("a") as viewport:
+        viewport.says("size", width=64, height=64)
+        assert viewport.last_picture()[-1].data.startswith(b"\x89PNG")
+
+
+@pytest.mark.usefixtures("without_torch")
+def test_a_tensor_without_torch_is_one_line_with_the_cure(head: Path) -> None:
+    program = (
+        "from volsplat.client.session.single import SingleProcess\n"
+        "from volsplat.protocol.text.errors import BadInput\n"
+        f"with SingleProcess({str(head)!r}) as single:\n"
+        "    scene = single.volume.default_scene()\n"
+        "    assert single.finish(scene).published.pixels.shape == (512, 512, 4)\n"
+        "    try:\n"
+        "        single.render(scene)\n"
+        "    except BadInput as error:\n"
+        "        print(error)\n"
+    )
+    answer = subprocess.run([sys.executable, "-c", program], capture_output=True, encoding="utf-8", check=True)
+    assert answer.stdout == f"an image as a tensor needs torch, which is not installed: {CURE}\n"
+
+
+@pytest.mark.usefixtures("without_torch")
+@pytest.mark.parametrize("command", ["phantom head -o head.nrrd", "demo", "gallery out", "bench kernels"])
+def test_a_command_that_needs_torch_names_the_extra(tmp_path: Path, command: str) -> None:
+    said = f"volsplat: {command.split()[0]} needs torch, which is not installed: {CURE}"
+    assert ended(tmp_path, command) == (EXIT_BAD_INPUT, [said])
 
 
 def _offer(folder: Path, name: str, version: str, needs: str = "", size: int = 0) -> None:

@@ -10,10 +10,10 @@ import torch
 from torch import Tensor
 
 from reference import render, voxel_packets
+from support.files.images import read_image
 from support.programs.programs import Person
 from support.scenes.rendering import TableWeights
 from tolerances import ONE_LEVEL, SURFACE_VOXELS
-from volsplat.client.image.image_file import read_image
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_toml
 from volsplat.client.scene.view_rotation import named_view, rotation_from_option

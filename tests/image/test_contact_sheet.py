@@ -2,29 +2,31 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
+from numpy.typing import NDArray
 
+from support.files.images import read_image
 from volsplat.client.image.contact_sheet import CAPTIONS, StepPicture, contact_sheet, write_contact_sheet
-from volsplat.client.image.image_file import read_image
-from volsplat.client.image.picture_sheet import LARGEST_SIDE, PAPER
+from volsplat.client.image.picture_sheet import LARGEST_SIDE, LEAST_WIDTH, PAPER, SheetPicture, picture_sheet
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.text.errors import BadInput
 
 
-def flat(height: int, width: int, grey: float, alpha: float = 1.0) -> torch.Tensor:
-    return torch.tensor([grey, grey, grey, alpha]).expand(height, width, 4).contiguous()
+def flat(height: int, width: int, grey: float, alpha: float = 1.0) -> NDArray[np.float32]:
+    return np.full((height, width, 4), (grey, grey, grey, alpha), np.float32)
 
 
 def pictures(height: int, width: int) -> list[StepPicture]:
     return [StepPicture(step, flat(height, width, 0.2 + n / 8), 0.01 * 4**n) for n, step in enumerate(Step)]
 
 
-def place_of(sheet: torch.Tensor, grey: float) -> tuple[int, int, int, int]:
+def place_of(sheet: NDArray[np.float32], grey: float) -> tuple[int, int, int, int]:
     """Top, left, height and width of the largest area of exactly this grey; captions have no area."""
-    same = (sheet == torch.tensor(grey)).all(dim=2)
-    rows, columns = same.sum(dim=1), same.sum(dim=0)
-    across, down = torch.nonzero(rows > rows.max() // 2), torch.nonzero(columns > columns.max() // 2)
+    same = (sheet == np.float32(grey)).all(axis=2)
+    rows, columns = same.sum(axis=1), same.sum(axis=0)
+    across, down = np.flatnonzero(rows > rows.max() // 2), np.flatnonzero(columns > columns.max() // 2)
     return int(across[0]), int(down[0]), len(across), len(down)
 
 
@@ -54,6 +56,18 @@ def test_each_picture_has_ink_below_it() -> None:
 def test_large_pictures_are_reduced_and_keep_their_shape() -> None:
     _, _, height, width = place_of(contact_sheet(pictures(2 * LARGEST_SIDE, LARGEST_SIDE)), 0.2)
     assert (height, width) == (LARGEST_SIDE, LARGEST_SIDE // 2)
+
+
+@pytest.mark.parametrize("size", [(1000, 1000), (1280, 700), (641, 100), (4 * LARGEST_SIDE, 3)])
+def test_a_reduced_picture_has_the_means_of_what_each_pixel_covers(size: tuple[int, int]) -> None:
+    picture = torch.rand((*size, 3), generator=torch.Generator().manual_seed(1))
+    reduced = picture_sheet([SheetPicture(picture.numpy(), "", "")], columns=1)
+    planes = picture.permute(2, 0, 1)
+    rows, columns = (max(round(side * (LARGEST_SIDE / max(size))), 1) for side in size)
+    expected = torch.nn.functional.adaptive_avg_pool2d(planes, (rows, columns)).permute(1, 2, 0)
+    left = (reduced.shape[1] - columns) // 2
+    gap = (reduced.shape[1] - max(columns, LEAST_WIDTH)) // 2
+    assert torch.equal(torch.from_numpy(reduced[gap:][:rows, left : left + columns]), expected)
 
 
 def test_the_background_lies_under_the_pictures() -> None:

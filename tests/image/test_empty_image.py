@@ -5,18 +5,17 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-import torch
 
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.image.empty_image import why_empty
 from volsplat.protocol.description.scene import ScalarTable
 
-NOTHING = torch.zeros(4, 4, 4)
+NOTHING = np.zeros((4, 4, 4), np.float32)
 
 
 def test_an_image_with_anything_on_it_needs_no_words() -> None:
-    something = NOTHING.clone()
+    something = NOTHING.copy()
     something[2, 1, 3] = 1e-3
     assert why_empty(something, plain_scene()) == ""
 

@@ -7,14 +7,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+import numpy as np
 import pytest
 import torch
 
+from support.files.images import read_image
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.gallery.drawing import Drawn, check_places, draw_gallery, label, plate_sheet, sized
 from volsplat.client.gallery.plates import IMAGES, PLATES, SCENES, DataSet, PlateImage, scene_path
-from volsplat.client.image.image_file import read_image, read_properties, read_scene
+from volsplat.client.image.image_file import read_properties, read_scene
 from volsplat.client.image.picture_sheet import PAPER
 from volsplat.client.phantoms import PHANTOMS, make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -154,7 +156,7 @@ def place_of(sheet: torch.Tensor, image: torch.Tensor) -> tuple[int, int]:
 
 
 def test_a_plate_says_below_each_image_what_it_was_made_of() -> None:
-    black = torch.zeros(300, 300, 3)
+    black = np.zeros((300, 300, 3), np.float32)
     plain, labelled = (
         plate_sheet(PLATES[0], {image.name: Drawn(black, label) for image in PLATES[0].images})
         for label in ("", "CT of a head (UNC), 96 x 128 x 113")
@@ -173,15 +175,15 @@ def test_a_label_says_what_a_volume_is_and_its_size(data_set: DataSet, measured:
 
 
 def test_a_plate_explains_the_colours_of_phases() -> None:
-    black = torch.zeros(512, 512, 3)
+    black = np.zeros((512, 512, 3), np.float32)
     red, green = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0)
     plain = {image.name: Drawn(black, "a label") for image in PLATES[2].images}
     explained = {**plain, "structure-factors": Drawn(black, "a label", (red, green))}
     before, after = plate_sheet(PLATES[2], plain), plate_sheet(PLATES[2], explained)
     assert before.shape == after.shape
     for colour in (red, green):
-        assert not (before == torch.tensor(colour)).all(dim=2).any()
-        assert (after == torch.tensor(colour)).all(dim=2).any()
+        assert not (before == np.array(colour)).all(axis=2).any()
+        assert (after == np.array(colour)).all(axis=2).any()
 
 
 # With measured volumes.

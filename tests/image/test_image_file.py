@@ -12,11 +12,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from support.files.images import over_background, read_image
 from support.files.small_disks import small_disk
 from support.scenes.scenes import scenes
 from tolerances import HALF_A_LEVEL, JPEG_LEVELS
 from volsplat.client.image import image_file
-from volsplat.client.image.image_file import over_background, read_image, read_properties, read_scene
+from volsplat.client.image.image_file import read_properties, read_scene
 from volsplat.client.image.image_file import write_image as write
 from volsplat.client.image.image_formats import DEPTHS, check_writable
 from volsplat.protocol.description.scene import ColourTable, Image, ScalarTable, Scene, Tables
@@ -220,7 +221,7 @@ def test_a_depth_that_a_format_lacks_is_refused(tmp_path: Path) -> None:
 def test_what_is_not_an_image_of_ours_is_refused_in_one_line(tmp_path: Path) -> None:
     (tmp_path / "text.png").write_text("no image")
     with pytest.raises(BadInput, match="text.png: cannot read the image"):
-        read_image(tmp_path / "text.png")
+        read_scene(tmp_path / "text.png")
     with pytest.raises(BadInput, match="absent.png: no such image file"):
         read_scene(tmp_path / "absent.png")
 

@@ -16,12 +16,13 @@ import pytest
 import torch
 from torch import Tensor
 
+from support.files.images import over_background, read_image
 from support.files.prepared import prepare_small
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
 from tolerances import HALF_A_LEVEL, VIDEO_LEVELS
-from volsplat.client.image.image_file import over_background, read_image, read_scene
+from volsplat.client.image.image_file import read_scene
 from volsplat.client.movie.key_frames import turntable
 from volsplat.client.movie.movie import MovieCancelled, write_movie
 from volsplat.client.movie.movie_formats import VIDEO_ENCODERS, check_movie_writable

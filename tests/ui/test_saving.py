@@ -15,11 +15,12 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from torch import Tensor
 
+from support.files.images import over_background, read_image
 from support.patience import PATIENCE
 from support.scenes.arbitrary import plain_scene, situations
 from support.scenes.scenes import scenes
 from tolerances import HALF_A_LEVEL
-from volsplat.client.image.image_file import over_background, read_image, read_scene
+from volsplat.client.image.image_file import read_scene
 from volsplat.client.movie.key_frames import turntable
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume

@@ -36,7 +36,7 @@ async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
     picture = await finished_picture(viewing)
     try:
         description = viewing.volume.description
-        data = await asyncio.to_thread(image_bytes, picture.image, picture.state.scene, kind, description)
+        data = await asyncio.to_thread(image_bytes, picture.published.pixels, picture.state.scene, kind, description)
     except VolsplatError as error:
         ui.notify(str(error), type="negative")
         return

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.scene import Step
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 
 @dataclass(frozen=True)
@@ -24,11 +20,6 @@ class Picture:
     published: PublishedImage
     outcome: StepOutcome | None  # None while the step is still being drawn
     data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
-
-    @property
-    def image(self) -> Tensor:
-        """(H, W, 4) float32, associated, without the background."""
-        return self.published.tensor
 
     @property
     def complete(self) -> bool:

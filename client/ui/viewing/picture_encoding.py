@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import io
-from typing import TYPE_CHECKING, cast
+from typing import cast
 
+import numpy as np
 from PIL import Image as PillowImage
 
+from volsplat.client.image.image_file import coded
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.protocol.description.scene import Colour
-
-if TYPE_CHECKING:
-    from torch import Tensor
 
 JPEG_QUALITY = 85
 PNG_EFFORT = 1  # 0 to 9; more costs time and hardly saves bytes
@@ -21,8 +20,7 @@ def encoded(image: PublishedImage, background: Colour, *, lossless: bool) -> byt
     """An image over the background: PNG with the very levels of a saved image, or JPEG."""
     size, out = (image.width, image.height), io.BytesIO()
     if lossless:
-        levels = stored_levels(image.tensor, background).contiguous().numpy()
-        picture = PillowImage.frombuffer("RGB", size, levels, "raw", "RGB", 0, 1)
+        picture = PillowImage.frombuffer("RGB", size, coded(image.pixels, background, "uint8"), "raw", "RGB", 0, 1)
         picture.save(out, "PNG", compress_level=PNG_EFFORT)
     else:
         picture = PillowImage.frombuffer("RGB", size, screen_levels(image, background), "raw", "RGBX", 0, 1)
@@ -30,23 +28,13 @@ def encoded(image: PublishedImage, background: Colour, *, lossless: bool) -> byt
     return out.getvalue()
 
 
-def stored_levels(image: Tensor, background: Colour) -> Tensor:
-    """(H, W, 3) uint8 as a saved PNG has them."""
-    from volsplat.client.image.image_file import coded  # takes a while to import, and the first images are JPEG
-
-    return coded(image, background, "uint8")
-
-
 def screen_levels(image: PublishedImage, background: Colour) -> bytes:
-    """Red, green, blue and nothing for each pixel, 8 bits, as stored_levels but rounded in float32.
+    """Red, green, blue and nothing for each pixel, 8 bits, as a saved image but rounded in float32.
 
-    Over black by Pillow alone, for which each channel of each pixel is one of a grey image: a first picture should not
-    wait for torch.
+    By Pillow, for which each channel of each pixel is one of a grey image, and which is faster at it than numpy.
     """
     if any(background):
-        import torch
-
-        shown = image.tensor + (1.0 - image.tensor[..., 3:]) * torch.tensor((*background, 0.0))
+        shown = image.pixels + (1.0 - image.pixels[..., 3:]) * np.array((*background, 0.0), np.float32)
         image = PublishedImage.of(shown)
     memory = cast(bytearray, image.memory)  # any buffer will do
     channels = PillowImage.frombuffer("F", (4 * image.width, image.height), memory, "raw", "F", 0, 1)

@@ -13,10 +13,11 @@ import time
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 
 import msgspec
+from numpy.typing import ArrayLike
 
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.movie.movie_formats import check_movie_writable
@@ -27,9 +28,6 @@ from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import printable
 
-if TYPE_CHECKING:
-    from torch import Tensor
-
 log = logging.getLogger(__name__)
 
 ImageFormat = Literal["png", "exr"]
@@ -39,7 +37,7 @@ LARGEST_SCENE_FILE = 1 << 20  # bytes
 _LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to
 
 
-def image_bytes(image: Tensor, scene: Scene, kind: ImageFormat, description: VolumeDescription) -> bytes:
+def image_bytes(image: ArrayLike, scene: Scene, kind: ImageFormat, description: VolumeDescription) -> bytes:
     """An (H, W, 4) float32 image with associated alpha as a file that holds its scene and tells of the volume.
 
     PNG has 8 bits and the scene's background under the image, EXR floats and alpha without it. Raises BadInput.

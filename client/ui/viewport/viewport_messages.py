@@ -133,7 +133,7 @@ def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Step
         "width": picture.published.width,
         "height": picture.published.height,
         "view": _view(picture.state.scene, geometry),
-        "notice": why_empty(picture.image, picture.state.scene) if picture.last else "",
+        "notice": why_empty(picture.published.pixels, picture.state.scene) if picture.last else "",
         "missing": picture.outcome.servers.missing if picture.outcome else [],
     }
     encoded = json.dumps(header).encode()

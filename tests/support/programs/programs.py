@@ -21,7 +21,7 @@ SERVER_MODULES = ("volsplat.mapshade_server", "volsplat.splat_server")
 
 # Loads once what each command would load again, for a second or two: commands are forked from it.
 _LOADED = get_context("forkserver")
-_COMMANDS = [entry.module for entry in ENTRIES.values() if entry.module]
+_COMMANDS = [entry.module.format(name=name) for name, entry in ENTRIES.items() if not entry.program]
 _BENCHMARKS = [f"volsplat.bench.commands.{name}_command" for name in SUMMARIES]
 _LOADED.set_forkserver_preload([*_COMMANDS, *_BENCHMARKS, "torch", "SimpleITK", "OpenImageIO"])
 

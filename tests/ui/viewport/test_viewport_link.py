@@ -13,11 +13,11 @@ from PIL import Image as PillowImage
 from support.pages.viewed import Shown, Viewed, Viewport, viewed
 from support.patience import PATIENCE
 from volsplat.bench.slow_link import slow_link
+from volsplat.client.image.image_file import coded
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.ui.viewing.image_size import sized
-from volsplat.client.ui.viewing.picture_encoding import stored_levels
 from volsplat.protocol.description.scene import Refine, Step
 
 SIDE = 96  # pixels of the image
@@ -66,9 +66,9 @@ def test_a_still_image_refines_through_the_steps_to_a_lossless_one(view: Viewed,
     with SingleProcess(volume) as single:
         first = msgspec.structs.replace(single.volume.default_scene(), refine=Refine(lit_from=Step.C))
         scene = sized(single.volume.fitted(first), width=SIDE + 7, height=SIDE)
-        expected = stored_levels(single.render(scene), scene.image.background)
+        expected = coded(single.finish(scene).published.pixels, scene.image.background, "uint8")
     assert shown[-1].data.startswith(b"\x89PNG")
-    assert torch.equal(pixels(shown[-1]), expected)
+    assert torch.equal(pixels(shown[-1]), torch.from_numpy(expected))
 
 
 def test_the_volume_and_the_scene_are_told_first(view: Viewed) -> None:
