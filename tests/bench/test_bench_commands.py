@@ -41,7 +41,7 @@ def measured(person: Person, command: str, *options: str, plot: bool = False) ->
     assert done.returncode == 0, done.stderr
     if plot:
         assert read_image(person.folder / "found.png").shape[2] >= 3
-    assert person.servers() == []
+    wait_until(lambda: not person.servers(), "without servers")
     assert not [path for path in person.folder.iterdir() if path.name.startswith(".")]
     return read_record(person.folder / "found.json"), (person.folder / "found.md").read_text(), done.stdout
 
