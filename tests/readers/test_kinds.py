@@ -10,6 +10,7 @@ from click.testing import CliRunner
 
 from support.files.dicom_files import MR, PET, series
 from support.files.map_files import map_file, map_header
+from support.files.opened import described
 from support.files.reflection_files import mtz
 from support.files.volume_files import written
 from volsplat.client.command.phantom_command import phantom
@@ -18,15 +19,10 @@ from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.molecules.map_kinds import is_difference, kind_of_names
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 VALUES = np.arange(5 * 6 * 7, dtype=np.uint8).reshape(5, 6, 7)
 SIGNED = (np.arange(5 * 6 * 7, dtype=np.float32) - 100).reshape(5, 6, 7)
-
-
-def described(name: str | Path) -> VolumeDescription:
-    return open_volume(str(name)).describe()
 
 
 def kind_of(name: str | Path) -> tuple[Kind, str]:

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import read_whole
 from support.files.volume_files import ALL_TYPES, DIMS, SKEWED, TURNED, dicom_series, sheared_nifti, values_of, written
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.stored_voxels import READ_THROUGH_BYTES
@@ -24,11 +25,6 @@ from volsplat.protocol.text.errors import BadInput
 
 PLACED = (".nrrd", ".nhdr", ".mha", ".mhd", ".nii", ".nii.gz")
 SHEARED = (".nrrd", ".nhdr", ".mha", ".mhd")
-
-
-def read_whole(path: Path) -> Voxels:
-    reader = open_volume(str(path))
-    return reader.read(reader.describe().geometry.box)
 
 
 def assert_close(geometry: Geometry, matrix: Matrix, tolerance: float) -> None:

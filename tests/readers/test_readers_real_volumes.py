@@ -7,8 +7,8 @@ import pytest
 import SimpleITK as sitk
 
 import tolerances
+from support.files.opened import read_whole
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.text.errors import BadInput
 
 PYNRRD_BALLS = (
@@ -56,11 +56,6 @@ STATED = ("odd/slab_compressed_s16.mha",)  # by its AnatomicalOrientation
 ANATOMICAL = ("dicom_ct_phantom", "nifti/", "nrrd/", "odd/slab_sform", *STATED)
 
 SIMPLE_ITK_FAILS = ("_bz2.nrrd", "slab_sform", "dicom_ct_phantom", "emri_small")
-
-
-def read_whole(path: Path) -> Voxels:
-    reader = open_volume(str(path))
-    return reader.read(reader.describe().geometry.box)
 
 
 @pytest.mark.parametrize("name", VOLUMES)

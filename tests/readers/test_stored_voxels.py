@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.mapshade_server.readers.reading import stored_voxels
-from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.reading.voxel_room import voxel_room
+from volsplat.mapshade_server.readers.reading import stored_voxels, unpacked_stream
+from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing, UnpackedStream
+from volsplat.mapshade_server.readers.reading.volume_reader import voxel_room
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
@@ -37,10 +38,10 @@ def test_boxes_in_any_order_give_their_voxels(ranges: list[list[int]], zipped: P
 
 
 def test_slabs_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stored_voxels, "COMPRESSED_CHUNK_BYTES", 512)
+    monkeypatch.setattr(unpacked_stream, "PACKED_CHUNK_BYTES", 512)
     unpacked = 0
 
-    class Counting(stored_voxels._Unpacking):
+    class Counting(UnpackedStream):
         def fill(self, into: memoryview) -> None:
             nonlocal unpacked
             unpacked += len(into)
@@ -51,7 +52,7 @@ def test_slabs_after_each_other_unpack_the_file_once(zipped: Path, monkeypatch: 
             unpacked += count
             super().drop(count)
 
-    monkeypatch.setattr(stored_voxels, "_Unpacking", Counting)
+    monkeypatch.setattr(stored_voxels, "UnpackedStream", Counting)
     voxels = voxels_in(zipped)
     slabs = [voxels.read(Box((0, 0, k), (40, 30, k + 5))) for k in range(0, 20, 5)]
     assert (np.concatenate(slabs) == VALUES).all()

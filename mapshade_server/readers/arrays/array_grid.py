@@ -9,10 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
+import numpy as np
+
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.grids import geometry
+from volsplat.mapshade_server.readers.reading.length_units import in_one_unit, length_unit
 from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index
-from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.text.errors import BadInput
 
@@ -185,27 +187,16 @@ class _Lengths(NamedTuple):
 
 
 def _geometry(part: ArrayPart, grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis], lengths: _Lengths) -> Geometry:
-    rows = [[0.0, 0.0, 0.0] for _ in range(3)]
-    origin = [0.0, 0.0, 0.0]
+    rows, origin = np.zeros((3, 3)), np.zeros(3)
     for n, axis in enumerate(grid):
         sign, row = -1.0 if axis.down else 1.0, LETTERS.index(axis.along)
-        rows[row][n] = sign * lengths.steps[n]
-        origin[row] = sign * lengths.firsts[n] + 0.0  # which turns -0.0 into 0.0
+        rows[row, n] = sign * lengths.steps[n]
+        origin[row] = sign * lengths.firsts[n]
     try:
-        if not all(math.isfinite(x) for x in origin):
-            raise ValueError("the origin is not finite")
-        return Geometry(
-            dims=(grid[0].length, grid[1].length, grid[2].length),
-            index_to_physical=(_vector(rows[0]), _vector(rows[1]), _vector(rows[2])),
-            origin=_vector(origin),
-        )
+        return geometry((grid[0].length, grid[1].length, grid[2].length), rows, origin)
     except ValueError as error:
         advice = part.advice("spacing=1x1x1")
         raise BadInput(f"{part.whole}: its spacing cannot be used: {error}; give it yourself, as in {advice}") from None
-
-
-def _vector(numbers: list[float]) -> Vector:
-    return (numbers[0], numbers[1], numbers[2])
 
 
 def _lengths(part: ArrayPart, grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> _Lengths:
@@ -218,17 +209,12 @@ def _lengths(part: ArrayPart, grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> _
 
 
 def _in_one_unit(axes: Sequence[ArrayAxis]) -> _Lengths | None:
-    """The axes' lengths in the first one's unit, None where they have none in common."""
-    units = [length_unit(axis.unit) for axis in axes]
-    if first := units[0]:
-        factors = [unit.metres / first.metres for unit in units if unit]
-        if len(factors) == len(axes):
-            steps = tuple(axis.step * factor for axis, factor in zip(axes, factors, strict=True))
-            firsts = tuple(axis.first * factor for axis, factor in zip(axes, factors, strict=True))
-            return _Lengths(steps, firsts, first.symbol)
-    if len({axis.unit for axis in axes}) == 1:
-        return _Lengths(tuple(axis.step for axis in axes), tuple(axis.first for axis in axes), axes[0].unit)
-    return None
+    """The axes' lengths in the first one's unit, None if they have none in common."""
+    common = in_one_unit([axis.unit for axis in axes])
+    if common is None:
+        return None
+    scaled = [(axis.step * factor, axis.first * factor) for axis, factor in zip(axes, common.factors, strict=True)]
+    return _Lengths(tuple(step for step, _ in scaled), tuple(first for _, first in scaled), common.unit)
 
 
 def _without_unit(grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> _Lengths:

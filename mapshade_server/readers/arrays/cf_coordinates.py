@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, text_attribute
+from volsplat.mapshade_server.readers.reading.grids import unevenness
 
-EVEN = 1e-3  # of a step, that others may differ from it; coordinates in float32 add their rounding
 _ALONG = {
     "x": "x lon longitude easting projection_x_coordinate grid_longitude degrees_east",
     "y": "y lat latitude northing projection_y_coordinate grid_latitude degrees_north",
@@ -41,12 +41,10 @@ def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attribu
     placed = ArrayAxis(
         length, name, _unit(attributes), first, step, axis.along or ("z" if down else ""), down, vertical
     )
-    steps = np.diff(positions)
-    rounding = float(np.finfo(numbers.dtype).eps) * max(abs(first), abs(last)) if numbers.dtype.kind == "f" else 0.0
-    if length > 2 and float(np.abs(steps - step).max()) > EVEN * abs(step) + 4 * rounding:
-        low, high = sorted((float(steps.min()), float(steps.max())), key=abs)
-        return Coordinates(placed, f"{name} is unevenly spaced ({low:.4g} to {high:.4g}); drawn {step:.4g} apart")
-    return Coordinates(placed)
+    if (uneven := unevenness(numbers)) is None:
+        return Coordinates(placed)
+    apart = f"{uneven.least:.4g} to {uneven.greatest:.4g}"
+    return Coordinates(placed, f"{name} is unevenly spaced ({apart}); drawn {step:.4g} apart")
 
 
 def _along(name: str, attributes: Attributes) -> str:

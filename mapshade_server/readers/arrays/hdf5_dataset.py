@@ -14,19 +14,29 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis, ArrayGrid, array_grid
+from volsplat.mapshade_server.readers.arrays.array_grid import LETTERS, ArrayAxis, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import Attributes, cf_values, plain_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.array_volume import (
+    ONE_CHUNK,
+    Pick,
+    array_volume,
+    choose_one,
+    is_minc,
+    is_one_chunk,
+    shown_array,
+)
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
 from volsplat.mapshade_server.readers.reading import extra
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
-from volsplat.mapshade_server.readers.reading.voxel_room import no_room
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.part_options import listed
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, no_room
+from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"\x89HDF\r\n\x1a\n"
@@ -50,7 +60,6 @@ ATTRIBUTES = (
 )
 SIEVE_BYTES = 1 << 16  # that HDF5 reads at least where a dataset is not in chunks
 MOST_OBJECTS = 20000  # that are looked at for datasets
-MOST_LISTED = 12
 
 
 def recognises(head: bytes) -> bool:
@@ -70,29 +79,29 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
         values = cf_values(chosen.whole, dataset.dtype, {**_never_written(dataset), **attributes})
         coordinates = _axes(h5py, dataset, attributes)
         grid = array_grid(chosen, [one.axis for one in coordinates])
-        why_whole = "all its voxels are in one chunk" if _one_chunk(dataset, grid) else ""
-        description = VolumeDescription(
-            name=path.name,
-            format=f"HDF5 dataset {dataset.name}",
-            geometry=grid.geometry,
-            scalar_type=values.scalar_type,
-            unit=grid.unit,
-            value_unit=text_attribute(attributes, "units"),
-            axes=grid.axes,
-            up=grid.up,
-            warnings=(*(one.warning for one in coordinates if one.warning), *grid.warnings),
+        chunk_items = SIEVE_BYTES // dataset.dtype.itemsize
+        return array_volume(
+            chosen,
+            f"HDF5 dataset {dataset.name}",
+            grid,
+            values,
+            _picks(path, dataset.name),
             density_name=text_attribute(attributes, "long_name") or dataset.name.rpartition("/")[2],
-            reads_sub_cubes=not why_whole,
-            chunk=grid.chunk(dataset.chunks, SIEVE_BYTES // dataset.dtype.itemsize),
-            why_whole=why_whole,
+            value_unit=text_attribute(attributes, "units"),
+            warnings=[one.warning for one in coordinates],
+            chunk=grid.chunk(dataset.chunks, chunk_items),
+            why_whole=ONE_CHUNK if is_one_chunk(grid, dataset.shape, dataset.chunks) else "",
         )
-        name = dataset.name
 
-    def read(box: Box) -> Voxels:
-        with _opened(_h5py(), path) as file:  # only while it is read
-            return values.of(read_selection(file[name], grid.selection(box)))
 
-    return OpenedVolume(description, read)
+def _picks(path: Path, name: str) -> Pick:
+    """What reads from a dataset; the file is open only while it is read."""
+
+    def pick(selection: tuple[int | slice, ...]) -> NDArray[Any]:
+        with _opened(_h5py(), path) as file:
+            return read_selection(file[name], selection)
+
+    return pick
 
 
 def _image(h5py: ModuleType, part: ArrayPart, image: Hdf5Image, dataset: Any) -> OpenedVolume:
@@ -110,11 +119,8 @@ def _image(h5py: ModuleType, part: ArrayPart, image: Hdf5Image, dataset: Any) ->
         density_name=image.density_name,
     )
 
-    def read(box: Box) -> Voxels:
-        with _opened(_h5py(), Path(part.place)) as file:
-            return values.of(read_selection(file[image.path], image.selection(box)))
-
-    return OpenedVolume(description, read)
+    pick = _picks(Path(part.place), image.path)
+    return OpenedVolume(description, lambda box: values.of(pick(image.selection(box))))
 
 
 def _h5py() -> ModuleType:
@@ -145,9 +151,9 @@ def _reason(error: Exception) -> str:
 def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> Any:
     """The dataset that the part names, else the file's default or only one with enough axes."""
     if "minc-2.0" in file:
-        raise BadInput(f"{part.place}: is MINC, whose values are scaled by slice; convert it to NIfTI, as mnc2nii does")
+        raise is_minc(part)
     if part.path and part.path not in file:
-        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {_listed(_arrays(h5py, file))}")
+        raise BadInput(f"{part.place}: has no “{part.path}”; it holds {listed(_shown(_arrays(h5py, file)))}")
     found = file[part.path or "/"]
     if isinstance(found, h5py.Dataset):
         return found
@@ -156,12 +162,11 @@ def _dataset(h5py: ModuleType, part: ArrayPart, file: Any) -> Any:
     if len(volumes) == 1:
         return volumes[0]
     if not volumes:
-        raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {_listed(arrays)}")
+        raise BadInput(f"{part.whole}: holds no dataset with three axes of numbers; it holds {listed(_shown(arrays))}")
     default = _nexus_default(h5py, found)
     if default in volumes:
         return default
-    example = f"{part.place}#{volumes[0].name}"
-    raise BadInput(f"{part.whole}: holds {_listed(volumes)}; choose one, as in {example}")
+    raise choose_one(part, part.whole, volumes[0].name, listed(_shown(volumes)))
 
 
 def _arrays(h5py: ModuleType, group: Any) -> list[Any]:
@@ -180,11 +185,8 @@ def _arrays(h5py: ModuleType, group: Any) -> list[Any]:
     return found
 
 
-def _listed(arrays: list[Any]) -> str:
-    shown = [f"{array.name} ({' x '.join(str(n) for n in array.shape)})" for array in arrays[:MOST_LISTED]]
-    if len(arrays) > MOST_LISTED:
-        shown.append(f"and {len(arrays) - MOST_LISTED} more")
-    return ", ".join(shown) or "nothing"
+def _shown(arrays: list[Any]) -> list[str]:
+    return [shown_array(array.name, array.shape) for array in arrays]
 
 
 def _nexus_default(h5py: ModuleType, group: Any) -> Any:
@@ -221,11 +223,6 @@ def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
         beside = Path(part.place).parent / name
         if beside.exists():
             check_is_file(beside)
-
-
-def _one_chunk(dataset: Any, grid: ArrayGrid) -> bool:
-    axes = zip(dataset.shape, dataset.chunks or (), grid.indices, strict=False)
-    return bool(dataset.chunks) and all(chunk >= length for length, chunk, index in axes if index is None)
 
 
 def _attributes(one: Any) -> Attributes:

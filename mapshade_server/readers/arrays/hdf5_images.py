@@ -14,11 +14,9 @@ from typing import Any
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
-from volsplat.mapshade_server.readers.arrays.cell_grid import grid_of_cells
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, refuse_vectors
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry, refuse_vectors
 from volsplat.protocol.description.volume import Box, Geometry
-from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.text.errors import BadInput
 
 VTK_GROUP = "VTKHDF"
@@ -113,12 +111,7 @@ def _vtk_grid(part: ArrayPart, group: Any) -> Geometry:
     direction = np.array(_numbers(group.attrs.get("Direction", np.eye(3)), 9)).reshape(3, 3)
     matrix = direction * steps
     first = matrix @ (i0, j0, k0) + origin
-    return _placed(part, (i1 - i0 + 1, j1 - j0 + 1, k1 - k0 + 1), matrix, first.tolist())
-
-
-def _placed(part: ArrayPart, dims: tuple[int, ...], matrix: Any, origin: Sequence[float]) -> Geometry:
-    rows: Matrix = tuple(tuple(row) for row in np.asarray(matrix).tolist())  # type: ignore[assignment]
-    return checked_geometry(Path(part.place), dims, rows, tuple(origin))
+    return checked_geometry(Path(part.place), (i1 - i0 + 1, j1 - j0 + 1, k1 - k0 + 1), matrix, first)
 
 
 def _vtk_array(part: ArrayPart, arrays: dict[str, Any], axes: int) -> Any:
@@ -156,7 +149,7 @@ def _of_itk(part: ArrayPart, group: Any) -> Hdf5Image:
         raise ValueError(f"Dimension {dims} against voxels {data.shape}")
     directions = np.array(_numbers(group["Directions"][:], 9)).reshape(3, 3)
     steps, origin = _numbers(group["Spacing"][:], 3), _numbers(group["Origin"][:], 3)
-    geometry = _placed(part, dims, directions.T * steps, origin)
+    geometry = checked_geometry(Path(part.place), dims, directions.T * steps, origin)
     return Hdf5Image(data.name, "ITK image in HDF5", geometry, "density", unit="mm", anatomical=True)
 
 
@@ -190,7 +183,7 @@ def _of_imaris(part: ArrayPart, file: Any) -> Hdf5Image:
     return Hdf5Image(
         path=group["Data"].name,
         format=f"Imaris, level {level} of {levels}",
-        geometry=_placed(part, dims, np.diag(steps), origin),
+        geometry=checked_geometry(Path(part.place), dims, np.diag(steps), origin),
         density_name=names[channel] if channel < len(names) and names[channel] else "density",
         unit=known.symbol if known else unit,
     )

@@ -13,14 +13,14 @@ from volsplat.mapshade_server.readers.arrays.array_file import ArrayFile, cause
 from volsplat.mapshade_server.readers.arrays.array_grid import array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.array_volume import array_volume, choose_one, is_minc, shown_array
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_dataset import NETCDF_FILL
 from volsplat.mapshade_server.readers.arrays.netcdf_header import MAGIC, VERSIONS, Variable, netcdf_variables
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.part_options import listed
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.text.errors import BadInput
 
-MOST_LISTED = 12
 MINC = "rootvariable"  # a variable that only MINC's files have
 
 
@@ -33,7 +33,7 @@ def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
     chosen = array_part(path, part)
     variables = netcdf_variables(path)
     if MINC in variables:
-        raise BadInput(f"{path}: is MINC, whose values are scaled by slice; convert it to NIfTI, as mnc2nii does")
+        raise is_minc(chosen)
     variable = _chosen(chosen, variables)
     chosen = chosen._replace(path=variable.name)
     _check_there(chosen, variable)
@@ -41,48 +41,33 @@ def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
     values = cf_values(chosen.whole, variable.dtype, {**never_written, **variable.attributes})
     axes = zip(variable.dimensions, variable.shape, strict=True)
     coordinates = [_coordinates(chosen, length, name, variables.get(name)) for name, length in axes]
-    grid = array_grid(chosen, [one.axis for one in coordinates])
-    description = VolumeDescription(
-        name=path.name,
-        format=f"NetCDF-3 variable {variable.name}",
-        geometry=grid.geometry,
-        scalar_type=values.scalar_type,
-        unit=grid.unit,
-        value_unit=text_attribute(variable.attributes, "units"),
-        axes=grid.axes,
-        up=grid.up,
-        warnings=(*(one.warning for one in coordinates if one.warning), *grid.warnings),
+    return array_volume(
+        chosen,
+        f"NetCDF-3 variable {variable.name}",
+        array_grid(chosen, [one.axis for one in coordinates]),
+        values,
+        lambda selection: _picked(chosen, variable, selection),
         density_name=text_attribute(variable.attributes, "long_name") or variable.name,
+        value_unit=text_attribute(variable.attributes, "units"),
+        warnings=[one.warning for one in coordinates],
     )
-
-    def read(box: Box) -> Voxels:
-        return values.of(_picked(chosen, variable, grid.selection(box)))
-
-    return OpenedVolume(description, read)
 
 
 def _chosen(part: ArrayPart, variables: dict[str, Variable]) -> Variable:
     """The variable that the part names, else the only one with enough axes."""
     name = part.path.strip("/")
+    every = listed([shown_array(one.name, one.shape) for one in variables.values()])
     if name:
         if name not in variables:
-            raise BadInput(f"{part.place}: has no variable “{name}”; it holds {_listed(list(variables.values()))}")
+            raise BadInput(f"{part.place}: has no variable “{name}”; it holds {every}")
         return variables[name]
-    volumes = [one for one in variables.values() if len(one.shape) >= 3 and one.dtype.kind != "S"]
+    volumes = {one.name: one for one in variables.values() if len(one.shape) >= 3 and one.dtype.kind != "S"}
     if not volumes:
-        raise BadInput(
-            f"{part.place}: holds no variable with three axes of numbers; it holds {_listed(list(variables.values()))}"
-        )
+        raise BadInput(f"{part.place}: holds no variable with three axes of numbers; it holds {every}")
     if len(volumes) > 1:
-        raise BadInput(f"{part.place}: holds {_listed(volumes)}; choose one, as in {part.place}#{volumes[0].name}")
-    return volumes[0]
-
-
-def _listed(variables: list[Variable]) -> str:
-    shown = [f"{one.name} ({' x '.join(str(n) for n in one.shape) or 'a number'})" for one in variables[:MOST_LISTED]]
-    if len(variables) > MOST_LISTED:
-        shown.append(f"and {len(variables) - MOST_LISTED} more")
-    return ", ".join(shown) or "nothing"
+        shown = [shown_array(one.name, one.shape) for one in volumes.values()]
+        raise choose_one(part, part.place, next(iter(volumes)), listed(shown))
+    return next(iter(volumes.values()))
 
 
 def _check_there(part: ArrayPart, variable: Variable) -> None:

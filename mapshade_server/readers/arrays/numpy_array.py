@@ -7,29 +7,29 @@ Pickled objects are never loaded: they are programs.
 import warnings
 import zipfile
 import zlib
-from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import IO, Any, Literal, NamedTuple
+from typing import IO, Any
 
-import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.array_file import ArrayFile, cause
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
-from volsplat.mapshade_server.readers.arrays.array_values import ArrayValues, plain_values
+from volsplat.mapshade_server.readers.arrays.array_values import plain_values
+from volsplat.mapshade_server.readers.arrays.array_volume import Pick, array_volume, choose_one
 from volsplat.mapshade_server.readers.reading.stored_voxels import READ_THROUGH_BYTES
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.errors import BadInput
 
 MAGIC = b"\x93NUMPY"
 MEMBER_MAGIC = b"PK\3\4"
 MEMBER_HEADER_BYTES = 30  # before the name of a zip's member
 MOST_GROWTH = 1032  # of deflated bytes
-NPY, NPZ = ".npy", ".npz"
+NPY = ".npy"
 
 
 def recognises(head: bytes) -> bool:
@@ -41,74 +41,36 @@ def recognises_npz(head: bytes) -> bool:
     return head.startswith(MEMBER_MAGIC) and head[MEMBER_HEADER_BYTES:name_end].endswith(NPY.encode())
 
 
-Pick = Callable[[tuple[int | slice, ...]], NDArray[Any]]  # gives what indexing an array would give
-
-
-class NumpyArrayReader:
-    """One array; `pick` reads what is wanted of it."""
-
-    def __init__(self, description: VolumeDescription, grid: ArrayGrid, values: ArrayValues, pick: Pick) -> None:
-        self._description = description
-        self._grid = grid
-        self._values = values
-        self._pick = pick
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return self._values.of(self._pick(self._grid.selection(box)))
-
-
-def open_npy(path: Path, part: str) -> NumpyArrayReader:
-    """The reader for a .npy file. Raises BadInput where it holds no volume or is truncated."""
+def open_npy(path: Path, part: str) -> OpenedVolume:
+    """The reader for a .npy file. Raises BadInput if it holds no volume or is truncated."""
     chosen = array_part(path, part)
     if chosen.path:
         raise BadInput(f"{path}: holds one array, it has no part “{chosen.path}”; leave out #{chosen.path}")
     with path.open("rb") as file:
-        header = _header(chosen, file)
-        start = file.tell()
-    return _reader(path, chosen, header, _stored(path, chosen, header, start), "")
+        return _stored(chosen, _array(chosen, file))
 
 
-def open_npz(path: Path, part: str) -> NumpyArrayReader:
-    """The reader for an array in an .npz. Raises BadInput where none or another must be chosen."""
+def open_npz(path: Path, part: str) -> OpenedVolume:
+    """The reader for an array in an .npz. Raises BadInput if there is none or one must be chosen."""
     chosen = array_part(path, part)
     try:
         with zipfile.ZipFile(path) as archive:
             member = _member(chosen, archive)
             chosen = chosen._replace(path=member.filename.removesuffix(NPY))
             with archive.open(member) as file:
-                header = _header(chosen, file)
-                start = file.tell()
+                array = _array(chosen, file)
             if member.compress_type == zipfile.ZIP_STORED:
-                offset = _offset(path, member) + start
-                return _reader(path, chosen, header, _stored(path, chosen, header, offset), "")
-            _check_size(chosen, header, member.file_size - start)
-            if member.compress_size * MOST_GROWTH < header.bytes:
-                raise _truncated(chosen, header, f"{member.compress_size} compressed")
+                return _stored(chosen, replace(array, offset=_offset(path, member) + array.offset))
+            _check_size(chosen, array, member.file_size - array.offset)
+            if member.compress_size * MOST_GROWTH < array.nbytes:
+                raise _truncated(chosen, array, f"{member.compress_size} compressed")
     except (zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as error:
         raise _damaged(chosen, error) from None
-    return _reader(path, chosen, header, _unpacked(path, chosen, member), "the array is compressed in its .npz")
+    return _reader(chosen, array, _unpacked(path, chosen, member), "the array is compressed in its .npz")
 
 
-class _Header(NamedTuple):
-    """Of one array, before its numbers."""
-
-    shape: tuple[int, ...]
-    order: Literal["C", "F"]
-    dtype: "np.dtype[Any]"
-
-    @property
-    def bytes(self) -> int:
-        count = self.dtype.itemsize
-        for length in self.shape:
-            count *= length
-        return count
-
-
-def _header(part: ArrayPart, file: IO[bytes]) -> _Header:
-    """The header at the file's position, which is then behind it."""
+def _array(part: ArrayPart, file: IO[bytes]) -> ArrayFile:
+    """The array whose header is at the file's position."""
     read = {(1, 0): npy.read_array_header_1_0, (2, 0): npy.read_array_header_2_0}
     try:
         with warnings.catch_warnings(action="ignore"):  # headers written by Python 2
@@ -120,17 +82,17 @@ def _header(part: ArrayPart, file: IO[bytes]) -> _Header:
         raise BadInput(f"{part.whole}: holds pickled Python objects, which are never loaded; save an array of numbers")
     if min(shape, default=0) < 0:
         raise BadInput(f"{part.whole}: its NumPy header has the shape {shape}; save the array again")
-    return _Header(shape, "F" if fortran else "C", dtype)
+    return ArrayFile(Path(part.place), file.tell(), dtype, shape, "F" if fortran else "C")
 
 
-def _check_size(part: ArrayPart, header: _Header, there: int) -> None:
-    if there < header.bytes:
-        raise _truncated(part, header, str(there))
+def _check_size(part: ArrayPart, array: ArrayFile, there: int) -> None:
+    if there < array.nbytes:
+        raise _truncated(part, array, str(there))
 
 
-def _truncated(part: ArrayPart, header: _Header, there: str) -> BadInput:
+def _truncated(part: ArrayPart, array: ArrayFile, there: str) -> BadInput:
     return BadInput(
-        f"{part.whole}: the header promises {header.bytes} bytes of numbers, but the file holds only {there}; "
+        f"{part.whole}: the header promises {array.nbytes} bytes of numbers, but the file holds only {there}; "
         "it is truncated or the header's shape is wrong"
     )
 
@@ -146,18 +108,17 @@ def _member(part: ArrayPart, archive: zipfile.ZipFile) -> zipfile.ZipInfo:
         if part.path in arrays:
             return arrays[part.path]
         raise BadInput(f"{part.place}: has no array “{part.path}”; it holds {', '.join(arrays)}")
-    volumes = []
+    volumes = {}
     for name, member in arrays.items():
         with archive.open(member) as file:
-            shape = _header(part._replace(path=name), file).shape
+            shape = _array(part._replace(path=name), file).shape
         if len(shape) >= 3:
-            volumes.append((name, f"{name} {' x '.join(str(length) for length in shape)}"))
-    if len(volumes) == 1:
-        return arrays[volumes[0][0]]
+            volumes[name] = f"{name} {' x '.join(str(length) for length in shape)}"
     if not volumes:
         raise BadInput(f"{part.place}: none of its arrays has three axes; it holds {', '.join(arrays) or 'none'}")
-    listed = ", ".join(shown for _, shown in volumes)
-    raise BadInput(f"{part.place}: holds {listed}; choose one, as in {part.place}#{volumes[0][0]}")
+    if len(volumes) > 1:
+        raise choose_one(part, part.place, next(iter(volumes)), ", ".join(volumes.values()))
+    return arrays[next(iter(volumes))]
 
 
 def _offset(path: Path, member: zipfile.ZipInfo) -> int:
@@ -169,17 +130,16 @@ def _offset(path: Path, member: zipfile.ZipInfo) -> int:
     return member.header_offset + MEMBER_HEADER_BYTES + name + extra
 
 
-def _stored(path: Path, part: ArrayPart, header: _Header, offset: int) -> Pick:
-    _check_size(part, header, path.stat().st_size - offset)
-    file = ArrayFile(path, offset, header.dtype, header.shape, header.order)
+def _stored(part: ArrayPart, array: ArrayFile) -> OpenedVolume:
+    _check_size(part, array, array.path.stat().st_size - array.offset)
 
     def pick(selection: tuple[int | slice, ...]) -> NDArray[Any]:
         try:
-            return file.pick(selection)
+            return array.pick(selection)
         except (EOFError, OSError) as error:
             raise BadInput(f"{part.whole}: {cause(error)}; fetch or save the array again") from None
 
-    return pick
+    return _reader(part, array, pick)
 
 
 def _unpacked(path: Path, part: ArrayPart, member: zipfile.ZipInfo) -> Pick:
@@ -195,29 +155,25 @@ def _unpacked(path: Path, part: ArrayPart, member: zipfile.ZipInfo) -> Pick:
     return lambda selection: load()[selection].copy()
 
 
-def _chunk(grid: ArrayGrid, header: _Header) -> Index:
+def _reader(part: ArrayPart, array: ArrayFile, pick: Pick, why_whole: str = "") -> OpenedVolume:
+    values = plain_values(part.whole, array.dtype)
+    grid = array_grid(part, [ArrayAxis(length) for length in array.shape])
+    return array_volume(
+        part,
+        "NumPy array",
+        grid,
+        values,
+        pick,
+        density_name=part.path or "density",
+        chunk=_chunk(grid, array),
+        why_whole=why_whole,
+    )
+
+
+def _chunk(grid: ArrayGrid, array: ArrayFile) -> Index:
     """Voxels along i, j, k that come together, since gaps between what is wanted are read through."""
-    read_through = READ_THROUGH_BYTES // header.dtype.itemsize
-    if header.order == "C":
+    read_through = READ_THROUGH_BYTES // array.dtype.itemsize
+    if array.order == "C":
         return grid.chunk(None, read_through)
     _, nj, nk = grid.geometry.dims
     return (1, min(-(-read_through // nk), nj), nk)
-
-
-def _reader(path: Path, part: ArrayPart, header: _Header, pick: Pick, why_whole: str) -> NumpyArrayReader:
-    values = plain_values(part.whole, header.dtype)
-    grid = array_grid(part, [ArrayAxis(length) for length in header.shape])
-    description = VolumeDescription(
-        name=path.name,
-        format="NumPy array",
-        geometry=grid.geometry,
-        scalar_type=values.scalar_type,
-        unit=grid.unit,
-        axes=grid.axes,
-        warnings=grid.warnings,
-        density_name=part.path or "density",
-        reads_sub_cubes=not why_whole,
-        chunk=_chunk(grid, header),
-        why_whole=why_whole,
-    )
-    return NumpyArrayReader(description, grid, values, pick)

@@ -8,14 +8,14 @@ open-scivis have it, tooth_103x94x161_uint8.raw. The first of these counts for e
 import re
 import tomllib
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
+from volsplat.mapshade_server.readers.reading.stored_voxels import BYTE_ORDERS, Piece, StoredVoxels, unpacked_size
+from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -24,7 +24,6 @@ EXTENSIONS = (".raw", ".raw.gz")
 KEYS = ("dims", "type", "endian", "skip", "spacing", "unit")
 EXAMPLE = "dims=256x256x113,type=uint16,endian=big,skip=512,spacing=1x1x2"
 NAME = re.compile(r"_(?P<dims>\d+x\d+x\d+)_(?P<type>\w+)\.raw(\.gz)?$", re.IGNORECASE)
-BYTE_ORDERS: dict[str, Literal["<", ">"]] = {"little": "<", "big": ">"}
 LONGEST_SIDECAR = 1 << 16
 HEADERS = (".nhdr", ".mhd", ".hdr")  # that people keep beside raw files
 
@@ -45,28 +44,20 @@ def open_raw_voxels(path: Path, part: str) -> OpenedVolume:
     endian = said.text("endian", BYTE_ORDERS)
     dtype = np.dtype(scalar_type).newbyteorder(BYTE_ORDERS[endian or "little"])
     (skip,) = said.whole_numbers("skip", 1) or (0,)
-    packing = _packing(path)
-    raw = packing == Packing.RAW
-    voxels = StoredVoxels(
-        source=path,
-        dims=(dims[0], dims[1], dims[2]),
-        dtype=dtype,
-        pieces=(Piece(path, dims[2], skip if raw else 0, packing, 0 if raw else skip),),
-    )
+    zipped = is_gzip(path) and path.name.lower().endswith(".gz")
+    piece = Piece(path, dims[2], 0, Packing.DEFLATE, skip) if zipped else Piece(path, dims[2], skip)
+    voxels = StoredVoxels(path, (dims[0], dims[1], dims[2]), dtype, (piece,))
     promised = skip + dims[2] * voxels.sheet_bytes
-    _check_size(voxels, path.stat().st_size if raw else unpacked_size(path, 0, packing, promised), skip)
-    di, dj, dk = said.numbers("spacing", 3) or (1.0, 1.0, 1.0)
+    _check_size(voxels, unpacked_size(path, 0, Packing.DEFLATE, promised) if zipped else path.stat().st_size, skip)
     warning = "nobody says in which byte order it is: little endian is taken; endian=big would be the other"
     description = VolumeDescription(
         name=path.name,
         format="raw voxels",
-        geometry=checked_geometry(path, dims, ((di, 0.0, 0.0), (0.0, dj, 0.0), (0.0, 0.0, dk)), (0.0, 0.0, 0.0)),
+        geometry=checked_geometry(path, dims, said.numbers("spacing", 3) or (1.0, 1.0, 1.0)),
         scalar_type=scalar_type,
         unit=said.options.get("unit", ""),
         warnings=(warning,) if dtype.itemsize > 1 and endian is None else (),
-        reads_sub_cubes=raw,
-        chunk=voxels.chunk,
-        why_whole="" if raw else "the file is compressed by gzip",
+        **voxels.access,
     )
     return OpenedVolume(description, voxels.read)
 
@@ -113,20 +104,15 @@ def _undescribed(path: Path, said: ArrayPart) -> BadInput:
     )
 
 
-def _packing(path: Path) -> Packing:
-    return Packing.DEFLATE if is_gzip(path) and path.name.lower().endswith(".gz") else Packing.RAW
-
-
 def _check_size(voxels: StoredVoxels, size: int, skip: int) -> None:
     """Raises BadInput unless the voxels are all that the file holds."""
     promised = voxels.dims[2] * voxels.sheet_bytes
     if size == skip + promised:
         return
     shown = "x".join(str(n) for n in voxels.dims)
-    raw = voxels.pieces[0].packing == Packing.RAW
     more = size > promised
-    hint = f"; skip={size - promised} would fit, if its first bytes are a header" if more and raw else ""
-    has = size if raw else f"{'more' if more else size} unpacked"
+    hint = f"; skip={size - promised} would fit, if its first bytes are a header" if more and not voxels.packed else ""
+    has = size if not voxels.packed else f"{'more' if more else size} unpacked"
     raise BadInput(
         f"{voxels.source}: {shown} voxels of {voxels.dtype.name} are {promised} bytes"
         f"{f' after {skip} skipped' if skip else ''}, but the file has {has}; correct dims, type or skip{hint}"

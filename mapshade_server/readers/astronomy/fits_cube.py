@@ -9,8 +9,9 @@ import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -18,11 +19,11 @@ from volsplat.mapshade_server.readers.astronomy.fits_geometry import placed
 from volsplat.mapshade_server.readers.astronomy.fits_hdus import chosen_hdu
 from volsplat.mapshade_server.readers.astronomy.fits_tiles import check_tiles_within
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
 from volsplat.mapshade_server.readers.reading.part_options import index_in, part_options
-from volsplat.mapshade_server.readers.reading.simple_itk import refuse_other_dimensions, refuse_vectors
-from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -37,28 +38,7 @@ def recognises(head: bytes) -> bool:
     return head.startswith(b"SIMPLE  =")
 
 
-class _Stored(Protocol):
-    """Voxels before they are scaled."""
-
-    def read(self, box: Box) -> Voxels: ...
-
-
-class FitsCubeReader:
-    """One cube of a FITS file."""
-
-    def __init__(self, description: VolumeDescription, stored: _Stored, scaling: "_Scaling") -> None:
-        self._description = description
-        self._stored = stored
-        self._scaling = scaling
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return self._scaling.applied(self._stored.read(box))
-
-
-def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
+def open_fits_cube(path: Path, part: str) -> OpenedVolume:
     """The reader for a cube; `part` names an HDU and the planes of further axes: DATA, 2, axis4=0 or DATA,axis4=0.
 
     Raises BadInput where there is no cube or several, and where the headers cannot be used or promise too much.
@@ -70,12 +50,11 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
         hdu = hdus[number]
         array = _array(path, number, hdu, options.values)
         scaling = _scaling(path, hdu.header)
-        stored: _Stored
         if _is_tiled(hdu):
             _check_tiles(path, number, hdu)
-            stored = _TiledVoxels(path, number, array)
+            stored: ReadBox = partial(_read_tiles, path, number, array)
         else:
-            stored = _plain_voxels(path, hdu, array, zipped)
+            stored = _plain_voxels(path, hdu, array)
         place = placed(path, hdu.header, hdus, array.dims, array.axes, array.picked)
         texts = {key: str(hdu.header.get(key, "")).strip() for key in ("BUNIT", "BTYPE")}
         of_several = f", HDU {number} ({hdu.name})" if len(hdus) > 1 else ""
@@ -96,7 +75,7 @@ def open_fits_cube(path: Path, part: str) -> FitsCubeReader:
         chunk=(place.geometry.dims[0], 1, 1),
         why_whole="the file is compressed by gzip" if zipped else "",
     )
-    return FitsCubeReader(description, stored, scaling)
+    return OpenedVolume(description, lambda box: scaling.applied(stored(box)))
 
 
 @contextmanager
@@ -205,24 +184,11 @@ def _scaling(path: Path, header: Any) -> _Scaling:
     return _Scaling(scalar_type, slope, zero, None if blank is None else int(blank))
 
 
-@dataclass(frozen=True)
-class _SheetsApart:
-    """Plain voxels whose sheets lie `stride` stored sheets apart, since a plane of an axis between them was picked."""
+def _plain_voxels(path: Path, hdu: Any, array: _Array) -> ReadBox:
+    """What reads them: sheets lie `stride` stored sheets apart if a plane of an axis between them was picked.
 
-    stored: StoredVoxels
-    first: int
-    stride: int
-
-    def read(self, box: Box) -> Voxels:
-        low, high = (self.first + k * self.stride for k in (box.low[2], box.high[2] - 1))
-        if self.stride == 1:
-            return self.stored.read(Box((*box.low[:2], low), (*box.high[:2], high + 1)))
-        sheets = range(low, high + 1, self.stride)
-        return np.concatenate([self.stored.read(Box((*box.low[:2], k), (*box.high[:2], k + 1))) for k in sheets])
-
-
-def _plain_voxels(path: Path, hdu: Any, array: _Array, zipped: bool) -> _SheetsApart:
-    """Raises BadInput where the file cannot hold them, or where an axis of which a plane is picked varies fastest."""
+    Raises BadInput if the file cannot hold them, or if an axis of which a plane is picked varies fastest.
+    """
     i, j, k = array.axes
     inner = [axis for axis in range(j) if axis != i and array.sizes[axis] > 1]
     if inner:
@@ -235,32 +201,31 @@ def _plain_voxels(path: Path, hdu: Any, array: _Array, zipped: bool) -> _SheetsA
         first += array.picked.get(axis, 0) * sheets
         stride = sheets if axis == k else stride
         sheets *= array.sizes[axis]
-    start = hdu.fileinfo()["datLoc"]
-    piece = Piece(path, sheets, 0, Packing.DEFLATE, start) if zipped else Piece(path, sheets, start)
     dims = (array.sizes[i], array.sizes[j], sheets)
-    stored = StoredVoxels(path, dims, np.dtype(STORED_TYPES[hdu.header["BITPIX"]]), (piece,))
-    stored.check_files()
-    return _SheetsApart(stored, first, stride)
+    stored = one_piece(path, dims, np.dtype(STORED_TYPES[hdu.header["BITPIX"]]), hdu.fileinfo()["datLoc"])
+    if stride == 1:
+        return partial(stored.read_from, first)
+
+    def read(box: Box) -> Voxels:
+        sheets = range(box.low[2], box.high[2])
+        return np.concatenate(
+            [stored.read_from(first + k * stride, Box((*box.low[:2], 0), (*box.high[:2], 1))) for k in sheets]
+        )
+
+    return read
 
 
-@dataclass(frozen=True)
-class _TiledVoxels:
-    """A tile-compressed image."""
-
-    path: Path
-    number: int
-    array: _Array
-
-    def read(self, box: Box) -> Voxels:
-        key = [slice(n, n + 1) for n in (self.array.picked.get(axis, 0) for axis in range(len(self.array.sizes)))]
-        for axis, low, high in zip(self.array.axes, box.low, box.high, strict=True):
-            key[axis] = slice(low, high)
-        wanted = tuple(key[::-1])
-        with _opened(self.path, disable_image_compression=True) as tables, _opened(self.path) as hdus:
-            hdu = hdus[self.number]
-            check_tiles_within(tables[self.number], hdu.tile_shape, hdu.shape, wanted)
-            voxels = hdu.section[wanted].reshape(box.size[::-1])
-        return np.array(voxels, voxels.dtype.newbyteorder("="), order="C")
+def _read_tiles(path: Path, number: int, array: _Array, box: Box) -> Voxels:
+    """The voxels of a box of a tile-compressed image."""
+    key = [slice(n, n + 1) for n in (array.picked.get(axis, 0) for axis in range(len(array.sizes)))]
+    for axis, low, high in zip(array.axes, box.low, box.high, strict=True):
+        key[axis] = slice(low, high)
+    wanted = tuple(key[::-1])
+    with _opened(path, disable_image_compression=True) as tables, _opened(path) as hdus:
+        hdu = hdus[number]
+        check_tiles_within(tables[number], hdu.tile_shape, hdu.shape, wanted)
+        voxels = hdu.section[wanted].reshape(box.size[::-1])
+    return np.array(voxels, voxels.dtype.newbyteorder("="), order="C")
 
 
 def _check_tiles(path: Path, number: int, hdu: Any) -> None:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.reading.extra import library
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.protocol.description.volume import Geometry, GridAxis, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
@@ -64,15 +64,14 @@ def placed(path: Path, header: Any, hdus: Any, dims: Index, axes: Index, picked:
         cube.world(cube.middle)
     except (ValueError, TypeError, KeyError, IndexError) as error:
         reason = " ".join(str(error).split()).rstrip(".")[:120]
-        return _as_shown(
-            path, dims, None, f"its world coordinates cannot be used ({reason}): voxels are drawn as cubes"
-        )
+        note = f"its world coordinates cannot be used ({reason}): voxels are drawn as cubes"
+        return Placed(_centred(path, dims, _AS_SHOWN), "", None, (note,))
     if cube.has_sky:
         return _on_the_sky(path, cube)
     if cube.common_length:
         return _in_space(path, cube)
     note = "its header gives the axes no common unit of length: voxels are drawn as cubes"
-    return _as_shown(path, dims, cube.axes_told() if cube.is_named else None, note)
+    return Placed(_centred(path, dims, _AS_SHOWN), "", cube.plain_axes() if cube.is_named else None, (note,))
 
 
 @dataclass(frozen=True)
@@ -136,9 +135,8 @@ class _Cube:
         in_space = self.wcs.wcs.spec not in self.axes and all(unit.is_equivalent("m") for unit in units)
         return str(units[0]) if in_space else ""
 
-    def axes_told(self) -> tuple[GridAxis, GridAxis, GridAxis]:
-        told = [_plain_axis(self, n) for n in range(3)]
-        return (told[0], told[1], told[2])
+    def plain_axes(self) -> tuple[GridAxis, GridAxis, GridAxis]:
+        return _plain_axis(self, 0), _plain_axis(self, 1), _plain_axis(self, 2)
 
 
 def _on_the_sky(path: Path, cube: _Cube) -> Placed:
@@ -182,12 +180,7 @@ def _in_space(path: Path, cube: _Cube) -> Placed:
         for axis, unit in zip(cube.axes, units, strict=True)
     ]
     first = [value * float(unit.to(units[0])) for value, unit in zip(_world_of_first(cube), units, strict=True)]
-    matrix: Matrix = tuple(tuple(row) for row in rows)  # type: ignore[assignment]
-    return Placed(checked_geometry(path, cube.dims, matrix, tuple(first)), cube.common_length, cube.axes_told(), ())
-
-
-def _as_shown(path: Path, dims: Index, axes: tuple[GridAxis, GridAxis, GridAxis] | None, note: str) -> Placed:
-    return Placed(_centred(path, dims, _AS_SHOWN), "", axes, (note,))
+    return Placed(checked_geometry(path, cube.dims, rows, first), cube.common_length, cube.plain_axes(), ())
 
 
 def _centred(path: Path, dims: Index, matrix: Matrix) -> Geometry:

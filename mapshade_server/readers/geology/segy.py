@@ -23,7 +23,7 @@ from volsplat.mapshade_server.readers.geology.segy_traces import (
 from volsplat.mapshade_server.readers.geology.survey_geometry import DEFAULT_VELOCITY, Spot, Vertical, placed
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.readers.reading.part_options import part_options
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, GridAxis, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -46,27 +46,24 @@ FEET = 2
 TRACES_AT_ONCE = 1 << 12
 
 
-class SegyReader:
-    """One survey."""
+@dataclass(frozen=True)
+class _Survey:
+    """Reads the traces of one survey."""
 
-    def __init__(self, description: VolumeDescription, source: SegyFile, grid: TraceGrid) -> None:
-        self._description = description
-        self._source = source
-        self._grid = grid
-
-    def describe(self) -> VolumeDescription:
-        return self._description
+    source: SegyFile
+    grid: TraceGrid
+    scalar_type: str
 
     def read(self, box: Box) -> Voxels:
         ni, nj, nk = box.size
         (i0, j0, k0), (i1, j1, k1) = box
-        traces = self._grid.traces[k0:k1, j0:j1].ravel()
+        traces = self.grid.traces[k0:k1, j0:j1].ravel()
         there = np.flatnonzero(traces >= 0)
         rows = there[np.argsort(traces[there])]  # in the file's order
-        voxels = np.empty((nk * nj, ni), self._description.scalar_type)
+        voxels = np.empty((nk * nj, ni), self.scalar_type)
         if len(rows) < len(traces):
             voxels[traces < 0] = np.nan
-        with self._source.opened() as file:
+        with self.source.opened() as file:
             for part in _runs(traces, rows):
                 first, last = int(traces[part[0]]), int(traces[part[-1]])
                 self._check_numbers(file, box, first, part)
@@ -77,18 +74,18 @@ class SegyReader:
     def _check_numbers(self, file: Any, box: Box, first: int, rows: NDArray[np.int64]) -> None:
         """Raises BadInput where traces inside a line are not those that the line's ends let expect."""
         k, j = np.divmod(rows, box.size[1])
-        match self._grid.unchecked:
+        match self.grid.unchecked:
             case "inline":
-                field, due = self._source.inline, self._grid.inlines.numbers[box.low[2] + k]
+                field, due = self.source.inline, self.grid.inlines.numbers[box.low[2] + k]
             case "crossline":
-                field, due = self._source.crossline, self._grid.crosslines.numbers[box.low[1] + j]
+                field, due = self.source.crossline, self.grid.crosslines.numbers[box.low[1] + j]
             case None:
                 return
         got = file.attributes(field)[first : first + len(rows)]
         if wrong := np.flatnonzero(got != due).tolist():
             n = wrong[0]
             raise BadInput(
-                f"{self._source.path}: trace {first + n} says {self._grid.unchecked} {got[n]} where the order of the "
+                f"{self.source.path}: trace {first + n} says {self.grid.unchecked} {got[n]} where the order of the "
                 f"others lets expect {due[n]}; sort the survey by inline and crossline and export it again"
             )
 
@@ -101,7 +98,7 @@ def _runs(traces: NDArray[np.int32], rows: NDArray[np.int64]) -> Iterator[NDArra
             yield run[start : start + TRACES_AT_ONCE]
 
 
-def open_segy(path: Path, part: str) -> SegyReader:
+def open_segy(path: Path, part: str) -> OpenedVolume:
     """The reader for a 3-D survey; `part` may say il=9,xl=21 (header bytes), domain=depth, velocity=2500 (m/s).
 
     Raises BadInput for 2-D lines, for pre-stack gathers and where the headers cannot be used.
@@ -140,7 +137,7 @@ def open_segy(path: Path, part: str) -> SegyReader:
         density_name="amplitude",
         up="+z",  # time and depth grow downwards
     )
-    return SegyReader(description, source, grid)
+    return OpenedVolume(description, _Survey(source, grid, description.scalar_type).read)
 
 
 @dataclass(frozen=True)
@@ -159,7 +156,7 @@ def _options(path: Path, part: str) -> _Options:
     places = []
     for key, usual in (("il", INLINE), ("xl", CROSSLINE)):
         said = values.get(key, str(usual))
-        if not said.isdecimal() or int(said) not in _headerheader_fields():
+        if not said.isdecimal() or int(said) not in _field_places():
             raise BadInput(
                 f"{path}: “{key}={said}” is no byte where a field of the trace header starts; say it {example}"
             )
@@ -180,7 +177,7 @@ def _options(path: Path, part: str) -> _Options:
     return _Options(places[0], places[1], domain == "depth", velocity)
 
 
-def _headerheader_fields() -> set[int]:
+def _field_places() -> set[int]:
     """The first bytes of the trace header's fields."""
     return {int(field) for field in library("segyio", "SEG-Y").TraceField.enums()}
 

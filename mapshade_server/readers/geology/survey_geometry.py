@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.protocol.description.volume import Geometry, GridAxis, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
@@ -61,7 +61,7 @@ def placed(path: Path, dims: Index, spots: Sequence[Spot], units: int, vertical:
         why = "its coordinates are angles on the globe" if angles else "it has no usable coordinates"
         unused = ", whatever the velocity" if vertical.velocity else ""
         note = f"{why}: the distances of traces are unknown, voxels are drawn as cubes{unused}"
-        return Placed(checked_geometry(path, dims, CUBES, (0.0, 0.0, 0.0)), "", axis, (note,))
+        return Placed(checked_geometry(path, dims, CUBES), "", axis, (note,))
     notes = []
     down = vertical.step
     if not vertical.in_depth:

@@ -14,7 +14,16 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.dicom_pixels import Pixels, fragments_from
+from volsplat.mapshade_server.readers.medicine.dicom_values import (
+    FUNCTIONAL_GROUPS,
+    Rescale,
+    rescale_of,
+    value_unit_of,
+    words_of,
+)
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
@@ -25,11 +34,7 @@ MEDIA_DIRECTORY = "1.2.840.10008.1.3.10"
 UNDEFINED_LENGTH = 0xFFFFFFFF
 PIXEL_DATA, FLOAT_PIXELS, DOUBLE_PIXELS = 0x7FE00010, 0x7FE00008, 0x7FE00009
 DEFLATED = "1.2.840.10008.1.2.1.99"
-FUNCTIONAL_GROUPS = ("PerFrameFunctionalGroupsSequence", "SharedFunctionalGroupsSequence")
-AIR = -1024  # HU, the least value that a CT measures
 SQUARE_TOLERANCE = 0.01  # of direction cosines
-UNITS = {"HU": "HU", "HU_MOD": "HU", "MGML": "mg/ml", "PCT": "%", "OD": "10⁻³ OD", "BQML": "Bq/ml", "GML": "g/ml"}
-UNITS |= {"CNTS": "counts", "CPS": "counts/s", "GY": "Gy", "1CM": "1/cm", "CM2ML": "cm²/ml"}
 
 # What tells frames at one place apart: the word by which a person chooses, and where the value is found, first to
 # last: in a functional group, or in the file as a whole.
@@ -67,20 +72,6 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Rescale:
-    """From stored to meant values: by a line, or by a table from `first` on, whose ends hold beyond it.
-
-    Values below `least` mean nothing.
-    """
-
-    slope: float = 1.0
-    intercept: float = 0.0
-    table: tuple[int, ...] = ()
-    first: int = 0
-    least: float | None = None
-
-
-@dataclass(frozen=True)
 class Frame:
     """One 2-D image of a file. `place` is None where the file states none."""
 
@@ -94,6 +85,10 @@ class Frame:
     @property
     def name(self) -> str:
         return f"{self.pixels.path.name} frame {self.number}" if self.pixels.frames > 1 else self.pixels.path.name
+
+    def read(self, box: Box) -> Voxels:
+        """The meant values of the box's rectangle, (j, i), NaN where there are none."""
+        return self.rescale.of(self.pixels.read(self.number, box))
 
 
 @dataclass(frozen=True)
@@ -160,10 +155,10 @@ def _told(path: Path, head: Any, file: BinaryIO) -> DicomFile | None:
         series_number=str(head.get("SeriesNumber", "") or ""),
         series_description=str(head.get("SeriesDescription", "") or "").strip(),
         modality=modality,
-        localizer="LOCALIZER" in _words(head.get("ImageType")),
+        localizer="LOCALIZER" in words_of(head.get("ImageType")),
         ordered=head.get("VolumetricProperties") == "VOLUME" or head.get("MRAcquisitionType") == "3D",
         between_slices=_numbers(head.get("SpacingBetweenSlices"), 1)[0],
-        value_unit=_value_unit(head, modality),
+        value_unit=value_unit_of(head, modality),
         frames=frames,
         refusal=refusal,
     )
@@ -180,7 +175,7 @@ def _refusal(path: Path, head: Any) -> str:
         )
     if bits not in (8, 16, 32, 64):
         return f"{path}: has {bits}-bit pixels, which volsplat does not read; save it as 16-bit"
-    if "MOSAIC" in _words(head.get("ImageType")):
+    if "MOSAIC" in words_of(head.get("ImageType")):
         return f"{path}: is a mosaic of slices as Siemens makes them; convert the series, as with dcm2niix"
     if head.file_meta.get("TransferSyntaxUID", "") == DEFLATED:
         return f"{path}: is deflated as a whole; save it uncompressed, as with dcmconv +te"
@@ -238,26 +233,18 @@ def _frame(path: Path, head: Any, pixels: Pixels, number: int) -> Frame:
         number=number,
         place=_place(path, value, head, number),
         thickness=_numbers(value("PixelMeasuresSequence", "SliceThickness"), 1)[0],
-        rescale=_rescale(path, value, head),
+        rescale=rescale_of(path, value, head),
         apart={key: found for key, sources in APART.items() if (found := _first(value, sources))},
     )
 
 
 def _first(value: Callable[[str, str], Any], sources: Sequence[tuple[str, str]]) -> tuple[str, ...]:
-    return next((words for group, name in sources if (words := _words(value(group, name)))), ())
-
-
-def _words(value: Any) -> tuple[str, ...]:
-    """A value as words, numbers in their shortest form, () where there is none."""
-    if value is None or value == "":
-        return ()
-    values = [value] if isinstance(value, str | int | float) else list(value)
-    return tuple(f"{one:g}" if isinstance(one, float) else str(one) for one in values)
+    return next((words for group, name in sources if (words := words_of(value(group, name)))), ())
 
 
 def _numbers(value: Any, count: int) -> tuple[float, ...]:
     """The finite numbers of a value, as many zeros where it has another count."""
-    words = _words(value)
+    words = words_of(value)
     numbers = tuple(float(one) for one in ([value] if isinstance(value, str | int | float) else list(value or ())))
     usable = len(words) == count and all(math.isfinite(number) for number in numbers)
     return numbers if usable else (0.0,) * count
@@ -267,7 +254,7 @@ def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int)
     stated = value("PlanePositionSequence", "ImagePositionPatient")
     if stated is None and value("PlaneOrientationSequence", "ImageOrientationPatient") is None:
         return None
-    if len(_words(stated)) != 3:
+    if len(words_of(stated)) != 3:
         raise BadInput(f"{path}: has no usable ImagePositionPatient, so it has no place in a series; export it again")
     position = _numbers(stated, 3)
     directions = _numbers(value("PlaneOrientationSequence", "ImageOrientationPatient"), 6)
@@ -284,7 +271,7 @@ def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int)
         )
     if min(spacing) <= 0:
         raise BadInput(f"{path}: has no usable PixelSpacing; export it again")
-    offsets = _words(head.get("GridFrameOffsetVector"))
+    offsets = words_of(head.get("GridFrameOffsetVector"))
     first = (position[0], position[1], position[2])
     place = Place(first, (row[0], row[1], row[2]), (column[0], column[1], column[2]), (spacing[0], spacing[1]))
     if not offsets:
@@ -293,56 +280,3 @@ def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int)
         raise BadInput(f"{path}: its GridFrameOffsetVector has no place for frame {number}; export it again")
     along = matrices.scaled(place.normal, float(offsets[number]))
     return Place(matrices.plus(first, along), place.row_direction, place.column_direction, place.spacing)
-
-
-def _rescale(path: Path, value: Callable[[str, str], Any], head: Any) -> Rescale:
-    if tables := head.get("ModalityLUTSequence"):
-        return _table(path, tables[0], head)
-    group = "PixelValueTransformationSequence"
-    slope, intercept = value(group, "RescaleSlope"), value(group, "RescaleIntercept")
-    if slope is None:
-        slope = head.get("DoseGridScaling")
-    numbers = (1.0 if slope is None else float(slope), 0.0 if intercept is None else float(intercept))
-    if not all(math.isfinite(number) for number in numbers) or numbers[0] == 0:
-        raise BadInput(f"{path}: its rescale by {slope} and {intercept} makes no sense; export it again")
-    return Rescale(*numbers, least=_least(head, *numbers))
-
-
-def _least(head: Any, slope: float, intercept: float) -> float | None:
-    """Half-way between air and the padding around a CT's round field of view, which would spoil the window.
-
-    Lossy packing spreads the padding. In other kinds of images it often is the background's own value.
-    """
-    stated = [head.get("PixelPaddingValue"), head.get("PixelPaddingRangeLimit")]
-    meant = [float(value) * slope + intercept for value in stated if value is not None]
-    if head.get("Modality") != "CT" or not meant or max(meant) >= AIR:
-        return None
-    return (max(meant) + AIR) / 2
-
-
-def _table(path: Path, item: Any, head: Any) -> Rescale:
-    count, first, bits = (int(word) for word in _words(item.get("LUTDescriptor")))
-    count = count or 1 << 16
-    data = item.get("LUTData")
-    if isinstance(data, bytes):
-        kind = np.dtype("u1" if bits <= 8 and len(data) < 2 * count else "u2")
-        data = np.frombuffer(data, kind.newbyteorder("<" if head.original_encoding[1] else ">")).tolist()
-    table = tuple(int(number) for number in ([data] if isinstance(data, int) else data or ()))
-    if len(table) < count:
-        raise BadInput(f"{path}: its Modality LUT has {len(table)} of {count} values; export it again")
-    signed = head.get("PixelRepresentation") == 1
-    return Rescale(table=table[:count], first=first - (1 << 16) if signed and first >= 1 << 15 else first)
-
-
-def _value_unit(head: Any, modality: str) -> str:
-    """The unit of the values after the rescale, "" where the file states none that is known."""
-    groups = [head[name].value for name in FUNCTIONAL_GROUPS if name in head and len(head[name].value)]
-    inner = [group[0].get("PixelValueTransformationSequence") for group in groups]
-    stated = next((item[0].get("RescaleType") for item in inner if item), head.get("RescaleType"))
-    if head.get("ModalityLUTSequence"):
-        stated = head.ModalityLUTSequence[0].get("ModalityLUTType")
-    for said in (stated, head.get("Units"), head.get("DoseUnits")):
-        if said in UNITS:
-            return UNITS[said]
-    rescaled = "RescaleSlope" in head or any(inner)
-    return "HU" if modality == "CT" and rescaled and stated in (None, "") else ""

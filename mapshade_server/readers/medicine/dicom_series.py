@@ -7,27 +7,25 @@ series around it, and `scans/IM0001#slice` for itself.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import NoReturn
 
-import numpy as np
-
 from volsplat.mapshade_server.readers.medicine import dicom_stack
-from volsplat.mapshade_server.readers.medicine.dicom_file import DicomFile, Frame, Rescale, dicom_file, recognises
+from volsplat.mapshade_server.readers.medicine.dicom_file import DicomFile, Frame, dicom_file, recognises
 from volsplat.mapshade_server.readers.medicine.dicom_folder import images_of, series_of
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
+from volsplat.mapshade_server.readers.medicine.dicom_values import scalar_type_of
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.reading.part_options import PartOptions, part_options
-from volsplat.mapshade_server.readers.reading.volume_files import DiskFile, disk_files
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.mapshade_server.readers.reading.volume_files import disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 __all__ = ["open_dicom_file", "open_folder", "recognises"]
 
-# From narrow to wide; the first that holds all values is taken, beginning with the width of the stored type.
 ONE_SLICE = "slice"  # the part of a name that means a single slice alone
-WHOLE_TYPES = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "int64")
 
 
 @dataclass(frozen=True)
@@ -66,61 +64,7 @@ class _Series:
         return described or first.series_number == word or "." in word and first.series_uid.startswith(word)
 
 
-class DicomReader:
-    """One stack of frames; only those that a box needs are read, of unpacked ones only its rows."""
-
-    def __init__(self, description: VolumeDescription, stack: Stack) -> None:
-        self._description = description
-        self._stack = stack
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    @property
-    def files(self) -> tuple[DiskFile, ...]:
-        return disk_files([frame.pixels.path for frame in self._stack.frames])
-
-    def read(self, box: Box) -> Voxels:
-        frames = self._stack.frames
-        if self._stack.heights is None:
-            voxels = np.empty(box.size[::-1], self._description.scalar_type)
-            for n, frame in enumerate(frames[box.low[2] : box.high[2]]):
-                voxels[n] = _rescaled(frame, box)
-            return voxels
-        return self._resampled(box, np.array(self._stack.heights))
-
-    def _resampled(self, box: Box, heights: Voxels) -> Voxels:
-        """Between the two slices around each sheet of the grid, by the share of the way from one to the other."""
-        voxels = np.empty(box.size[::-1], self._description.scalar_type)
-        read: dict[int, Voxels] = {}
-        for n, k in enumerate(range(box.low[2], box.high[2])):
-            above = int(np.clip(np.searchsorted(heights, k), 1, len(heights) - 1))
-            share = float(np.clip((k - heights[above - 1]) / (heights[above] - heights[above - 1]), 0, 1))
-            read = {
-                m: read[m] if m in read else _rescaled(self._stack.frames[m], box).astype(np.float64)
-                for m in (above - 1, above)
-            }
-            between = (1 - share) * read[above - 1] + share * read[above]
-            voxels[n] = between if voxels.dtype.kind == "f" else np.rint(between)
-        return voxels
-
-
-def _rescaled(frame: Frame, box: Box) -> Voxels:
-    """The meant values of the box's rectangle of one frame, NaN where there are none."""
-    stored = frame.pixels.read(frame.number, box)
-    rescale = frame.rescale
-    if rescale.table:
-        table = np.array(rescale.table)
-        return np.asarray(table[np.clip(stored.astype(np.int64) - rescale.first, 0, len(table) - 1)])
-    if rescale == Rescale():
-        return stored
-    values = np.asarray(stored.astype(np.float64) * rescale.slope + rescale.intercept)
-    if rescale.least is not None:
-        values[values < rescale.least] = np.nan
-    return values
-
-
-def open_dicom_file(path: Path, part: str) -> DicomReader:
+def open_dicom_file(path: Path, part: str) -> OpenedVolume:
     """The reader for a file of several frames, for the series around a single slice, or for `#slice` alone.
 
     Raises BadInput where the slice has no others beside it, and for a DICOMDIR without images.
@@ -141,7 +85,7 @@ def _no_image(path: Path) -> NoReturn:
     raise BadInput(f"{path}: a DICOM file without an image; give a file of several frames, or a series' folder")
 
 
-def _around(path: Path, slice_: DicomFile, said: PartOptions) -> DicomReader:
+def _around(path: Path, slice_: DicomFile, said: PartOptions) -> OpenedVolume:
     """The series, and of several volumes in it the one, that a single slice belongs to."""
     series = _Series(tuple(series_of(path, slice_.series_uid)))
     if said.word and not series.answers_to(said.word):
@@ -159,12 +103,12 @@ def _around(path: Path, slice_: DicomFile, said: PartOptions) -> DicomReader:
     return _reader(path, series, said, (told,))
 
 
-def _alone(path: Path, file: DicomFile) -> DicomReader:
+def _alone(path: Path, file: DicomFile) -> OpenedVolume:
     stack = dicom_stack.single(path, file.frames[0], file)
-    return DicomReader(_description(f"{path.name}#{ONE_SLICE}", _Series((file,)), stack), stack)
+    return _opened(f"{path.name}#{ONE_SLICE}", _Series((file,)), stack)
 
 
-def open_folder(folder: Path, part: str) -> DicomReader:
+def open_folder(folder: Path, part: str) -> OpenedVolume:
     """The reader for the series in `folder` that is named or, of several, the only one that is a volume.
 
     Raises BadInput where there is none, where one must be named, and where slices are damaged or do not fit together.
@@ -213,7 +157,7 @@ def _left_out(every: Sequence[_Series], chosen: _Series) -> tuple[str, ...]:
     return (f"of the folder this series is drawn; left out: {'; '.join(others)}",) if others else ()
 
 
-def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[str, ...] = ()) -> DicomReader:
+def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[str, ...] = ()) -> OpenedVolume:
     if refusal := next((file.refusal for file in series.files if file.refusal), ""):
         raise BadInput(refusal)
     groups = dicom_stack.apart(series.frames)
@@ -221,19 +165,19 @@ def _reader(source: Path, series: _Series, said: PartOptions, warnings: tuple[st
     stack = dicom_stack.stacked(source, frames, series.files[0])
     values = ",".join([*([said.word] if said.word else []), *(f"{key}={value}" for key, value in name)])
     shown = f"{source.resolve().name}#{values}" if values else source.resolve().name
-    return DicomReader(_description(shown, series, stack, warnings), stack)
+    return _opened(shown, series, stack, warnings)
 
 
-def _description(name: str, series: _Series, stack: Stack, warnings: tuple[str, ...] = ()) -> VolumeDescription:
+def _opened(name: str, series: _Series, stack: Stack, warnings: tuple[str, ...] = ()) -> OpenedVolume:
     first = series.files[0]
     kind, kind_from = kind_of_modality(first.modality)
     pixels = stack.frames[0].pixels
-    return VolumeDescription(
+    description = VolumeDescription(
         name=name,
         format=f"DICOM {first.modality} series {series.title}",
         geometry=stack.geometry,
         chunk=(pixels.columns, pixels.rows if pixels.fragments else 1, 1),
-        scalar_type=_scalar_type(stack.frames),
+        scalar_type=scalar_type_of([(frame.pixels, frame.rescale) for frame in stack.frames]),
         unit=stack.unit,
         value_unit=first.value_unit,
         anatomical=stack.anatomical,
@@ -241,6 +185,8 @@ def _description(name: str, series: _Series, stack: Stack, warnings: tuple[str, 
         kind_from=kind_from,
         warnings=(*warnings, *stack.warnings),
     )
+    paths = [frame.pixels.path for frame in stack.frames]
+    return OpenedVolume(description, partial(stack.read, description.scalar_type), lambda: disk_files(paths))
 
 
 def _chosen_group(source: Path, groups: dicom_stack.Groups, said: PartOptions) -> tuple[dicom_stack.Name, list[Frame]]:
@@ -265,29 +211,3 @@ def _chosen_group(source: Path, groups: dicom_stack.Groups, said: PartOptions) -
         told = dicom_stack.told(dicom_stack.choices(volumes))
         raise BadInput(f"{source}: the series holds {len(volumes)} volumes, {told}; choose, as in {source}#{example}")
     return next(iter(volumes.items()))
-
-
-def _scalar_type(frames: Sequence[Frame]) -> str:
-    """The type that holds all meant values: whole numbers where the rescale keeps them whole."""
-    widths = [frame.pixels.dtype.itemsize for frame in frames]
-    kinds = {(frame.pixels.dtype, frame.pixels.bits_stored, frame.rescale) for frame in frames}
-    if any(dtype.kind == "f" for dtype, _, _ in kinds) or not all(_is_whole(rescale) for _, _, rescale in kinds):
-        return "float32" if max(widths) <= 2 or all(dtype == np.float32 for dtype, _, _ in kinds) else "float64"
-    ends = [end for dtype, bits, rescale in kinds for end in _range(dtype.kind == "i", bits, rescale)]
-    if all(rescale == Rescale() for _, _, rescale in kinds):
-        return np.result_type(*(dtype.newbyteorder("=") for dtype, _, _ in kinds)).name
-    fitting = (name for name in WHOLE_TYPES if np.iinfo(name).min <= min(ends) and max(ends) <= np.iinfo(name).max)
-    return next(fitting, "float64")
-
-
-def _is_whole(rescale: Rescale) -> bool:
-    return rescale.slope.is_integer() and rescale.intercept.is_integer() and rescale.least is None
-
-
-def _range(signed: bool, bits: int, rescale: Rescale) -> tuple[float, float]:
-    """The least and the greatest meant value that there can be."""
-    if rescale.table:
-        return float(min(rescale.table)), float(max(rescale.table))
-    low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
-    ends = (low * rescale.slope + rescale.intercept, high * rescale.slope + rescale.intercept)
-    return min(ends), max(ends)

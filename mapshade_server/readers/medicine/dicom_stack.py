@@ -10,9 +10,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
 
+import numpy as np
+
 from volsplat.mapshade_server.readers.medicine.dicom_file import APART, DicomFile, Frame, Place
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
-from volsplat.protocol.description.volume import Geometry
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
@@ -40,6 +43,25 @@ class Stack:
     unit: str
     warnings: tuple[str, ...]
     heights: tuple[float, ...] | None = None
+
+    def read(self, scalar_type: str, box: Box) -> Voxels:
+        """The voxels of a box; only the frames that it needs are read, and of unpacked ones only its rows."""
+        voxels: Voxels = np.empty(box.size[::-1], scalar_type)
+        if self.heights is None:
+            for n, frame in enumerate(self.frames[box.low[2] : box.high[2]]):
+                voxels[n] = frame.read(box)
+            return voxels
+        heights = np.array(self.heights)
+        read: dict[int, Voxels] = {}
+        for n, k in enumerate(range(box.low[2], box.high[2])):
+            # Between the two slices around the sheet, by the share of the way from one to the other.
+            above = int(np.clip(np.searchsorted(heights, k), 1, len(heights) - 1))
+            share = float(np.clip((k - heights[above - 1]) / (heights[above] - heights[above - 1]), 0, 1))
+            around = (above - 1, above)
+            read = {m: read[m] if m in read else self.frames[m].read(box).astype(np.float64) for m in around}
+            between = (1 - share) * read[above - 1] + share * read[above]
+            voxels[n] = between if voxels.dtype.kind == "f" else np.rint(between)
+        return voxels
 
 
 def apart(frames: Sequence[Frame]) -> Groups:
@@ -147,7 +169,7 @@ def single(source: Path, frame: Frame, file: DicomFile) -> Stack:
     dims = (frame.pixels.columns, frame.pixels.rows, 1)
     place = frame.place
     if place is None:
-        geometry = checked_geometry(source, dims, matrices.IDENTITY, (0.0, 0.0, 0.0))
+        geometry = checked_geometry(source, dims, matrices.IDENTITY)
         return Stack(
             (frame,), geometry, False, "", ("the file states no place of its slice, and no size of its pixels",)
         )
@@ -171,7 +193,7 @@ def _in_file_order(source: Path, frames: Sequence[Frame], file: DicomFile) -> St
     )
     dims = (frames[0].pixels.columns, frames[0].pixels.rows, len(frames))
     matrix: Matrix = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, step or 1.0))
-    geometry = checked_geometry(source, dims, matrix, (0.0, 0.0, 0.0))
+    geometry = checked_geometry(source, dims, matrix)
     return Stack(tuple(frames), geometry, False, "", (told,))
 
 

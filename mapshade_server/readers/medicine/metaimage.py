@@ -7,25 +7,19 @@ the header is read here too, and only voxels written as text go through SimpleIT
 
 import re
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
-from volsplat.mapshade_server.readers.reading.frames import chosen_frame
+from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
-from volsplat.mapshade_server.readers.reading.simple_itk import (
-    extracted,
-    geometry_of,
-    header_of,
-    refuse_other_dimensions,
-    refuse_vectors,
-    scalar_type_of,
-)
-from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
-from volsplat.mapshade_server.readers.reading.volume_files import DiskFile, disk_files
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
+from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of, scalar_type_of
+from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels, numbered_names
+from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
+from volsplat.mapshade_server.readers.reading.volume_files import disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.text.errors import BadInput
 
@@ -55,36 +49,10 @@ def recognises(head: bytes) -> bool:
     return re.match(rb"\s*(ObjectType|NDims|ObjectSubType|Comment)\s*=", head) is not None and b"NDims" in head
 
 
-class MetaImageReader:
-    """One MetaImage volume; `voxels` is None where SimpleITK reads them, and else holds all frames along k."""
+def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
+    """The reader for a MetaImage, and the frame of it that is named if there are several.
 
-    def __init__(
-        self, path: Path, description: VolumeDescription, reader: Any, voxels: StoredVoxels | None, frame: int
-    ) -> None:
-        self._path = path
-        self._description = description
-        self._reader = reader
-        self._voxels = voxels
-        self._before = frame * description.geometry.dims[2]
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    @property
-    def files(self) -> tuple[DiskFile, ...]:
-        return disk_files([self._path]) if self._voxels is None else self._voxels.files
-
-    def read(self, box: Box) -> Voxels:
-        if self._voxels is None:
-            return extracted(self._path, self._reader, box)
-        (i0, j0, k0), (i1, j1, k1) = box
-        return self._voxels.read(Box((i0, j0, self._before + k0), (i1, j1, self._before + k1)))
-
-
-def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
-    """The reader for a MetaImage, and the frame of it that is named where there are several.
-
-    Raises BadInput where the header cannot be used or the data is missing.
+    Raises BadInput if the header cannot be used or the data is missing.
     """
     fields, end = _fields(path)
     sizes = _integers(path, fields, "DimSize")
@@ -92,7 +60,7 @@ def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
         raise _wrong(path, fields, "DimSize")
     refuse_other_dimensions(path, (*sizes[:3], *sizes[4:]))
     frames = sizes[3] if len(sizes) > 3 else 1
-    frame = chosen_frame(path, part, frames)
+    frame, name = chosen_frame(path, part, frames)
     if fields.get("ElementNumberOfChannels", "1") != "1":
         refuse_vectors(path, f"{fields['ElementNumberOfChannels']} channels a voxel")
     if fields.get("ElementType") not in SCALAR_TYPES:
@@ -111,7 +79,7 @@ def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
     anatomical = re.fullmatch("[RLAPSI]{3}", fields.get("AnatomicalOrientation", "").upper()) is not None
     kind, kind_from = kind_of_modality(MODALITIES.get(fields.get("Modality", ""), ""))
     description = VolumeDescription(
-        name=f"{path.name}#{frame}" if frames > 1 else path.name,
+        name=name,
         format="MetaImage",
         geometry=geometry,
         scalar_type=scalar_type_of(path, reader),
@@ -124,7 +92,9 @@ def open_metaimage(path: Path, part: str = "") -> MetaImageReader:
         chunk=voxels.chunk,
         why_whole=why_whole,
     )
-    return MetaImageReader(path, description, reader, None if text else voxels, frame)
+    if text:
+        return OpenedVolume(description, lambda box: extracted(path, reader, box), lambda: disk_files([path]))
+    return OpenedVolume(description, lambda box: voxels.read_from(frame * sizes[2], box), voxels.files)
 
 
 def _unit(fields: dict[str, str], anatomical: bool) -> str:
@@ -213,5 +183,5 @@ def _data_files(path: Path, fields: dict[str, str]) -> list[str]:
         numbers = [int(word) for word in words[1:4] if word.isdigit()]
         if len(numbers) < 3 or numbers[2] == 0:
             raise _wrong(path, fields, "ElementDataFile")
-        return [words[0] % number for number in range(numbers[0], numbers[1] + 1, numbers[2])]
+        return numbered_names(words[0], *numbers[:3])
     return [value]

@@ -9,14 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.reading.frames import chosen_frame
-from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes, is_gzip
-from volsplat.mapshade_server.readers.reading.simple_itk import (
-    checked_geometry,
-    refuse_other_dimensions,
-    refuse_vectors,
-)
-from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes
+from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
+from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -25,12 +21,12 @@ EXTENSIONS = (".mgh", ".mgz", ".mgh.gz")
 VERSION = 1
 HEADER_BYTES = 284
 SCALAR_TYPES = {0: "uint8", 1: "int32", 3: "float32", 4: "int16", 10: "uint16"}
-CORONAL = (-1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0)  # of i, j, k, where none are stated, as FreeSurfer has it
+CORONAL = (-1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0)  # of i, j, k, if none are stated, as FreeSurfer has it
 NO_PLACE = "the file states no place: FreeSurfer's coronal directions and steps of 1 mm are taken"
 
 
 def open_mgh(path: Path, part: str) -> OpenedVolume:
-    """The reader for a volume, and the frame of it that is named where there are several. Raises BadInput."""
+    """The reader for a volume, and the frame of it that is named if there are several. Raises BadInput."""
     raw = first_bytes(path, HEADER_BYTES)
     if len(raw) < HEADER_BYTES:
         raise BadInput(f"{path}: its header is truncated; fetch the file again")
@@ -39,38 +35,30 @@ def open_mgh(path: Path, part: str) -> OpenedVolume:
         raise BadInput(f"{path}: is no volume of FreeSurfer's, or its header is damaged; fetch the file again")
     if code not in SCALAR_TYPES:
         refuse_vectors(path, f"voxels of FreeSurfer's type {code}, no plain number")
-    refuse_other_dimensions(path, (ni, nj, nk))
-    frame = chosen_frame(path, part, frames)
     dims, dtype = (ni, nj, nk), np.dtype(SCALAR_TYPES[code]).newbyteorder(">")
-    zipped = is_gzip(path)
-    start = HEADER_BYTES + frame * math.prod(dims) * dtype.itemsize
-    piece = Piece(path, nk, 0, Packing.DEFLATE, start) if zipped else Piece(path, nk, start)
-    voxels = StoredVoxels(path, dims, dtype, (piece,))
-    voxels.check_files()
+    refuse_other_dimensions(path, dims)
+    frame, name = chosen_frame(path, part, frames)
+    voxels = one_piece(path, dims, dtype, HEADER_BYTES + frame * math.prod(dims) * dtype.itemsize)
     (placed,) = np.frombuffer(raw, ">i2", 1, 28).tolist()
     description = VolumeDescription(
-        name=f"{path.name}#{frame}" if frames > 1 else path.name,
+        name=name,
         format="FreeSurfer MGH",
         geometry=_geometry(path, dims, raw if placed else b""),
         scalar_type=dtype.name,
         unit="mm",
         anatomical=True,
         warnings=() if placed else (NO_PLACE,),
-        reads_sub_cubes=not zipped,
-        chunk=voxels.chunk,
-        why_whole="the file is compressed by gzip" if zipped else "",
+        **voxels.access,
     )
     return OpenedVolume(description, voxels.read)
 
 
 def _geometry(path: Path, dims: Index, raw: bytes) -> Geometry:
-    """In LPS; `raw` is the header, b"" where it states no place."""
+    """In LPS; `raw` is the header, b"" if it states no place."""
     steps, directions, middle = np.ones(3), np.array(CORONAL), np.zeros(3)
     if raw:
         stated = np.frombuffer(raw, ">f4", 15, 30).astype(np.float64)
         steps, directions, middle = stated[:3], stated[3:12], stated[12:]
     to_lps = np.diag([-1.0, -1.0, 1.0])
     matrix = to_lps @ (directions.reshape(3, 3).T * steps)
-    origin = to_lps @ middle - matrix @ (np.array(dims) / 2)
-    rows = tuple(tuple(row) for row in matrix.tolist())
-    return checked_geometry(path, dims, rows, tuple(origin.tolist()))  # type: ignore[arg-type]
+    return checked_geometry(path, dims, matrix, to_lps @ middle - matrix @ (np.array(dims) / 2))

@@ -7,23 +7,24 @@ they are raw and knows no bzip2. Only voxels written as text go through SimpleIT
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader, header_of_file
 from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse_flat_colours
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
-from volsplat.mapshade_server.readers.reading.frames import chosen_frame
-from volsplat.mapshade_server.readers.reading.simple_itk import (
-    extracted,
-    header_of,
-    refuse_other_dimensions,
-    refuse_vectors,
+from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
+from volsplat.mapshade_server.readers.reading.simple_itk import extracted, header_of
+from volsplat.mapshade_server.readers.reading.stored_voxels import (
+    BYTE_ORDERS,
+    Piece,
+    StoredVoxels,
+    numbered_names,
+    unpacked_size,
 )
-from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels, unpacked_size
-from volsplat.mapshade_server.readers.reading.volume_files import DiskFile
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
@@ -48,7 +49,6 @@ PACKINGS = {
     "bz2": Packing.BZIP2,
     "bzip2": Packing.BZIP2,
 }
-BYTE_ORDERS: dict[str, Literal["<", ">"]] = {"little": "<", "big": ">"}
 TEXT_ENCODINGS = ("txt", "text", "ascii", "hex")
 
 LARGEST_FILE = 1 << 62  # bytes
@@ -85,57 +85,17 @@ class _Axes:
         return (ni * self.frames, nj, nk) if self.interleaved else (ni, nj, nk * self.frames)
 
 
-class NrrdReader:
-    """One volume of an NRRD file whose voxels are raw, gzip or bzip2."""
+def open_nrrd(path: Path, part: str = "") -> OpenedVolume:
+    """The reader for an NRRD file, and the volume of it that is named if there are several.
 
-    def __init__(self, description: VolumeDescription, voxels: StoredVoxels, axes: _Axes, frame: int) -> None:
-        self._description = description
-        self._voxels = voxels
-        self._axes = axes
-        self._frame = frame
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    @property
-    def files(self) -> tuple[DiskFile, ...]:
-        return self._voxels.files
-
-    def read(self, box: Box) -> Voxels:
-        (i0, j0, k0), (i1, j1, k1) = box
-        if self._axes.interleaved:
-            frames = self._axes.frames
-            every = self._voxels.read(Box((i0 * frames, j0, k0), (i1 * frames, j1, k1)))
-            return every[:, :, self._frame :: frames].copy()
-        before = self._frame * self._axes.dims[2]
-        return self._voxels.read(Box((i0, j0, before + k0), (i1, j1, before + k1)))
-
-
-class TextNrrdReader:
-    """One NRRD volume whose voxels are written as text."""
-
-    def __init__(self, path: Path, description: VolumeDescription) -> None:
-        self._path = path
-        self._description = description
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return extracted(self._path, header_of(self._path, "NrrdImageIO"), box)
-
-
-def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
-    """The reader for an NRRD file, and the volume of it that is named where there are several.
-
-    Raises BadInput where the header cannot be used or the data is missing.
+    Raises BadInput if the header cannot be used or the data is missing.
     """
     header = header_of_file(path)
     axes = _axes(header)
     if axes.frames > 1 and not part and axes.kind not in FRAME_KINDS:
         what = f"{axes.frames} components a voxel, of kind {axes.kind}"
         raise BadInput(f"{path}: has {what}, volsplat needs one number a voxel; choose one, as in {path}#0")
-    frame = chosen_frame(path, part, axes.frames)
+    frame, name = chosen_frame(path, part, axes.frames)
     scalar_type = SCALAR_TYPES.get(header.fields.get("type", "").lower())
     if scalar_type is None:
         raise header.wrong("type", "is not a type of number that volsplat reads")
@@ -144,7 +104,7 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
     kind, kind_from, bands = kind_of(path, header.pairs, frame)
     why_whole = "" if encoding == "raw" else f"the voxels are stored as {encoding}"
     description = VolumeDescription(
-        name=f"{path.name}#{frame}" if axes.frames > 1 else path.name,
+        name=name,
         format="NRRD",
         geometry=place.geometry,
         scalar_type=scalar_type,
@@ -162,20 +122,25 @@ def open_nrrd(path: Path, part: str = "") -> NrrdReader | TextNrrdReader:
     if encoding in TEXT_ENCODINGS:
         if axes.frames > 1:
             raise header.wrong("encoding", "holds several volumes as text, which volsplat cannot tell apart")
-        return TextNrrdReader(path, description)
+        return OpenedVolume(description, lambda box: extracted(path, header_of(path, "NrrdImageIO"), box))
     if encoding not in PACKINGS:
         raise header.wrong("encoding", "is not one of raw, gzip, bzip2, text, hex")
     order = BYTE_ORDERS.get(header.fields.get("endian", "").lower())
     if order is None and np.dtype(scalar_type).itemsize > 1:
         raise header.wrong("endian", "is neither little nor big")
-    voxels = StoredVoxels(
-        source=path,
-        dims=axes.stored,
-        dtype=np.dtype(scalar_type).newbyteorder(order or "="),
-        pieces=_pieces(header, axes.stored, np.dtype(scalar_type).itemsize, PACKINGS[encoding]),
-    )
+    dtype = np.dtype(scalar_type).newbyteorder(order or "=")
+    pieces = _pieces(header, axes.stored, dtype.itemsize, PACKINGS[encoding])
+    voxels = StoredVoxels(path, axes.stored, dtype, pieces)
     voxels.check_files()
-    return NrrdReader(description, voxels, axes, frame)
+
+    def read(box: Box) -> Voxels:
+        if not axes.interleaved:
+            return voxels.read_from(frame * axes.dims[2], box)
+        (i0, j0, k0), (i1, j1, k1) = box
+        every = voxels.read(Box((i0 * axes.frames, j0, k0), (i1 * axes.frames, j1, k1)))
+        return every[:, :, frame :: axes.frames].copy()
+
+    return OpenedVolume(description, read, voxels.files)
 
 
 def _axes(header: NrrdHeader) -> _Axes:
@@ -246,10 +211,9 @@ def _data_files(header: NrrdHeader) -> list[str]:
         return list(header.file_list)
     words = value.split()
     if len(words) >= 4 and re.search(r"%\d*d", words[0]):
-        low, high, step = (int(word) for word in words[1:4])
-        if step == 0:
+        if int(words[3]) == 0:
             raise header.wrong("data file", "has a step of 0")
-        return [words[0] % number for number in range(low, high + (1 if step > 0 else -1), step)]
+        return numbered_names(words[0], *map(int, words[1:4]))
     return [value] if value else []
 
 

@@ -13,8 +13,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
+from volsplat.mapshade_server.readers.reading.length_units import CommonUnit, in_one_unit
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix, Vector, scaled, transposed
 
@@ -69,7 +69,7 @@ def place_of(header: NrrdHeader, axes: tuple[int, int, int], dims: Index) -> Nrr
     steps = [direction for axis in axes if fitting and (direction := directions[axis]) is not None]
     if len(steps) != 3:
         raise header.wrong("space directions", "does not give a vector for each axis of the volume")
-    factors, unit, told = _units(header, header.quoted("space units"), (0, 1, 2))
+    (unit, factors), told = _units(header, header.quoted("space units"), (0, 1, 2))
     turn = [sign * factor for sign, factor in zip((space or UNNAMED).signs, factors, strict=True)]
     rows = transposed((steps[0], steps[1], steps[2]))
     matrix: Matrix = (scaled(rows[0], turn[0]), scaled(rows[1], turn[1]), scaled(rows[2], turn[2]))
@@ -103,14 +103,14 @@ def _origin(header: NrrdHeader) -> Vector | None:
 def _by_lengths(header: NrrdHeader, axes: tuple[int, int, int], dims: Index, space: Space | None) -> NrrdPlace:
     """The place of axes without directions: they are taken to lie along x, y and z."""
     lengths = _lengths(header, axes, dims)
-    factors, unit, told = _units(header, header.quoted("units") or header.quoted("space units"), axes)
+    (unit, factors), told = _units(header, header.quoted("units") or header.quoted("space units"), axes)
     steps = [step * factor for step, factor in zip(lengths.steps, factors, strict=True)]
     starts = [start * factor for start, factor in zip(_origin(header) or lengths.starts, factors, strict=True)]
     rows = tuple(scaled(row, step) for row, step in zip(IDENTITY, steps, strict=True))
     if space is not None:
         stated = f"the header names the space {header.fields['space']} but gives no directions in it"
         told += (f"{stated}: left and right cannot be told",)
-    geometry = checked_geometry(header.path, dims, rows, tuple(starts))  # type: ignore[arg-type]
+    geometry = checked_geometry(header.path, dims, rows, tuple(starts))
     return NrrdPlace(geometry, unit, False, (*lengths.warnings, *told))
 
 
@@ -152,17 +152,11 @@ def _centers(header: NrrdHeader, axes: tuple[int, int, int]) -> list[str]:
     return [words[axis] if axis < len(words) else "" for axis in axes]
 
 
-def _units(header: NrrdHeader, named: Sequence[str], axes: tuple[int, int, int]) -> tuple[Vector, str, tuple[str, ...]]:
-    """What makes lengths along these axes ones in a single unit, that unit, and what is to be told of them."""
-    alike: Vector = (1.0, 1.0, 1.0)
+def _units(header: NrrdHeader, named: Sequence[str], axes: tuple[int, int, int]) -> tuple[CommonUnit, tuple[str, ...]]:
+    """What makes lengths along these axes ones in a single unit, and a warning about them."""
     names = [named[axis] for axis in axes] if len(named) > max(axes) else list(named[:1]) * 3
-    if not names:
-        return alike, "", ()
-    units = [length_unit(name) for name in names]
-    first = units[0]
-    if first is not None and all(unit is not None for unit in units):
-        factors = [unit.metres / first.metres for unit in units if unit is not None]
-        return (factors[0], factors[1], factors[2]), first.symbol, ()
-    if len(set(names)) > 1:
-        return alike, "", (f"its axes are in several units ({', '.join(names)}), drawn as if these were one",)
-    return alike, names[0], ()
+    if common := in_one_unit(names or [""] * 3):
+        return common, ()
+    return CommonUnit("", [1.0] * 3), (
+        f"its axes are in several units ({', '.join(names)}), drawn as if these were one",
+    )

@@ -14,7 +14,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart, array_part
 from volsplat.mapshade_server.readers.medicine.slice_files import is_for, slices_in
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry, refuse_other_dimensions
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels
 from volsplat.protocol.description.volume import Box, VolumeDescription
@@ -63,17 +63,11 @@ def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
             )
     channel = _channel(said, paths, first)
     steps = said.numbers("spacing", 3)
-    di, dj, dk = steps or (1.0, 1.0, 1.0)
     name = folder.resolve().name
     description = VolumeDescription(
         name=f"{name}#{part}" if part else name,
         format=f"folder of {len(paths)} {paths[0].suffix[1:].upper()} pictures",
-        geometry=checked_geometry(
-            folder,
-            dims,
-            ((di, 0.0, 0.0), (0.0, dj, 0.0), (0.0, 0.0, dk)),
-            (0.0, 0.0, 0.0),
-        ),
+        geometry=checked_geometry(folder, dims, steps or (1.0, 1.0, 1.0)),
         scalar_type=first.dtype,
         unit=said.options.get("unit", ""),
         density_name=first.channels[channel] if len(_colours(first)) > 1 else "density",

@@ -5,16 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from volsplat.mapshade_server.readers.medicine.slice_files import is_for, slices_in
-from volsplat.mapshade_server.readers.medicine.tiff_pages import TiffPage, tifffile
-from volsplat.mapshade_server.readers.medicine.tiff_stack import (
-    Chosen,
-    TiffStackReader,
-    check_ends,
-    check_set,
-    stack_of,
-    stated_place,
-)
-from volsplat.mapshade_server.readers.reading.simple_itk import refuse_vectors
+from volsplat.mapshade_server.readers.medicine.tiff_pages import TiffPage
+from volsplat.mapshade_server.readers.medicine.tiff_place import stated_place
+from volsplat.mapshade_server.readers.medicine.tiff_stack import Chosen, opened_tiff, stack_of
+from volsplat.mapshade_server.readers.reading.grids import refuse_vectors
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.text.errors import BadInput
 
 EXTENSIONS = (".tif", ".tiff")
@@ -25,30 +20,23 @@ def recognises_folder(folder: Path) -> bool:
     return is_for(folder, EXTENSIONS)
 
 
-def open_tiff_folder(folder: Path, part: str) -> TiffStackReader:
+def open_tiff_folder(folder: Path, part: str) -> OpenedVolume:
     """The reader for the files whose names begin with `part`.
 
-    Raises BadInput where they are of several kinds, where one is missing, and where they do not fit together.
+    Raises BadInput if they are of several kinds, if one is missing, and if they do not fit together.
     """
     paths = slices_in(folder, part, EXTENSIONS, "TIFF")
     pages, places = [], []
     for path in paths:
-        try:
-            with tifffile().TiffFile(path) as file:
-                pages.append(_only_page(folder, path, file))
-                if path == paths[0]:
-                    places.append(stated_place(file, pages[0].packing, None, ""))
-        except (BadInput, OSError):
-            raise
-        except Exception as error:  # of a damaged file's tags tifffile makes anything
-            raise BadInput(f"{path}: is truncated or damaged ({error}); fetch or export it again") from None
+        with opened_tiff(path) as file:
+            pages.append(_only_page(folder, path, file))
+            if path == paths[0]:
+                places.append(stated_place(file, pages[0].packing, None, ""))
     _check_alike(folder, pages)
     return stack_of(folder.resolve(), "folder of TIFF files", pages, places[0], Chosen(range(len(pages)), part))
 
 
 def _only_page(folder: Path, path: Path, file: Any) -> TiffPage:
-    check_ends(path, file)
-    check_set(path, file)
     if file.is_ome and len(file.series[0].pages) > 1 and len(file.pages) == 1:
         raise BadInput(f"{folder}: its files are one OME-TIFF set; give one of them, as in {path}")
     if len(file.pages) > 1:

@@ -4,113 +4,59 @@ Where a file holds several images, channels or times, the person chooses: `cells
 """
 
 import math
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, OmeMetadata, StatedSteps, ome_metadata
+from volsplat.mapshade_server.readers.medicine.ome_tiff import OmeImage, OmeMetadata, ome_metadata
 from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, TiffPage, tifffile
+from volsplat.mapshade_server.readers.medicine.tiff_place import Place, placed, stated_place
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
-from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.part_options import PartOptions, index_in, part_options
-from volsplat.mapshade_server.readers.reading.simple_itk import (
-    checked_geometry,
-    refuse_other_dimensions,
-    refuse_vectors,
-)
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.reading.volume_files import DiskFile, disk_files
-from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
-from volsplat.mapshade_server.readers.reading.voxel_room import voxel_room
+from volsplat.mapshade_server.readers.reading.volume_files import disk_files
+from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, OpenedVolume, Voxels, voxel_room
 from volsplat.protocol.description.volume import Box, Index, VolumeDescription
-from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
 
 MAGICS = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 WIDER = {"bool": "uint8", "float16": "float32"}  # types that tensors of voxels do not have
 WHAT_ALONG = {"C": "channels", "T": "times", "Z": "slices"}
 
-# Dots per inch that programs write when they know nothing of the specimen.
-SCREENS_AND_PRINTERS = (1, 72, 96, 100, 150, 200, 240, 300, 400, 600, 1200, 2400)
-MILLIMETRES_PER = {2: 25.4, 3: 10.0}  # the TIFF tag's inch and centimetre
-
-# Where the stored rows and columns lead, by the tag Orientation: the axis of x (0) or y (1) of i and j, and the sign.
-LED_BY_ORIENTATION = {
-    1: ((0, 1), (1, 1)),
-    2: ((0, -1), (1, 1)),
-    3: ((0, -1), (1, -1)),
-    4: ((0, 1), (1, -1)),
-    5: ((1, 1), (0, 1)),
-    6: ((1, 1), (0, -1)),
-    7: ((1, -1), (0, -1)),
-    8: ((1, -1), (0, 1)),
-}
-
 
 def recognises(head: bytes) -> bool:
     return head[:4] in MAGICS
 
 
-@dataclass(frozen=True)
-class Place:
-    """What a file states of its voxels' size, and what had to be guessed."""
-
-    steps: Vector
-    unit: str
-    warnings: tuple[str, ...]
-
-
-class TiffStackReader:
-    """One volume of TIFF pages. `raw` is there where all pages are uncompressed: then only rows are read."""
-
-    def __init__(self, description: VolumeDescription, pages: Sequence[TiffPage], raw: StoredVoxels | None) -> None:
-        self._description = description
-        self._pages = pages
-        self._raw = raw
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    @property
-    def files(self) -> tuple[DiskFile, ...]:
-        return disk_files([page.path for page in self._pages])
-
-    def read(self, box: Box) -> Voxels:
-        scalar_type = self._description.scalar_type
-        if self._raw is not None:
-            return self._raw.read(box).astype(scalar_type, copy=False)
-        voxels = voxel_room(box, scalar_type, self._pages[0].path)
-        opened = None
-        with ExitStack() as files:
-            for n, page in enumerate(self._pages[box.low[2] : box.high[2]]):
-                if opened is None or opened.name != str(page.path):
-                    files.close()
-                    opened = files.enter_context(page.path.open("rb"))
-                voxels[n] = page.read(opened, box)
-        return voxels
-
-
-def open_tiff_stack(path: Path, part: str) -> TiffStackReader:
+def open_tiff_stack(path: Path, part: str) -> OpenedVolume:
     """The reader for a TIFF file and the image, channel and time of it that are named.
 
     Raises BadInput for truncated files, colour, pages of several sizes, and where something must be chosen.
     """
+    with opened_tiff(path) as file:
+        return _stack(path, part, file)
+
+
+@contextmanager
+def opened_tiff(path: Path) -> Iterator[Any]:
+    """tifffile's view of a file that is whole. Raises BadInput, also for what is raised within."""
     try:
         with tifffile().TiffFile(path) as file:
-            return _opened(path, part, file)
+            _check_ends(path, file)
+            _check_set(path, file)
+            yield file
     except (BadInput, OSError):
         raise
     except Exception as error:  # of a damaged file's tags tifffile makes anything
         raise BadInput(f"{path}: is truncated or damaged ({error}); fetch or export it again") from None
 
 
-def _opened(path: Path, part: str, file: Any) -> TiffStackReader:
-    check_ends(path, file)
-    check_set(path, file)
+def _stack(path: Path, part: str, file: Any) -> OpenedVolume:
     ome = ome_metadata(file.ome_metadata) if file.is_ome else OmeMetadata((), "")
     every = file.series
     if every[0].kind in ("uniform", "generic") and len(every) > 1:
@@ -129,7 +75,7 @@ def _opened(path: Path, part: str, file: Any) -> TiffStackReader:
     return stack_of(path, _format(file, pages), pages, place, chosen)
 
 
-def check_ends(path: Path, file: Any) -> None:
+def _check_ends(path: Path, file: Any) -> None:
     """Raises BadInput where the chain of pages breaks off; tifffile takes the pages before as all there are."""
     count = len(file.pages)
     next_page = file.pages.next_page_offset
@@ -140,7 +86,7 @@ def check_ends(path: Path, file: Any) -> None:
     raise BadInput(f"{path}: is truncated: its pages lie beyond its end; fetch or export it again")
 
 
-def check_set(path: Path, file: Any) -> None:
+def _check_set(path: Path, file: Any) -> None:
     """Raises BadInput where a file that belongs to the same set is a FIFO, which tifffile would wait for."""
     told = ome_metadata(file.ome_metadata) if file.is_ome else OmeMetadata((), "")
     named = [path.parent / name for image in told.images for name in (*image.files, told.kept_in) if name]
@@ -252,7 +198,7 @@ def _format(file: Any, pages: Sequence[TiffPage]) -> str:
     return f"{kind} of {files} files" if files > 1 else kind
 
 
-def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, chosen: Chosen) -> TiffStackReader:
+def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, chosen: Chosen) -> OpenedVolume:
     """The reader for pages of one size. Raises BadInput where their files hold less than they promise."""
     packing = pages[0].packing
     dims = (packing.imagewidth, packing.imagelength, len(pages))
@@ -267,19 +213,37 @@ def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, ch
     stored = sum(sum(page.counts) for page in pages)
     if math.prod(dims) * packing.bitspersample // 8 > stored * MOST_GROWTH.get(packing.compression, math.inf):
         raise BadInput(f"{path}: promises more pixels than its {stored} bytes can hold; its tags are wrong")
-    matrix, origin = _turned(place.steps, packing, dims)
     raw = _raw(path, dims, pages)
+    scalar_type = WIDER.get(packing.dtype.name, packing.dtype.name)
     description = VolumeDescription(
         name=f"{path.name}#{chosen.name}" if chosen.name else path.name,
         format=shown,
-        geometry=checked_geometry(path, dims, matrix, origin),
-        scalar_type=WIDER.get(packing.dtype.name, packing.dtype.name),
+        geometry=placed(path, place, packing, dims),
+        scalar_type=scalar_type,
         unit=place.unit,
         density_name=chosen.channel or "density",
         warnings=(*chosen.warnings, *place.warnings),
         chunk=raw.chunk if raw is not None else (*pages[0].segment, 1),
     )
-    return TiffStackReader(description, pages, raw)
+
+    def read(box: Box) -> Voxels:
+        if raw is not None:  # then only rows are read
+            return raw.read(box).astype(scalar_type, copy=False)
+        return _decoded(pages, box, scalar_type)
+
+    return OpenedVolume(description, read, lambda: disk_files([page.path for page in pages]))
+
+
+def _decoded(pages: Sequence[TiffPage], box: Box, scalar_type: str) -> Voxels:
+    voxels = voxel_room(box, scalar_type, pages[0].path)
+    opened = None
+    with ExitStack() as files:
+        for n, page in enumerate(pages[box.low[2] : box.high[2]]):
+            if opened is None or opened.name != str(page.path):
+                files.close()
+                opened = files.enter_context(page.path.open("rb"))
+            voxels[n] = page.read(opened, box)
+    return voxels
 
 
 def _raw(path: Path, dims: Index, pages: Sequence[TiffPage]) -> StoredVoxels | None:
@@ -289,62 +253,3 @@ def _raw(path: Path, dims: Index, pages: Sequence[TiffPage]) -> StoredVoxels | N
         return None
     packing = pages[0].packing
     return StoredVoxels(path, dims, packing.dtype.newbyteorder(packing.parent.byteorder), tuple(pieces))
-
-
-def _turned(steps: Vector, packing: Any, dims: Index) -> tuple[Matrix, Vector]:
-    """Where i, j, k lead: x to the right, y down, z from slice to slice, whatever corner the pixels begin at."""
-    columns = [[0.0] * 3, [0.0] * 3, [0.0, 0.0, steps[2]]]
-    origin = [0.0] * 3
-    orientation = packing.tags.valueof(274, 1)
-    for n, (axis, sign) in enumerate(LED_BY_ORIENTATION.get(orientation, LED_BY_ORIENTATION[1])):
-        columns[n][axis] = sign * steps[axis]
-        if sign < 0:
-            origin[axis] = (dims[n] - 1) * steps[axis]
-    rows = [(columns[0][row], columns[1][row], columns[2][row]) for row in range(3)]
-    return (rows[0], rows[1], rows[2]), (origin[0], origin[1], origin[2])
-
-
-def stated_place(file: Any, packing: Any, image: OmeImage | None, kept_in: str) -> Place:
-    if image is not None:
-        return _place(image.steps, image.unit)
-    if file.is_imagej:
-        said = file.imagej_metadata or {}
-        unit = str(said.get("unit", "")).encode("latin-1", "ignore").decode("unicode_escape")
-        x, y = _resolutions(packing)
-        between = said.get("spacing")
-        z = abs(float(between)) if between else None
-        known = length_unit(unit)
-        return _place((1 / x if x else None, 1 / y if y else None, z), known.symbol if known else "")
-    place = _plain_place(packing)
-    if kept_in:
-        told = f"the metadata of this OME-TIFF is in {kept_in}, which volsplat does not read: steps are not known"
-        return Place(place.steps, place.unit, (*place.warnings, told))
-    return place
-
-
-def _plain_place(packing: Any) -> Place:
-    """The pixels' size by the tags of resolution, unless they are those of a screen or a printer."""
-    per = MILLIMETRES_PER.get(packing.tags.valueof(296, 2))
-    x, y = _resolutions(packing)
-    if per is None or not x or not y or round(x * 25.4 / per, 2) in SCREENS_AND_PRINTERS:
-        ratio = x / y if x and y else 1.0
-        return Place((1.0, ratio, 1.0), "", ())
-    return _place((per / x, per / y, None), "mm")
-
-
-def _resolutions(packing: Any) -> tuple[float, float]:
-    """Pixels per unit along x and y, 0 where the page states none."""
-    values = (packing.tags.valueof(282, (0, 1)), packing.tags.valueof(283, (0, 1)))
-    x, y = (top / bottom if bottom else 0.0 for top, bottom in values)
-    return x, y
-
-
-def _place(stated: StatedSteps, unit: str) -> Place:
-    """The steps as stated, the others as wide as a pixel, which is told."""
-    x, y, z = stated
-    if x is None:
-        told = () if (y, z) == (None, None) else ("the file states no width of its pixels: taken as 1",)
-        return Place((1.0, 1.0 if y is None else y, 1.0 if z is None else z), "", told)
-    missing = [name for name, step in (("height of its pixels", y), ("distance of its slices", z)) if step is None]
-    told = (f"the file states no {' and no '.join(missing)}: taken as the width of a pixel",) if missing else ()
-    return Place((x, x if y is None else y, x if z is None else z), unit, told)

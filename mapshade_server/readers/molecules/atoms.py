@@ -27,12 +27,12 @@ from volsplat.mapshade_server.readers.molecules.calculated_factors import calcul
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
 from volsplat.mapshade_server.readers.molecules.pqr import is_pqr, pqr_structure
 from volsplat.mapshade_server.readers.molecules.structure_factors import open_reflections
-from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_text
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.gzip_files import unzipped_text
 from volsplat.mapshade_server.readers.reading.part_options import part_options
-from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, VolumeReader
 from volsplat.protocol.description.kind import Band, Kind
-from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 IN_SPACE, IN_FREQUENCY = ("density", "elements"), ("frequency", "amplitude")
@@ -52,21 +52,6 @@ _BANDS = tuple(Band(name, max(n * BAND, 1), (n + 1) * BAND - 1) for n, name in e
 
 def recognises(head: bytes) -> bool:
     return _FIRST_RECORD.match(head) is not None
-
-
-class AtomReader:
-    """One molecule on a grid."""
-
-    def __init__(self, description: VolumeDescription, grid: AtomGrid, elements: bool) -> None:
-        self._description = description
-        self._grid = grid
-        self._elements = elements
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return self._grid.elements(box) if self._elements else self._grid.density(box)
 
 
 def open_pdb(path: Path, part: str) -> VolumeReader:
@@ -117,7 +102,8 @@ def open_structure(path: Path, part: str, name: str, structure: Any, warnings: l
         up="+z",
         why_whole="the list of atoms is read whole, but only a sub-cube's own voxels are made of it",
     )
-    return AtomReader(description, AtomGrid(atoms, geometry), elements)
+    grid = AtomGrid(atoms, geometry)
+    return OpenedVolume(description, grid.elements if elements else grid.density)
 
 
 def _kind_and_fineness(path: Path, word: str) -> tuple[str, float | None]:

@@ -15,14 +15,10 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.molecules.map_kinds import is_difference, kind_of_names
 from volsplat.mapshade_server.readers.reading.extra import library
-from volsplat.mapshade_server.readers.reading.frames import chosen_frame
-from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes, is_gzip
-from volsplat.mapshade_server.readers.reading.simple_itk import (
-    checked_geometry,
-    refuse_other_dimensions,
-    refuse_vectors,
-)
-from volsplat.mapshade_server.readers.reading.stored_voxels import Packing, Piece, StoredVoxels
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.gzip_files import first_bytes
+from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
+from volsplat.mapshade_server.readers.reading.stored_voxels import one_piece
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
@@ -36,7 +32,7 @@ UNIT = "Å"
 EXTENSIONS = tuple(name + packed for name in (".mrc", ".mrcs", ".map", ".ccp4") for packed in ("", ".gz"))
 
 # Words of four bytes, counted from 1 as the format's documents do.
-SIZES, MODE, STARTS, INTERVALS, LENGTHS, ANGLES, AXES, LEAST, GREATEST = 1, 4, 5, 8, 11, 14, 17, 20, 21
+SIZES, MODE, STARTS, INTERVALS, LENGTHS, ANGLES, AXES, LEAST = 1, 4, 5, 8, 11, 14, 17, 20
 SPACE_GROUP, EXTENDED_BYTES, SKEWED, IMOD_STAMP, IMOD_FLAGS, ORIGIN, MACHINE_STAMP = 23, 24, 25, 39, 40, 50, 54
 MEAN, DEVIATION, LABELS = 22, 55, 57
 LABEL_BYTES = 80
@@ -90,7 +86,6 @@ class _Header:
 
 def open_density_map(path: Path, part: str) -> OpenedVolume:
     """The reader for a map; `part` is the number of a volume in a stack of them. Raises BadInput."""
-    packing = Packing.DEFLATE if is_gzip(path) else Packing.RAW
     header = _header_of(path)
     dims, skipped_sheets = _volume(header, part)
     stored_type = _stored_type(header)
@@ -98,14 +93,7 @@ def open_density_map(path: Path, part: str) -> OpenedVolume:
     if first_voxel < HEADER_BYTES:
         raise header.wrong("length of the extended header", (first_voxel - HEADER_BYTES,))
     first_voxel += skipped_sheets * dims[0] * dims[1] * stored_type.itemsize
-    raw = packing == Packing.RAW
-    voxels = StoredVoxels(
-        source=path,
-        dims=dims,
-        dtype=stored_type,
-        pieces=(Piece(path, dims[2], first_voxel if raw else 0, packing, 0 if raw else first_voxel),),
-    )
-    voxels.check_files()
+    voxels = one_piece(path, dims, stored_type, first_voxel)
     geometry, unit, warnings = _place(header, dims)
     kind, kind_from = _kind(header)
     description = VolumeDescription(
@@ -118,9 +106,7 @@ def open_density_map(path: Path, part: str) -> OpenedVolume:
         kind=kind,
         kind_from=kind_from,
         up="+z",
-        reads_sub_cubes=raw,
-        chunk=voxels.chunk,
-        why_whole="" if raw else "the file is compressed by gzip",
+        **voxels.access,
     )
 
     def read(box: Box) -> Voxels:  # half floats are widened
@@ -155,7 +141,7 @@ def _volume(header: _Header, part: str) -> tuple[Index, int]:
         sheets = sections
     if sections % sheets:
         raise header.wrong("number of sections in a stack of volumes", (sections, sheets))
-    return (columns, rows, sheets), chosen_frame(header.path, part, sections // sheets) * sheets
+    return (columns, rows, sheets), chosen_frame(header.path, part, sections // sheets).number * sheets
 
 
 def _stored_type(header: _Header) -> np.dtype[np.generic]:

@@ -5,23 +5,20 @@ parsed whole, once, and the axes are exchanged. Lengths become Angstrom, as chem
 have them.
 """
 
-import gzip
 import re
-import zlib
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from io import BufferedIOBase
 from pathlib import Path
 
 import numpy as np
 
-from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry, refuse_other_dimensions
-from volsplat.mapshade_server.readers.reading.stored_voxels import MOST_GROWTH, Packing
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_other_dimensions
+from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip, unzipped
+from volsplat.mapshade_server.readers.reading.unpacked_stream import MOST_GROWTH, Packing
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels, boxes_of
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.volume import Box, Index, VolumeDescription
+from volsplat.protocol.description.volume import Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
@@ -55,31 +52,12 @@ class _Header:
     data: int
 
 
-class GaussianCubeReader:
-    """One orbital or density; its voxels are parsed at the first read and kept."""
-
-    def __init__(self, description: VolumeDescription, header: _Header, value: int) -> None:
-        self._description = description
-        self._header = header
-        self._value = value
-        self._whole: Voxels | None = None
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        if self._whole is None:
-            self._whole = _voxels(self._header, self._value)
-        (i0, j0, k0), (i1, j1, k1) = box
-        return self._whole[k0:k1, j0:j1, i0:i1].copy()
-
-
-def open_gaussian_cube(path: Path, part: str) -> GaussianCubeReader:
+def open_gaussian_cube(path: Path, part: str) -> OpenedVolume:
     """The reader for a cube file; `part` is the number of an orbital, where the file has several.
 
     Raises BadInput where the header cannot be used or promises more than the file holds.
     """
-    with _opened(path) as file:
+    with unzipped(path) as file:
         header = _header_of(path, file)
     _check_size(header)
     value = _chosen(header, part)
@@ -98,7 +76,7 @@ def open_gaussian_cube(path: Path, part: str) -> GaussianCubeReader:
         reads_sub_cubes=False,
         why_whole="its voxels are written as text",
     )
-    return GaussianCubeReader(description, header, value)
+    return OpenedVolume(description, boxes_of(lambda: _voxels(header, value)))
 
 
 def _kind(header: _Header) -> tuple[Kind, str]:
@@ -111,17 +89,6 @@ def _kind(header: _Header) -> tuple[Kind, str]:
         if _DENSITY.search(line):
             return Kind.ELECTRON_DENSITY, f"it says “{line}”"
     return Kind.UNKNOWN, ""
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[BufferedIOBase]:
-    """The unzipped bytes of the file. Raises BadInput where the zipped ones are damaged."""
-    file: BufferedIOBase = gzip.open(path) if is_gzip(path) else path.open("rb")
-    with file:
-        try:
-            yield file
-        except (gzip.BadGzipFile, EOFError, zlib.error):
-            raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
 
 
 class _Lines:
@@ -241,7 +208,7 @@ def _voxels(header: _Header, value: int) -> Voxels:
     promised = ni * nj * nk * stride
     voxels = np.empty(ni * nj * nk, np.float32)
     seen = 0
-    with _opened(header.path) as file:
+    with unzipped(header.path) as file:
         file.seek(header.data)
         for numbers in _numbers(header.path, file):
             wanted = numbers[(value - seen) % stride :: stride]

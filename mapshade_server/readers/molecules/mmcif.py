@@ -6,8 +6,8 @@ from typing import Any
 
 from volsplat.mapshade_server.readers.molecules import atoms, structure_factors
 from volsplat.mapshade_server.readers.molecules.gemmi_errors import one_line_errors
-from volsplat.mapshade_server.readers.molecules.unzipped_text import unzipped_text
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.gzip_files import unzipped_text
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
 from volsplat.protocol.text.errors import BadInput
 

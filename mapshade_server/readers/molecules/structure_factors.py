@@ -12,8 +12,7 @@ Where nothing is said it is the map, if there are phases. Symmetry and Friedel's
 again; what was not measured at all is no data.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -30,11 +29,11 @@ from volsplat.mapshade_server.readers.molecules.reflections import (
     mtz_reflections,
 )
 from volsplat.mapshade_server.readers.reading.extra import library
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
 from volsplat.mapshade_server.readers.reading.part_options import part_options
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, VolumeReader, Voxels, boxes_of
 from volsplat.protocol.description.kind import Kind
-from volsplat.protocol.description.volume import Box, GridAxis, Index, VolumeDescription
+from volsplat.protocol.description.volume import GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
@@ -62,48 +61,11 @@ def open_mmcif_reflections(path: Path, part: str, document: Any) -> VolumeReader
     return open_reflections(mmcif_reflections(path, document, options.get("block")), "structure-factor mmCIF", word)
 
 
-class MapReader:
-    """A map over the whole cell, transformed when its voxels are first wanted."""
+@dataclass(frozen=True)
+class FrequencyVolume(OpenedVolume):
+    """Amplitudes with their phases as second scalar."""
 
-    def __init__(self, description: VolumeDescription, factors: Any) -> None:
-        self._description = description
-        self._factors = factors
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return _boxed(self._whole, box)
-
-    @cached_property
-    def _whole(self) -> Voxels:
-        grid = self._factors.transform_f_phi_to_map(exact_size=self._description.geometry.dims)
-        return np.array(grid).T
-
-
-class AmplitudeReader:
-    """The amplitudes of the reflections at their indices."""
-
-    def __init__(self, description: VolumeDescription, indices: Integers, amplitudes: Floats) -> None:
-        self._description = description
-        self._amplitudes = _at_indices(description.geometry.dims, indices, amplitudes)
-
-    def describe(self) -> VolumeDescription:
-        return self._description
-
-    def read(self, box: Box) -> Voxels:
-        return _boxed(self._amplitudes, box)
-
-
-class FrequencyReader(AmplitudeReader):
-    """The amplitudes with their phases as second scalar."""
-
-    def __init__(self, description: VolumeDescription, indices: Integers, amplitudes: Floats, phases: Floats) -> None:
-        super().__init__(description, indices, amplitudes)
-        self._phases = _at_indices(description.geometry.dims, indices, phases)
-
-    def read_second(self, box: Box) -> Voxels:
-        return _boxed(self._phases, box)
+    read_second: ReadBox = field(kw_only=True)
 
 
 @dataclass(frozen=True)
@@ -204,7 +166,7 @@ def _there(reflections: Reflections, there: NDArray[np.bool_]) -> NDArray[np.boo
     return there
 
 
-def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> MapReader:
+def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> VolumeReader:
     path, cell = factors.reflections.path, factors.reflections.cell
     if not (greatest := float(np.abs(factors.amplitudes).max())) < GREATEST_AMPLITUDE:
         raise BadInput(
@@ -220,7 +182,7 @@ def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> 
     description = VolumeDescription(
         name=path.name,
         format=f"{factors.made_of} to {transform.make_d_array().min():.3g} Å",
-        geometry=checked_geometry(path, dims, matrices.transposed((i, j, k)), (0.0, 0.0, 0.0)),
+        geometry=checked_geometry(path, dims, matrices.transposed((i, j, k))),
         scalar_type="float32",
         unit="Å",
         kind=kind,
@@ -231,7 +193,7 @@ def _map(factors: _Factors, density_name: str, space_group: Any, kind: Kind) -> 
         reads_sub_cubes=False,
         why_whole="every voxel is a sum over all reflections",
     )
-    return MapReader(description, transform)
+    return OpenedVolume(description, boxes_of(lambda: np.array(transform.transform_f_phi_to_map(exact_size=dims)).T))
 
 
 def _frequency(factors: _Factors, with_phases: bool) -> VolumeReader:
@@ -262,9 +224,11 @@ def _frequency(factors: _Factors, with_phases: bool) -> VolumeReader:
         reads_sub_cubes=False,
         why_whole="the list of reflections is read whole",
     )
-    if with_phases:
-        return FrequencyReader(description, factors.indices, factors.amplitudes, factors.phases)
-    return AmplitudeReader(description, factors.indices, factors.amplitudes)
+    read = boxes_of(lambda: _at_indices(dims, factors.indices, factors.amplitudes))
+    if not with_phases:
+        return OpenedVolume(description, read)
+    phases = boxes_of(lambda: _at_indices(dims, factors.indices, factors.phases))
+    return FrequencyVolume(description, read, read_second=phases)
 
 
 def _checked_size(path: Path, dims: Index) -> Index:
@@ -283,8 +247,3 @@ def _at_indices(dims: Index, indices: Integers, values: Floats) -> Voxels:
     h, k, l = (indices[:, axis] + dims[axis] // 2 for axis in range(3))  # noqa: E741 - its name everywhere
     volume[l, k, h] = values
     return volume
-
-
-def _boxed(whole: Voxels, box: Box) -> Voxels:
-    (i0, j0, k0), (i1, j1, k1) = box
-    return np.ascontiguousarray(whole[k0:k1, j0:j1, i0:i1])

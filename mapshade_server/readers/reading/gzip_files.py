@@ -1,12 +1,17 @@
-"""Files that gzip has compressed as a whole: which are, and what they begin with."""
+"""Files that gzip has compressed as a whole, or not: read alike, within limits."""
 
 import gzip
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from io import BufferedIOBase
 from pathlib import Path
 
 from volsplat.protocol.text.errors import BadInput
 
 GZIP_MAGIC = b"\x1f\x8b"
+MOST_TEXT_BYTES, TEXT_CHUNK_BYTES = 1 << 30, 1 << 20
+MOST_GROWTH_OF_TEXT = 50  # the densest packed coordinates grow tenfold
 
 
 def is_gzip(path: Path) -> bool:
@@ -15,11 +20,38 @@ def is_gzip(path: Path) -> bool:
         return file.read(len(GZIP_MAGIC)) == GZIP_MAGIC
 
 
-def first_bytes(path: Path, count: int) -> bytes:
-    """The file's first bytes, unzipped where it is gzip. Raises BadInput where it cannot be unzipped."""
-    opened = gzip.open(path) if is_gzip(path) else path.open("rb")
-    with opened as file:
+@contextmanager
+def unzipped(path: Path) -> Iterator[BufferedIOBase]:
+    """The file's bytes, unzipped if it is gzip. Raises BadInput if it cannot be unzipped."""
+    with gzip.open(path) if is_gzip(path) else path.open("rb") as file:
         try:
-            return file.read(count)
-        except (OSError, EOFError, zlib.error):
+            yield file
+        except (gzip.BadGzipFile, EOFError, zlib.error):
             raise BadInput(f"{path}: its gzip data is damaged or truncated; fetch the file again") from None
+
+
+def first_bytes(path: Path, count: int) -> bytes:
+    """The file's first bytes. Raises BadInput if they cannot be unzipped."""
+    with unzipped(path) as file:
+        return file.read(count)
+
+
+def unzipped_text(path: Path) -> str:
+    """The text of a file that is read whole, ? for each byte that is not ASCII, so that columns stay in place.
+
+    Raises BadInput if it is damaged, or unpacks to more than a text would: a small file may become more than memory.
+    """
+    packed = is_gzip(path)
+    most = MOST_TEXT_BYTES
+    if packed:
+        most = min(most, MOST_GROWTH_OF_TEXT * path.stat().st_size + TEXT_CHUNK_BYTES)
+    chunks: list[bytes] = []
+    with unzipped(path) as file:
+        while chunk := file.read(TEXT_CHUNK_BYTES):
+            chunks.append(chunk)
+            if sum(map(len, chunks)) > most:
+                raise BadInput(
+                    f"{path}: is more than {most} bytes of text{' unpacked' if packed else ''}, "
+                    "too much for a molecule; check what it is"
+                )
+    return b"".join(chunks).decode("ascii", "replace").replace("\ufffd", "?")

@@ -1,5 +1,6 @@
 """Units of length by the names that files give them: micrometer, um, µm, MICRONS, ... all become µm."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 
@@ -41,3 +42,18 @@ def length_unit(text: str) -> LengthUnit | None:
     """The unit that `text` names, None if that is no length. Symbols have their case: mm is not Mm."""
     name = text.strip()
     return _BY_SYMBOL.get(name) or _BY_NAME.get(name.lower())
+
+
+class CommonUnit(NamedTuple):
+    """A unit, and what lengths in others are multiplied by to be in it."""
+
+    unit: str
+    factors: list[float]
+
+
+def in_one_unit(names: Sequence[str]) -> CommonUnit | None:
+    """The first of several units, None if they have none in common: all are lengths, or all are alike."""
+    units = [unit for name in names if (unit := length_unit(name)) is not None]
+    if len(units) == len(names):
+        return CommonUnit(units[0].symbol, [unit.metres / units[0].metres for unit in units])
+    return CommonUnit(names[0], [1.0] * len(names)) if len(set(names)) == 1 else None

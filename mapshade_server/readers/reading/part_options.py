@@ -1,14 +1,19 @@
-"""What the part of a volume's name says, for formats that choose by several things: `T2_AX,echo=2` or `c=1,t=0`."""
+"""What the part of a volume's name says, for formats that choose by several things: `T2_AX,echo=2` or `c=1,t=0`.
 
-from collections.abc import Collection
+Also by a number alone, `series.nii#3`, and how the things to choose from are listed for a person.
+"""
+
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.protocol.text.errors import BadInput
 
+MOST_LISTED = 12
+
 
 class PartOptions(NamedTuple):
-    """`word` is what stands before the first known key, "" where nothing does."""
+    """`word` is what stands before the first known key, "" if nothing does."""
 
     word: str
     values: dict[str, str]
@@ -33,3 +38,26 @@ def index_in(path: Path, said: str, count: int, what: str) -> int:
         return int(said)
     numbers = f"are numbered 0 to {count - 1}" if count > 1 else "have one number, 0"
     raise BadInput(f"{path}: its {what} {numbers}; “{said}” is none of them")
+
+
+class Frame(NamedTuple):
+    """One of a file's volumes, and what it is called."""
+
+    number: int
+    name: str
+
+
+def chosen_frame(path: Path, part: str, frames: int) -> Frame:
+    """The volume that `part` names by its number. Raises BadInput if it must be named and is not."""
+    if frames == 1 and part not in ("", "0"):
+        raise BadInput(f"{path}: holds one volume, it has no part “{part}”; leave out #{part}")
+    if frames > 1 and not part:
+        raise BadInput(f"{path}: a series of {frames} volumes, numbered from 0; choose one, as in {path}#0")
+    number = index_in(path, part or "0", frames, "volumes")
+    return Frame(number, f"{path.name}#{number}" if frames > 1 else path.name)
+
+
+def listed(shown: Sequence[str], nothing: str = "nothing") -> str:
+    """The first of what there is, for a person to choose from."""
+    more = [f"and {len(shown) - MOST_LISTED} more"] if len(shown) > MOST_LISTED else []
+    return ", ".join([*shown[:MOST_LISTED], *more]) or nothing

@@ -1,7 +1,6 @@
 """SimpleITK for the readers: imported on first use, silent, its exceptions turned into one line."""
 
 import importlib
-import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -10,10 +9,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_vectors
 from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
 from volsplat.protocol.description.volume import Box, Geometry
-from volsplat.protocol.geometry import matrices
-from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -52,28 +50,6 @@ def header_of(path: Path, image_io: str) -> Any:
     return reader
 
 
-def check_is_volume(path: Path, reader: Any) -> None:
-    """Raises BadInput unless the image has three axes, and more only if they are 1 long, of single numbers."""
-    size = tuple(reader.GetSize())
-    refuse_other_dimensions(path, size)
-    if reader.GetNumberOfComponents() != 1:
-        refuse_vectors(path, f"{reader.GetNumberOfComponents()} components a voxel")
-
-
-def refuse_other_dimensions(path: Path, size: tuple[int, ...]) -> None:
-    """Raises BadInput unless `size` is that of one volume: three axes, and more only if they are 1 long."""
-    shown = " x ".join(str(n) for n in size)
-    if len(size) < 3:
-        kind = "a 1-D list" if len(size) == 1 else "a 2-D image"
-        raise BadInput(f"{path}: {kind}, volsplat needs a volume: its size is {shown}; give a file with several slices")
-    if max(size[3:], default=1) > 1:
-        raise BadInput(f"{path}: a series of {shown} voxels, volsplat needs one volume; export one frame of it")
-
-
-def refuse_vectors(path: Path, what: str) -> None:
-    raise BadInput(f"{path}: has {what}, volsplat needs one number a voxel; export one component or its magnitude")
-
-
 def scalar_type_of(path: Path, reader: Any) -> str:
     """The torch name of the image's scalar type. Raises BadInput for types that are no plain number."""
     name = simple_itk().GetPixelIDValueAsString(reader.GetPixelID())
@@ -89,24 +65,8 @@ def geometry_of(path: Path, reader: Any) -> Geometry:
     """Spacing, direction and origin of the first three axes; physical axes are LPS, as SimpleITK has it."""
     size, spacing, origin = reader.GetSize(), reader.GetSpacing(), reader.GetOrigin()
     direction, n = reader.GetDirection(), len(reader.GetSize())
-    rows = [tuple(direction[n * row + axis] * spacing[axis] for axis in range(3)) for row in range(3)]
-    matrix: Matrix = tuple(rows)  # type: ignore[assignment]
-    return checked_geometry(path, tuple(size[:3]), matrix, tuple(origin[:3]))
-
-
-def checked_geometry(path: Path, dims: tuple[int, ...], matrix: Matrix, origin: tuple[float, ...]) -> Geometry:
-    """The Geometry of header values. Raises BadInput where they span no space."""
-    zero: Vector = (0.0, 0.0, 0.0)  # added to turn -0.0 into 0.0
-    try:
-        if not all(math.isfinite(x) for x in origin):
-            raise ValueError("the origin is not finite")
-        return Geometry(
-            dims=(dims[0], dims[1], dims[2]),
-            index_to_physical=tuple(matrices.plus(row, zero) for row in matrix),  # type: ignore[arg-type]
-            origin=matrices.plus((origin[0], origin[1], origin[2]), zero),
-        )
-    except ValueError as error:
-        raise BadInput(f"{path}: its spacing and directions cannot be used: {error}; correct the header") from None
+    rows = [[direction[n * row + axis] * spacing[axis] for axis in range(3)] for row in range(3)]
+    return checked_geometry(path, size[:3], rows, origin[:3])
 
 
 def extracted(path: Path, reader: Any, box: Box) -> Voxels:

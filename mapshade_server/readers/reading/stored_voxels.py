@@ -5,38 +5,26 @@ sheet by sheet, so that no more than the box stays in memory; a box that begins 
 Nothing here knows a file format.
 """
 
-import bz2
 import os
 import zlib
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Literal
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.reading.gzip_files import is_gzip
+from volsplat.mapshade_server.readers.reading.unpacked_stream import MOST_GROWTH, Packing, UnpackedStream
 from volsplat.mapshade_server.readers.reading.volume_files import DiskFile, disk_files
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.mapshade_server.readers.reading.voxel_room import voxel_room
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels, voxel_room
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.text.errors import BadInput
 
 # Between two wanted runs of bytes, a gap up to this size is read through: disks and file systems do so anyway.
 READ_THROUGH_BYTES = 16384
-COMPRESSED_CHUNK_BYTES, UNPACKED_CHUNK_BYTES = 1 << 16, 1 << 20  # at a time, at most
 
 
-class Packing(StrEnum):
-    """How a piece's bytes are packed."""
-
-    RAW = "raw"
-    DEFLATE = "deflate"  # zlib or gzip framing, told apart by their first bytes
-    BZIP2 = "bzip2"
-
-
-# How many bytes one stored byte can become at most.
-MOST_GROWTH = {Packing.RAW: 1, Packing.DEFLATE: 1032, Packing.BZIP2: 1 << 20}
+BYTE_ORDERS: dict[str, Literal["<", ">"]] = {"little": "<", "big": ">"}
 
 
 @dataclass(frozen=True)
@@ -58,17 +46,26 @@ class StoredVoxels:
     dims: Index
     dtype: np.dtype[np.generic]
     pieces: tuple[Piece, ...]
-    _paused: "dict[Piece, _Paused]" = field(default_factory=dict, init=False, repr=False, compare=False)
+    _paused: dict[Piece, UnpackedStream] = field(default_factory=dict, init=False, repr=False, compare=False)
 
-    @property
     def files(self) -> tuple[DiskFile, ...]:
         """Of header and voxels."""
         return disk_files([self.source, *(piece.path for piece in self.pieces)])
 
     @property
+    def packed(self) -> bool:
+        return any(piece.packing != Packing.RAW for piece in self.pieces)
+
+    @property
+    def access(self) -> dict[str, Any]:
+        """What a description says of how a box is read."""
+        why_whole = "the file is compressed by gzip" if self.packed else ""
+        return {"reads_sub_cubes": not self.packed, "chunk": self.chunk, "why_whole": why_whole}
+
+    @property
     def chunk(self) -> Index:
         """Voxels along i, j, k that only come together: rows, as far as they are read through, or whole sheets."""
-        if any(piece.packing != Packing.RAW for piece in self.pieces):
+        if self.packed:
             return (self.dims[0], self.dims[1], 1)
         return (min(self.dims[0], max(READ_THROUGH_BYTES // self.dtype.itemsize, 1)), 1, 1)
 
@@ -114,6 +111,11 @@ class StoredVoxels:
             voxels = voxels.byteswap(inplace=True).view(self.dtype.newbyteorder("="))
         return voxels
 
+    def read_from(self, sheet: int, box: Box) -> Voxels:
+        """The voxels of a box of the volume that begins at this sheet."""
+        (i0, j0, k0), (i1, j1, k1) = box
+        return self.read(Box((i0, j0, sheet + k0), (i1, j1, sheet + k1)))
+
     def _read_raw(self, piece: Piece, box: Box, into: Voxels) -> None:
         row_bytes = self.dims[0] * self.dtype.itemsize
         left = box.low[0] * self.dtype.itemsize
@@ -137,35 +139,46 @@ class StoredVoxels:
 
     def _unpack(self, piece: Piece, box: Box, into: Voxels) -> None:
         sheet = np.empty((self.dims[1], self.dims[0]), self.dtype)
-        with piece.path.open("rb") as file:
-            paused = self._paused.pop(piece, None)
-            if paused is not None and paused.sheet <= box.low[2]:
-                file.seek(paused.position)
-                stream = paused.stream
-                stream.go_on(file.read)
-                stream.drop((box.low[2] - paused.sheet) * self.sheet_bytes)
-            else:
-                file.seek(piece.offset)
-                stream = _Unpacking(file.read, piece.packing)
-                stream.drop(piece.skipped + box.low[2] * self.sheet_bytes)
-            for n in range(box.size[2]):
-                stream.fill(_bytes_of(sheet))
-                into[n] = sheet[box.low[1] : box.high[1], box.low[0] : box.high[0]]
-            self._paused[piece] = _Paused(stream, file.tell(), box.high[2])
+        start = piece.skipped + box.low[2] * self.sheet_bytes
+        stream = self._paused.pop(piece, None)
+        if stream is None or stream.passed > start:
+            stream = UnpackedStream(piece.path, piece.offset, piece.packing)
+        stream.drop(start - stream.passed)
+        for n in range(box.size[2]):
+            stream.fill(_bytes_of(sheet))
+            into[n] = sheet[box.low[1] : box.high[1], box.low[0] : box.high[0]]
+        self._paused[piece] = stream
+
+
+def one_piece(
+    source: Path, dims: Index, dtype: np.dtype[np.generic], start: int, data: Path | None = None
+) -> StoredVoxels:
+    """The voxels from byte `start` on of the file `data` or, if it is gzip, of what it unpacks to.
+
+    Raises BadInput if the file is missing or cannot hold them.
+    """
+    held = data or source
+    zipped = held.is_file() and is_gzip(held)
+    piece = Piece(held, dims[2], 0, Packing.DEFLATE, start) if zipped else Piece(held, dims[2], start)
+    voxels = StoredVoxels(source, dims, dtype, (piece,))
+    voxels.check_files()
+    return voxels
+
+
+def numbered_names(pattern: str, first: int, last: int, step: int) -> list[str]:
+    """The names of pieces: a pattern with a number in it, as slice%03d.raw, for each number to the last."""
+    return [pattern % number for number in range(first, last + (1 if step > 0 else -1), step)]
 
 
 def unpacked_size(path: Path, offset: int, packing: Packing, most: int) -> int:
     """How many bytes a compressed file holds from `offset` on, found by unpacking it; of more than `most`, not all.
 
-    Raises BadInput where it is broken.
+    Raises BadInput if it is broken.
     """
-    with path.open("rb") as file:
-        file.seek(offset)
-        stream = _Unpacking(file.read, packing)
-        try:
-            return stream.drain(most)
-        except (OSError, EOFError, zlib.error) as error:
-            raise BadInput(f"{path}: {_cause(error, None)}; fetch or export the volume again") from None
+    try:
+        return UnpackedStream(path, offset, packing).drain(most)
+    except (OSError, EOFError, zlib.error) as error:
+        raise BadInput(f"{path}: {_cause(error, None)}; fetch or export the volume again") from None
 
 
 def fill(descriptor: int, into: Voxels, offset: int) -> None:
@@ -194,102 +207,3 @@ def _cause(error: Exception, piece: Piece | None) -> str:
     if isinstance(error, OSError) and error.errno:
         return f"{where} cannot be read ({os.strerror(error.errno)})"
     return f"the compressed data of {where} is damaged"
-
-
-class _Decompressor(Protocol):
-    """What bz2's objects have, and zlib's are given: no more than `most` bytes come at a time."""
-
-    @property
-    def eof(self) -> bool: ...
-    @property
-    def needs_input(self) -> bool: ...
-    @property
-    def unused_data(self) -> bytes: ...
-    def decompress(self, data: bytes, most: int, /) -> bytes: ...
-
-
-class _Inflating:
-    """A zlib or gzip stream."""
-
-    def __init__(self) -> None:
-        self._stream = zlib.decompressobj(zlib.MAX_WBITS | 32)  # which lets zlib accept both framings
-        self.needs_input = True
-
-    @property
-    def eof(self) -> bool:
-        return self._stream.eof
-
-    @property
-    def unused_data(self) -> bytes:
-        return self._stream.unused_data
-
-    def decompress(self, data: bytes, most: int) -> bytes:
-        unpacked = self._stream.decompress(self._stream.unconsumed_tail + data, most)
-        self.needs_input = len(unpacked) < most and not self._stream.unconsumed_tail
-        return unpacked
-
-
-class _Unpacking:
-    """A stream of unpacked bytes; several compressed streams after each other count as one, as gzip has it."""
-
-    def __init__(self, read: Callable[[int], bytes], packing: Packing) -> None:
-        self._read = read
-        self._packing = packing
-        self._decompressor = self._new()
-        self._ready = memoryview(b"")
-
-    def _new(self) -> _Decompressor:
-        return bz2.BZ2Decompressor() if self._packing == Packing.BZIP2 else _Inflating()
-
-    def _more(self) -> bool:
-        """Unpacks some more bytes into `_ready`, which is used up; False at the orderly end."""
-        while not self._ready:
-            packed = b""
-            if self._decompressor.eof:
-                packed = self._decompressor.unused_data or self._read(COMPRESSED_CHUNK_BYTES)
-                if not packed:
-                    return False
-                self._decompressor = self._new()
-            elif self._decompressor.needs_input:
-                packed = self._read(COMPRESSED_CHUNK_BYTES)
-                if not packed:
-                    raise EOFError
-            self._ready = memoryview(self._decompressor.decompress(packed, UNPACKED_CHUNK_BYTES))
-        return True
-
-    def go_on(self, read: Callable[[int], bytes]) -> None:
-        """Read on from the same file, opened again."""
-        self._read = read
-
-    def fill(self, into: memoryview) -> None:
-        """Fills `into`. Raises EOFError where the stream ends first, zlib.error or OSError where it is damaged."""
-        while into:
-            if not self._more():
-                raise EOFError
-            count = min(len(into), len(self._ready))
-            into[:count] = self._ready[:count]
-            into, self._ready = into[count:], self._ready[count:]
-
-    def drop(self, count: int) -> None:
-        while count > 0:
-            if not self._more():
-                raise EOFError
-            dropped = min(count, len(self._ready))
-            self._ready = self._ready[dropped:]
-            count -= dropped
-
-    def drain(self, most: int) -> int:
-        count = 0
-        while count <= most and self._more():
-            count += len(self._ready)
-            self._ready = memoryview(b"")
-        return count
-
-
-@dataclass(frozen=True)
-class _Paused:
-    """Where the unpacking of a piece stopped: before this sheet, with so much of the file read."""
-
-    stream: _Unpacking
-    position: int
-    sheet: int

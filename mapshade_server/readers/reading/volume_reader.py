@@ -1,25 +1,29 @@
-"""What every volume reader offers, whatever the format behind it."""
+"""What every volume reader offers, whatever the format behind it, and what readers need to offer it."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Protocol, runtime_checkable
 
-from numpy.typing import NDArray
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
 
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
 
 Voxels = NDArray[Any]  # shaped (k, j, i), C-contiguous, native byte order, the source's own scalar type
+ReadBox = Callable[[Box], Voxels]
 
 # The scalar types that a volume may have, by their torch names, which are numpy's too.
 SCALAR_TYPES = tuple(SCALAR_BYTES)
 
 
 class VolumeReader(Protocol):
-    """One opened volume. Both methods raise BadInput where the file turns out to be unusable."""
+    """One opened volume. Both methods raise BadInput if the file turns out to be unusable."""
 
     def describe(self) -> VolumeDescription:
-        """The grid, its place in space and the scalar type; no voxels are read where the format allows."""
+        """The grid, its place in space and the scalar type; no voxels are read if the format allows that."""
         ...
 
     def read(self, box: Box) -> Voxels:
@@ -38,11 +42,11 @@ class SecondScalarReader(VolumeReader, Protocol):
 
 @dataclass(frozen=True)
 class OpenedVolume:
-    """A reader whose voxels some function gives."""
+    """What each format makes of a file: a description, and a function that gives the voxels of a box."""
 
     description: VolumeDescription
-    read: Callable[[Box], Voxels]
-    found_files: Callable[[], Sequence[VolumeFile]] = tuple  # where they are not what is named: see volume_files
+    read: ReadBox
+    found_files: Callable[[], Sequence[VolumeFile]] = tuple  # if they are not what is named: see volume_files
 
     def describe(self) -> VolumeDescription:
         return self.description
@@ -50,3 +54,30 @@ class OpenedVolume:
     @property
     def files(self) -> Sequence[VolumeFile]:
         return self.found_files()
+
+
+def boxes_of(whole: Callable[[], Voxels]) -> ReadBox:
+    """Reads boxes from all voxels of a volume, which `whole` gives when the first is wanted, and which are kept."""
+    kept = cache(whole)
+
+    def read(box: Box) -> Voxels:
+        (i0, j0, k0), (i1, j1, k1) = box
+        return kept()[k0:k1, j0:j1, i0:i1].copy()
+
+    return read
+
+
+def voxel_room(box: Box, dtype: DTypeLike, source: object) -> Voxels:
+    """Room for the voxels of `box`, shaped (k, j, i). Raises BadInput, naming the `source`, if there is too little."""
+    try:
+        return np.empty(box.size[::-1], dtype)
+    except MemoryError:
+        gib = box.voxels * np.dtype(dtype).itemsize / 2**30
+        raise no_room(source, f"{gib:.1f} GiB of voxels") from None
+
+
+def no_room(source: object, what: str = "the voxels") -> BadInput:
+    return BadInput(
+        f"{source}: {what} do not fit into this machine's memory; prepare the volume first (volsplat prepare), "
+        "or share it among more machines"
+    )

@@ -4,7 +4,6 @@ Arrays stand between the words that announce them, so all of the file is gone th
 """
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
@@ -12,6 +11,7 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from volsplat.mapshade_server.readers.vtk_files.vtk_choice import NamedArray
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
@@ -39,15 +39,12 @@ SCALAR_TYPES = {
 COMPONENTS = {"VECTORS": 3, "NORMALS": 3, "TENSORS": 9, "TENSORS6": 6, "GLOBAL_IDS": 1, "PEDIGREE_IDS": 1}
 
 
-@dataclass(frozen=True)
-class LegacyArray:
-    """`count` values of `components` numbers, between two places of the file; `scalar_type` is "" for other types."""
+@dataclass
+class LegacyArray(NamedArray):
+    """`count` values between two places of the file; `scalar_type` is "" for types that are not read."""
 
-    name: str
     stated_type: str
-    components: int
     count: int
-    of_cells: bool
     start: int
     end: int
 
@@ -75,7 +72,7 @@ def legacy_header(path: Path) -> LegacyHeader:
 
 
 class _Parsing:
-    """Goes through the file; handlers are found by the word that a line begins with."""
+    """Goes through the file, by the word that each line begins with."""
 
     def __init__(self, path: Path, file: BinaryIO) -> None:
         self._path = path
@@ -113,56 +110,52 @@ class _Parsing:
         return None
 
     def _take(self, words: list[str]) -> None:
-        word = words[0].upper()
-        handlers: dict[str, Callable[[list[str]], None]] = {
-            "DATASET": self._dataset,
-            "DIMENSIONS": self._dimensions,
-            "ORIGIN": self._origin,
-            "SPACING": self._spacing,
-            "ASPECT_RATIO": self._spacing,
-            "POINT_DATA": self._data,
-            "CELL_DATA": self._data,
-            "SCALARS": self._scalars,
-            "COLOR_SCALARS": self._colours,
-            "LOOKUP_TABLE": self._lookup_table,
-            "TEXTURE_COORDINATES": self._texture,
-            "FIELD": self._field,
-            "METADATA": self._metadata,
-        }
-        if word in handlers:
-            handlers[word](words)
-        elif word in COMPONENTS:
-            self._add(words[1], words[2], COMPONENTS[word], self._count)
-        elif word in ("X_COORDINATES", "Y_COORDINATES", "Z_COORDINATES"):
-            axis = "XYZ".index(word[0])
-            self._coordinates(axis, words)
-        else:
-            raise self._damaged(f"“{words[0][:20]}” at byte {self._file.tell()} is no word of this format")
+        header, word = self._header, words[0].upper()
+        match word:
+            case "DATASET":
+                header.kind = words[1].upper()
+                if header.kind not in KINDS:
+                    raise BadInput(
+                        f"{self._path}: holds VTK's {words[1]}, volsplat reads {' and '.join(KINDS)}; "
+                        "resample it to an image"
+                    )
+            case "DIMENSIONS":
+                header.planes = (int(words[1]), int(words[2]), int(words[3]))
+            case "ORIGIN":
+                header.origin = (float(words[1]), float(words[2]), float(words[3]))
+            case "SPACING" | "ASPECT_RATIO":
+                header.spacing = (float(words[1]), float(words[2]), float(words[3]))
+            case "X_COORDINATES" | "Y_COORDINATES" | "Z_COORDINATES":
+                axis = "XYZ".index(word[0])
+                if int(words[1]) != header.planes[axis] or len(header.coordinates) != axis:
+                    raise self._damaged(f"{words[0]} are {words[1]}, but its dimensions {header.planes}")
+                header.coordinates.append(self._passed(words[0], words[2], 1, int(words[1])))
+            case "POINT_DATA" | "CELL_DATA":
+                self._of = "PointData" if word == "POINT_DATA" else "CellData"
+                self._count = int(words[1])
+            case "SCALARS":
+                self._scalars(words)
+            case "COLOR_SCALARS":
+                if int(words[2]) == 1:
+                    header.active.setdefault(self._of, unquote(words[1]))
+                self._add(words[1], self._colour_type, int(words[2]), self._count)
+            case "LOOKUP_TABLE":
+                self._passed(words[1], self._colour_type, 4, int(words[2]))
+            case "TEXTURE_COORDINATES":
+                self._add(words[1], words[3], int(words[2]), self._count)
+            case "FIELD":
+                self._field(words)
+            case "METADATA":
+                self._pass_metadata()
+            case _ if word in COMPONENTS:
+                self._add(words[1], words[2], COMPONENTS[word], self._count)
+            case _:
+                raise self._damaged(f"“{words[0][:20]}” at byte {self._file.tell()} is no word of this format")
 
-    def _dataset(self, words: list[str]) -> None:
-        self._header.kind = words[1].upper()
-        if self._header.kind not in KINDS:
-            raise BadInput(
-                f"{self._path}: holds VTK's {words[1]}, volsplat reads {' and '.join(KINDS)}; resample it to an image"
-            )
-
-    def _dimensions(self, words: list[str]) -> None:
-        self._header.planes = (int(words[1]), int(words[2]), int(words[3]))
-
-    def _origin(self, words: list[str]) -> None:
-        self._header.origin = (float(words[1]), float(words[2]), float(words[3]))
-
-    def _spacing(self, words: list[str]) -> None:
-        self._header.spacing = (float(words[1]), float(words[2]), float(words[3]))
-
-    def _coordinates(self, axis: int, words: list[str]) -> None:
-        if int(words[1]) != self._header.planes[axis] or len(self._header.coordinates) != axis:
-            raise self._damaged(f"{words[0]} are {words[1]}, but its dimensions {self._header.planes}")
-        self._header.coordinates.append(self._passed(words[0], words[2], 1, int(words[1])))
-
-    def _data(self, words: list[str]) -> None:
-        self._of = "PointData" if words[0].upper() == "POINT_DATA" else "CellData"
-        self._count = int(words[1])
+    @property
+    def _colour_type(self) -> str:
+        """Numbers of 8 bits, which are 0 to 1 if they are written as text."""
+        return "unsigned_char" if self._header.binary else "float"
 
     def _scalars(self, words: list[str]) -> None:
         components = int(words[3]) if len(words) > 3 else 1
@@ -175,24 +168,12 @@ class _Parsing:
             self._header.active.setdefault(self._of, name)
         self._add(name, words[2], components, self._count)
 
-    def _colours(self, words: list[str]) -> None:
-        """Numbers of 8 bits, which are 0 to 1 where they are written as text."""
-        if int(words[2]) == 1:
-            self._header.active.setdefault(self._of, unquote(words[1]))
-        self._add(words[1], "unsigned_char" if self._header.binary else "float", int(words[2]), self._count)
-
-    def _lookup_table(self, words: list[str]) -> None:
-        self._passed(words[1], "unsigned_char" if self._header.binary else "float", 4, int(words[2]))
-
-    def _texture(self, words: list[str]) -> None:
-        self._add(words[1], words[3], int(words[2]), self._count)
-
     def _field(self, words: list[str]) -> None:
         """Arrays, each announced by name, components, values and type; only those of points or cells are kept."""
         left = int(words[2])
         while left > 0 and (said := self._words()) is not None:
             if said[0].upper() == "METADATA":
-                self._metadata(said)
+                self._pass_metadata()
                 continue
             left -= 1
             if self._of:
@@ -200,7 +181,7 @@ class _Parsing:
             else:
                 self._passed(said[0], said[3], int(said[1]), int(said[2]))
 
-    def _metadata(self, words: list[str]) -> None:
+    def _pass_metadata(self) -> None:
         while self._file.readline(LONGEST_LINE).strip():
             pass
 
@@ -219,7 +200,7 @@ class _Parsing:
         end = self._file.tell()
         if end > self._size:
             raise self._damaged(f"{name} states {end - start} bytes, but {max(self._size - start, 0)} follow")
-        return LegacyArray(name, stated_type, components, count, self._of == "CellData", start, end)
+        return LegacyArray(name, components, self._of == "CellData", stated_type, count, start, end)
 
     def _bytes(self, name: str, stated_type: str, numbers: int) -> int:
         kind = stated_type.lower()

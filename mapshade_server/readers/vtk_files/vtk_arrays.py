@@ -13,13 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Protocol
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.mapshade_server.readers.reading.voxel_room import voxel_room
+from volsplat.mapshade_server.readers.reading.volume_reader import ReadBox, Voxels, boxes_of, voxel_room
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.text.errors import BadInput
 
@@ -45,12 +44,6 @@ COMPRESSORS = {
     "vtkZLibDataCompressor": Compressor(_zlib_block, 1032),
     "vtkLZMADataCompressor": Compressor(_lzma_block, 1 << 14),
 }
-
-
-class BoxesOfVoxels(Protocol):
-    """What all ways of storing have in common."""
-
-    def read(self, box: Box) -> Voxels: ...
 
 
 @dataclass(frozen=True)
@@ -88,41 +81,30 @@ def stored_voxels(array: VtkArray) -> StoredVoxels:
     return voxels
 
 
-class TextVoxels:
-    """Numbers written out, up to the file's place `end`."""
+def text_voxels(array: VtkArray, end: int) -> ReadBox:
+    """Reads numbers that are written out, up to the file's place `end`."""
 
-    def __init__(self, array: VtkArray, end: int) -> None:
-        self._array = array
-        self._end = end
-
-    @cached_property
-    def _whole(self) -> Voxels:
-        array, count = self._array, self._array.nbytes // self._array.dtype.itemsize
+    def whole() -> Voxels:
         with array.path.open("rb") as file:
             file.seek(array.start)
-            text = file.read(self._end - array.start)
+            text = file.read(end - array.start)
         try:
             with warnings.catch_warnings(action="error"):  # numpy only warns of what is no number
                 numbers = np.fromstring(text, array.dtype.newbyteorder("="), sep=" ")
         except (ValueError, DeprecationWarning):
             raise array.damaged(f"its voxels are not all numbers of type {array.dtype.name}") from None
-        if len(numbers) != count:
+        if len(numbers) != (count := array.nbytes // array.dtype.itemsize):
             raise array.damaged(f"its extent promises {count} voxels, but the array has {len(numbers)}")
         return numbers.reshape(array.dims[::-1])
 
-    def read(self, box: Box) -> Voxels:
-        return _cut(self._whole, box)
+    return boxes_of(whole)
 
 
-class Base64Voxels:
-    """Numbers in base64 behind their length, not compressed."""
+def base64_voxels(array: VtkArray) -> ReadBox:
+    """Reads numbers in base64 behind their length, not compressed."""
 
-    def __init__(self, array: VtkArray) -> None:
-        self._array = array
-
-    @cached_property
-    def _whole(self) -> Voxels:
-        array, before = self._array, self._array.length_type.itemsize
+    def whole() -> Voxels:
+        before = array.length_type.itemsize
         with array.path.open("rb") as file:
             file.seek(array.start)
             array.check_length(*_lengths(array, _base64(array, file, before)))
@@ -130,8 +112,7 @@ class Base64Voxels:
             numbers = np.frombuffer(_base64(array, file, before + array.nbytes), array.dtype, offset=before)
         return numbers.astype(array.dtype.newbyteorder("=")).reshape(array.dims[::-1])
 
-    def read(self, box: Box) -> Voxels:
-        return _cut(self._whole, box)
+    return boxes_of(whole)
 
 
 class BlockVoxels:
@@ -199,11 +180,6 @@ class BlockVoxels:
             rows = self._bytes((k * nj + j0) * ni * dtype.itemsize, (k * nj + j1) * ni * dtype.itemsize)
             voxels[n] = np.frombuffer(rows, dtype).reshape(j1 - j0, ni)[:, i0:i1]
         return voxels
-
-
-def _cut(whole: Voxels, box: Box) -> Voxels:
-    (i0, j0, k0), (i1, j1, k1) = box
-    return whole[k0:k1, j0:j1, i0:i1].copy()
 
 
 def _lengths(array: VtkArray, raw: bytes) -> list[int]:

@@ -1,21 +1,26 @@
 """Which array of a VTK file is drawn: the one that the name's part names, else the active or only one of scalars."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol, TypeVar
+from typing import TypeVar
 
 from volsplat.protocol.text.errors import BadInput
 
 ASSOCIATIONS = ("PointData", "CellData")  # as VTK calls what arrays belong to
 
 
-class NamedArray(Protocol):
+@dataclass
+class NamedArray:
+    """An array as it is announced; `components` is 0 if the file does not state it as a number."""
+
+    name: str
+    components: int
+    of_cells: bool
+
     @property
-    def name(self) -> str: ...
-    @property
-    def components(self) -> int: ...
-    @property
-    def of_cells(self) -> bool: ...
+    def association(self) -> str:
+        return ASSOCIATIONS[self.of_cells]
 
 
 AnyArray = TypeVar("AnyArray", bound=NamedArray)
@@ -30,7 +35,7 @@ def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapp
         return _named(path, part, arrays)
     scalars = [one for one in arrays if one.components == 1]
     for association in ASSOCIATIONS:
-        found = [one for one in scalars if _association(one) == association]
+        found = [one for one in scalars if one.association == association]
         taken = [one for one in found if one.name == active.get(association)]
         if taken or len(found) == 1:
             return (taken or found)[0]
@@ -44,7 +49,7 @@ def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapp
 
 
 def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> AnyArray:
-    named = [one for one in arrays if part in (one.name, f"{_association(one)}/{one.name}")]
+    named = [one for one in arrays if part in (one.name, f"{one.association}/{one.name}")]
     if not named:
         raise BadInput(f"{path}: has no array “{part}”; it has {_listed(arrays) or 'none'}")
     if named[0].components != 1:
@@ -53,10 +58,6 @@ def _named(path: Path, part: str, arrays: Sequence[AnyArray]) -> AnyArray:
             "save one component or the magnitude"
         )
     return named[0]
-
-
-def _association(array: NamedArray) -> str:
-    return ASSOCIATIONS[array.of_cells]
 
 
 def _listed(arrays: Sequence[NamedArray]) -> str:

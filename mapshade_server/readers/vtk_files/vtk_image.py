@@ -6,22 +6,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.arrays.cell_grid import grid_of_cells
-from volsplat.mapshade_server.readers.arrays.uneven_axes import EvenGrid, even_axis, geometry_of, middles
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox
 from volsplat.mapshade_server.readers.vtk_files.vtk_arrays import (
     COMPRESSORS,
-    Base64Voxels,
     BlockVoxels,
-    BoxesOfVoxels,
-    TextVoxels,
     VtkArray,
+    base64_voxels,
     stored_voxels,
+    text_voxels,
 )
 from volsplat.mapshade_server.readers.vtk_files.vtk_choice import chosen_array
+from volsplat.mapshade_server.readers.vtk_files.vtk_grid import GridArray, opened_grid
 from volsplat.mapshade_server.readers.vtk_files.vtk_xml import Attributes, VtkElement, VtkXml, vtk_xml
-from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
+from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Matrix, applied, plus
 from volsplat.protocol.text.errors import BadInput
 
@@ -39,49 +37,40 @@ def recognises(head: bytes) -> bool:
 
 
 def open_vtk_image(path: Path, part: str) -> OpenedVolume:
-    """The reader for a .vti or .vtr. Raises BadInput where it has no array of scalars or one must be named."""
+    """The reader for a .vti or .vtr. Raises BadInput if it has no array of scalars or one must be named."""
     xml = vtk_xml(path)
     element = chosen_array(path, part, xml.arrays, xml.active)
-    rectilinear = xml.file.get("type") == "RectilinearGrid"
-    geometry, grid, why_whole = (_rectilinear if rectilinear else _image)(path, xml, element)
-    description = VolumeDescription(
-        name=path.name,
-        format=f"VTK {'rectilinear grid' if rectilinear else 'image'}{', values of cells' if element.of_cells else ''}",
-        geometry=geometry,
+    drawn = GridArray(
+        name=element.name,
         scalar_type=_scalar_type(path, element),
-        density_name=element.name or "density",
-        warnings=tuple(axis.warning for axis in grid.axes if axis.warning) if isinstance(grid, EvenGrid) else (),
-        reads_sub_cubes=not why_whole,
-        chunk=(geometry.dims[0], 1, 1),
-        why_whole=why_whole,
+        of_cells=element.of_cells,
+        reader=lambda dims: _voxels(path, xml, element, dims),
+        why_whole=_why_whole(xml, element),
     )
-    return OpenedVolume(description, grid.read)
-
-
-def _image(path: Path, xml: VtkXml, element: VtkElement) -> tuple[Geometry, BoxesOfVoxels, str]:
-    geometry = _geometry(path, xml)
-    if element.of_cells:
-        geometry = grid_of_cells(path, geometry)
-    return (geometry, *_voxels(path, xml, element, geometry.dims))
-
-
-def _rectilinear(path: Path, xml: VtkXml, element: VtkElement) -> tuple[Geometry, BoxesOfVoxels, str]:
-    """The grid that the coordinates of the planes make."""
+    if xml.file.get("type") != "RectilinearGrid":
+        return opened_grid(path, drawn, _geometry(path, xml))
     planes = _dims(path, xml)
     if len(xml.coordinates) != 3:
         raise BadInput(f"{path}: has {len(xml.coordinates)} arrays of coordinates instead of 3; save the grid again")
     places = [_places(path, xml, one, count) for one, count in zip(xml.coordinates, planes, strict=True)]
-    if element.of_cells:
-        places = [middles(one) for one in places]
-    i, j, k = (even_axis(path, name, one) for name, one in zip("xyz", places, strict=True))
-    voxels, why_whole = _voxels(path, xml, element, (len(places[0]), len(places[1]), len(places[2])))
-    return geometry_of(path, (i, j, k)), EvenGrid((i, j, k), voxels), why_whole
+    return opened_grid(path, drawn, places)
+
+
+def _why_whole(xml: VtkXml, element: VtkElement) -> str:
+    """Why the voxels are read whole, "" if they are not."""
+    stored = element.attributes.get("format", "")
+    if stored == "ascii":
+        return "the voxels are written as text"
+    return "the voxels are in base64" if _is_base64(xml, stored) else ""
+
+
+def _is_base64(xml: VtkXml, stored: str) -> bool:
+    return stored == "binary" or stored == "appended" and (xml.appended or {}).get("encoding") != "raw"
 
 
 def _places(path: Path, xml: VtkXml, element: VtkElement, count: int) -> NDArray[Any]:
     """The coordinates of the planes along one axis."""
-    voxels, _ = _voxels(path, xml, element, (count, 1, 1))
-    return voxels.read(Box((0, 0, 0), (count, 1, 1))).ravel()
+    return _voxels(path, xml, element, (count, 1, 1))(Box((0, 0, 0), (count, 1, 1))).ravel()
 
 
 def _scalar_type(path: Path, element: VtkElement) -> str:
@@ -136,8 +125,8 @@ def _numbers(path: Path, attributes: Attributes, name: str, default: str) -> lis
     return numbers
 
 
-def _voxels(path: Path, xml: VtkXml, element: VtkElement, dims: Index) -> tuple[BoxesOfVoxels, str]:
-    """The array's voxels, and why they are read whole, "" where they are not. Raises BadInput where they cannot be."""
+def _voxels(path: Path, xml: VtkXml, element: VtkElement, dims: Index) -> ReadBox:
+    """What reads the array's voxels. Raises BadInput if they cannot be read."""
     scalar_type = _scalar_type(path, element)
     stored = element.attributes.get("format", "")
     order = BYTE_ORDERS.get(xml.file.get("byte_order", ""))
@@ -151,7 +140,6 @@ def _voxels(path: Path, xml: VtkXml, element: VtkElement, dims: Index) -> tuple[
         raise BadInput(f"{path}: is compressed by {compressor}, which is not read; save it with ZLib or uncompressed")
     if stored not in ("ascii", "binary", "appended"):
         raise _wrong(path, element.attributes, "format", "is none of ascii, binary, appended")
-    base64 = stored == "binary" or stored == "appended" and (xml.appended or {}).get("encoding") != "raw"
     array = VtkArray(
         path=path,
         dims=dims,
@@ -162,11 +150,11 @@ def _voxels(path: Path, xml: VtkXml, element: VtkElement, dims: Index) -> tuple[
     if array.start < 0:
         raise array.damaged("the array is empty")
     if stored == "ascii":
-        return TextVoxels(array, element.end), "the voxels are written as text"
-    why_whole = "the voxels are in base64" if base64 else ""
+        return text_voxels(array, element.end)
+    base64 = _is_base64(xml, stored)
     if compressor:
-        return BlockVoxels(array, COMPRESSORS[compressor], base64), why_whole
-    return (Base64Voxels(array), why_whole) if base64 else (stored_voxels(array), "")
+        return BlockVoxels(array, COMPRESSORS[compressor], base64).read
+    return base64_voxels(array) if base64 else stored_voxels(array).read
 
 
 def _appended_at(path: Path, xml: VtkXml, element: VtkElement) -> int:

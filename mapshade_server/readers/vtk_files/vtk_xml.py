@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
+from volsplat.mapshade_server.readers.vtk_files.vtk_choice import NamedArray
 from volsplat.protocol.text.errors import BadInput
 
 GRIDS = ("ImageData", "RectilinearGrid")
@@ -21,27 +22,12 @@ Attributes = dict[str, str]
 
 
 @dataclass
-class VtkElement:
-    """An array, what it is of, and where the text in it starts and ends in the file; -1 without text."""
+class VtkElement(NamedArray):
+    """An array, and where the text in it starts and ends in the file; -1 without text."""
 
     attributes: Attributes
-    of: str  # one of ARRAYS_IN
     start: int = -1
     end: int = -1
-
-    @property
-    def name(self) -> str:
-        return self.attributes.get("Name", "")
-
-    @property
-    def components(self) -> int:
-        """How many numbers a voxel has; 0 where the file does not state it as a number."""
-        stated = self.attributes.get("NumberOfComponents", "1")
-        return int(stated) if stated.isdecimal() else 0
-
-    @property
-    def of_cells(self) -> bool:
-        return self.of == "CellData"
 
 
 @dataclass
@@ -69,7 +55,7 @@ class _Parsing:
         self.xml = VtkXml()
         self._path = path
         self._inside: list[str] = []
-        self._array = VtkElement({}, "")  # the last one
+        self._array = VtkElement("", 0, False, {})  # the last one
         self._text_of: VtkElement | None = None  # whose numbers are being passed
         self._parser = expat.ParserCreate()
         self._parser.StartDoctypeDeclHandler = self._doctype
@@ -106,7 +92,9 @@ class _Parsing:
         elif name in ARRAYS_IN:
             self.xml.active[name] = attributes.get("Scalars", "")
         elif inside in ARRAYS_IN:
-            self._array = VtkElement(attributes, inside)
+            stated = attributes.get("NumberOfComponents", "1")
+            components = int(stated) if stated.isdecimal() else 0
+            self._array = VtkElement(attributes.get("Name", ""), components, inside == "CellData", attributes)
             (self.xml.coordinates if inside == "Coordinates" else self.xml.arrays).append(self._array)
         elif inside == "VTKFile":
             self.xml.grid = attributes

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.reading import extra
-from volsplat.mapshade_server.readers.reading.voxel_room import no_room
+from volsplat.mapshade_server.readers.reading.volume_reader import no_room
 from volsplat.mapshade_server.readers.zarr_arrays.web_failures import (
     ANSWER_SECONDS,
     CONNECT_SECONDS,

@@ -4,13 +4,14 @@ from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 from volsplat.mapshade_server.readers.arrays.array_part import ArrayPart
+from volsplat.mapshade_server.readers.arrays.array_volume import choose_one, shown_array
+from volsplat.mapshade_server.readers.reading.part_options import listed
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Multiscale, multiscale_of
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, ZarrPlace
 from volsplat.protocol.text.errors import BadInput
 
 MOST_ABOVE = 3  # groups between an image and the array of one of its levels
 MOST_NODES = 200  # that are looked at for volumes
-MOST_LISTED = 12
 
 
 class FoundArray(NamedTuple):
@@ -45,7 +46,7 @@ def _level_by_number(part: ArrayPart, place: ZarrPlace) -> FoundArray:
     image = None if group is None else multiscale_of(part.whole, group.attrs)
     if image is not None and number.isdecimal() and int(number) < len(image.paths):
         return _level(part, place, path, image, int(number))
-    held = f"its levels are 0 to {len(image.paths) - 1}" if image else f"it holds {_listed(_volumes(place, '', None))}"
+    held = f"its levels are 0 to {len(image.paths) - 1}" if image else f"it holds {_all_shown(place)}"
     raise BadInput(f"{part.place}: has no “{part.path}”; {held}")
 
 
@@ -60,8 +61,7 @@ def _in_group(part: ArrayPart, place: ZarrPlace, group: Any) -> FoundArray:
             f"{part.whole}: no array with three axes is found in this group; name one, as in {part.place}#PATH"
         )
     if len(volumes) > 1:
-        example = f"{part.place}#{volumes[0].path}"
-        raise BadInput(f"{part.whole}: holds {_listed(volumes)}; choose one, as in {example}")
+        raise choose_one(part, part.whole, volumes[0].path, listed([one.shown for one in volumes]))
     return found_array(part._replace(path=volumes[0].path), place)
 
 
@@ -110,6 +110,10 @@ def _as_level(part: ArrayPart, place: ZarrPlace, group: str, path: str) -> Found
     return None if image is None or level is None else _level(part, place, group, image, level)
 
 
+def _all_shown(place: ZarrPlace) -> str:
+    return listed([one.shown for one in _volumes(place, "", None)], "no volume that could be listed")
+
+
 class _Volume(NamedTuple):
     """What might be meant: an array, or a group that is an image."""
 
@@ -127,9 +131,7 @@ def _volumes(place: ZarrPlace, path: str, group: Any) -> list[_Volume]:
         path, node = waiting.pop(0)
         if place.is_array(node):
             if len(node.shape) >= 3:
-                found.append(
-                    _Volume(path, f"{path or 'an array'} ({' x '.join(str(length) for length in node.shape)})")
-                )
+                found.append(_Volume(path, shown_array(path or "an array", node.shape)))
         elif node is not None and multiscale_of(path, node.attrs) is not None:
             found.append(_Volume(path, f"{path} (an image)"))
         elif node is not None:
@@ -143,10 +145,3 @@ def _members(group: Any) -> Iterable[tuple[str, Any]]:
         return list(group.members())
     except (NotImplementedError, OSError, ValueError):
         return []
-
-
-def _listed(volumes: list[_Volume]) -> str:
-    shown = [volume.shown for volume in volumes[:MOST_LISTED]]
-    if len(volumes) > MOST_LISTED:
-        shown.append(f"and {len(volumes) - MOST_LISTED} more")
-    return ", ".join(shown) or "no volume that could be listed"

@@ -11,21 +11,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from volsplat.mapshade_server.readers.arrays.array_grid import ArrayAxis, ArrayGrid, array_grid
 from volsplat.mapshade_server.readers.arrays.array_part import array_part
 from volsplat.mapshade_server.readers.arrays.array_values import cf_values, plain_values, text_attribute
+from volsplat.mapshade_server.readers.arrays.array_volume import ONE_CHUNK, array_volume, is_one_chunk
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
-from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, Voxels
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_place
 from volsplat.mapshade_server.readers.zarr_arrays.ome_zarr import Json, level_axes
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_codecs import at_most, check_codecs
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_files import fetched_files, files_of_arrays
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, one_line_errors
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_search import FoundArray, found_array
-from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 ZIP_EXTENSIONS = (".zip", ".ozx")
@@ -95,38 +96,27 @@ def _reader(found: FoundArray, files: Callable[[], Sequence[VolumeFile]] = tuple
         coordinates = [Coordinates(axis) for axis in level_axes(part, found.image, found.level, array.shape)]
         text = f"OME-Zarr {found.image.version}, level {found.level} of 0 to {len(found.image.paths) - 1}"
     grid = array_grid(part, [one.axis for one in coordinates])
-    warnings = [one.warning for one in coordinates if one.warning]
-    if found.image is not None and found.image.others:
-        warnings.append(f"the first of the {1 + found.image.others} images that its metadata describes is taken")
-    one_chunk = _is_one_chunk(array, grid)
-    description = VolumeDescription(
-        name=part.place.rpartition("/")[2],
-        format=text,
-        geometry=grid.geometry,
-        scalar_type=values.scalar_type,
-        unit=grid.unit,
-        value_unit=text_attribute(attributes, "units"),
-        axes=grid.axes,
-        up=grid.up,
-        warnings=(*warnings, *grid.warnings),
-        density_name=_density_name(found, [one.axis for one in coordinates], grid, attributes),
-        reads_sub_cubes=not one_chunk,
-        chunk=grid.chunk(array.chunks),
-        why_whole="all its voxels are in one chunk" if one_chunk else "",
-    )
-
+    others = found.image.others if found.image is not None else 0
+    also = f"the first of the {1 + others} images that its metadata describes is taken" if others else ""
     chunk_bytes = int(np.prod(array.chunks, dtype=object)) * array.dtype.itemsize
 
-    def read(box: Box) -> Voxels:
+    def pick(selection: tuple[int | slice, ...]) -> NDArray[Any]:
         with one_line_errors(part.place), at_most(chunk_bytes):
-            return values.of(np.asarray(array[grid.selection(box)]))
+            return np.asarray(array[selection])
 
-    return OpenedVolume(description, read, files)
-
-
-def _is_one_chunk(array: Any, grid: ArrayGrid) -> bool:
-    axes = zip(array.chunks, array.shape, grid.indices, strict=True)
-    return all(chunk >= length for chunk, length, index in axes if index is None)
+    return array_volume(
+        part,
+        text,
+        grid,
+        values,
+        pick,
+        density_name=_density_name(found, [one.axis for one in coordinates], grid, attributes),
+        value_unit=text_attribute(attributes, "units"),
+        warnings=[*(one.warning for one in coordinates), also],
+        chunk=grid.chunk(array.chunks),
+        why_whole=ONE_CHUNK if is_one_chunk(grid, array.shape, array.chunks) else "",
+        files=files,
+    )
 
 
 def _density_name(found: FoundArray, axes: list[ArrayAxis], grid: ArrayGrid, attributes: Json) -> str:

@@ -12,22 +12,13 @@ import pytest
 
 import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import described, read_whole
 from support.files.volume_files import ALL_TYPES, values_of
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 h5py = pytest.importorskip("h5py")
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
 
 
 def written(path: Path, fill: Callable[[Any], object]) -> Path:

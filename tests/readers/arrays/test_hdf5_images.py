@@ -9,10 +9,10 @@ import pytest
 import SimpleITK as sitk
 
 import tolerances
+from support.files.opened import described, read_whole
 from support.files.volume_files import DIMS, values_of, written
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 h5py = pytest.importorskip("h5py")
@@ -22,15 +22,6 @@ VALUES = values_of("int16")
 STEPS, ORIGIN = (0.5, 1.25, 3.0), (10.0, -20.5, 30.25)
 TURNED = np.array([[0.0, -1.0, 0.0], [0.8, 0.0, 0.6], [0.6, 0.0, -0.8]])  # left-handed too: a determinant of -1
 LOW = (2, -1, 3)  # of VTK's extent
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
 
 
 def vtk_image(directions: Any = TURNED) -> Any:

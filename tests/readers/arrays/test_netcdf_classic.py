@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.counted_bytes import bytes_read
+from support.files.opened import described, read_whole
 from support.files.volume_files import DIMS, values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 with pytest.MonkeyPatch.context() as kept:
@@ -28,15 +29,6 @@ FORMATS = {
     "NETCDF3_64BIT_DATA": ("uint8", "uint16", "uint32", "int64", "uint64", "float64"),
 }
 CASES = [(version, scalar_type) for version, types in FORMATS.items() for scalar_type in types]
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
 
 
 def written(path: Path, fill: Callable[[Any], object], version: str = "NETCDF3_CLASSIC") -> Path:

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from support.files.opened import read_whole
 from support.files.refusals import assert_refused_in_one_line
 from support.files.volume_files import ALL_TYPES, values_of
 from volsplat.mapshade_server.readers import open_volume
@@ -21,11 +22,6 @@ from volsplat.mapshade_server.readers.arrays import array_file
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
 
 
 def saved(path: Path, values: Voxels) -> Path:

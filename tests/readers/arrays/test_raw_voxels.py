@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from support.files.counted_bytes import bytes_read
+from support.files.opened import read_whole
 from support.files.volume_files import ALL_TYPES, values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -14,11 +15,6 @@ from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 DESCRIBED = "dims=7x6x5,type=int16,endian=little"
-
-
-def read_whole(name: str) -> Voxels:
-    reader = open_volume(name)
-    return reader.read(reader.describe().geometry.box)
 
 
 def raw(folder: Path, values: Voxels, name: str = "head.raw", before: bytes = b"") -> Path:

@@ -12,11 +12,12 @@ import SimpleITK as sitk
 
 import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import described, read_whole
 from support.files.refusals import assert_refused_in_one_line
 from support.files.volume_files import ALL_TYPES, DIMS, values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 vtk_legacy = pytest.importorskip("vtkmodules.vtkIOLegacy")
@@ -25,15 +26,6 @@ vtk_xml = pytest.importorskip("vtkmodules.vtkIOXML")
 EVEN = tuple(np.arange(n) * step + first for n, step, first in zip(DIMS, (0.5, 1.25, 3), (10, -20, 30), strict=True))
 UNEVEN = (np.array([0, 1, 2, 4, 8, 9, 10.0]), EVEN[1], np.array([5, 4.5, 4, 3, 2.0]))
 CELLS = np.arange(6 * 5 * 4, dtype=np.float32).reshape(4, 5, 6)
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
 
 
 def with_arrays(grid: Any, values: Voxels) -> Any:

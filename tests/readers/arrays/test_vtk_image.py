@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import read_whole
 from support.files.refusals import assert_refused_in_one_line
 from support.files.volume_files import ALL_TYPES, values_of
 from volsplat.mapshade_server.readers import open_volume
@@ -82,11 +83,6 @@ WAYS: dict[str, tuple[int, str, dict[str, int]]] = {
     "big endian raw": (APPENDED, "", {**RAW, "ByteOrder": 0}),
     "big endian raw blocks": (APPENDED, "ZLib", {**RAW, "ByteOrder": 0, "BlockSize": 64}),
 }
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
 
 
 def finite(values: Voxels) -> Voxels:

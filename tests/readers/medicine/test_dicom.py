@@ -35,23 +35,15 @@ from support.files.dicom_files import (
     slice_file,
     with_pixels,
 )
+from support.files.opened import described, read_whole
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 VALUES = numbered(5)
 PYDICOM_FILES = Path(pydicom.__file__).parent / "data" / "test_files"
 emri = ("emri_small", "emri_small_big_endian", "emri_small_RLE", "emri_small_jpeg_2k_lossless")
-
-
-def read_whole(name: Path | str) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: Path | str) -> VolumeDescription:
-    return open_volume(str(name)).describe()
 
 
 def refused(name: Path | str) -> str:

@@ -11,29 +11,10 @@ from pydicom.data import get_testdata_file
 from pydicom.fileset import FileSet
 
 from support.files.dicom_files import numbered, series, slice_file
-from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import VolumeDescription
-from volsplat.protocol.text.errors import BadInput
+from support.files.opened import described, read_whole, refused
 
 pytestmark = pytest.mark.filterwarnings("ignore:Implicitly cleaning up:ResourceWarning")
 VALUES = numbered(5)
-
-
-def read_whole(name: Path | str) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: Path | str) -> VolumeDescription:
-    return open_volume(str(name)).describe()
-
-
-def refused(name: Path | str) -> str:
-    with pytest.raises(BadInput) as refusal:
-        read_whole(name)
-    assert "\n" not in str(refusal.value)
-    return str(refusal.value)
 
 
 def disc(folder: Path) -> Path:

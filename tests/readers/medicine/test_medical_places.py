@@ -7,16 +7,12 @@ import numpy as np
 import pytest
 import SimpleITK as sitk
 
+from support.files.opened import described
 from support.files.volume_files import values_of, written
-from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import VolumeDescription
 
 VALUES = values_of("uint8", (4, 3, 2))
-
-
-def described(path: Path) -> VolumeDescription:
-    return open_volume(str(path)).describe()
 
 
 def metaimage(folder: Path, fields: str) -> VolumeDescription:

@@ -10,10 +10,11 @@ import pytest
 
 import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import described, read_whole
 from support.files.volume_files import DIMS, values_of, written
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.text.errors import BadInput
 
@@ -28,15 +29,6 @@ def mgh(path: Path, values: Voxels, affine: Any = TURNED) -> Path:
     """`values` as (k, j, i), or (frame, k, j, i)."""
     nibabel.save(nibabel.MGHImage(values.T, affine), path)
     return path
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
 
 
 @pytest.mark.parametrize("extension", [".mgh", ".mgz"])

@@ -9,30 +9,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from support.files.opened import described, read_whole, refused
 from support.files.volume_files import values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 VALUES = values_of("uint8", (7, 6, 12))
 LOSSY = 3  # levels that JPEG may change in a smooth picture
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
-
-
-def refused(name: object) -> str:
-    with pytest.raises(BadInput) as refusal:
-        read_whole(name)
-    assert "\n" not in str(refusal.value)
-    return str(refusal.value)
 
 
 def folder_of(folder: Path, pictures: Voxels, extension: str = ".png", begin: str = "slice") -> Path:

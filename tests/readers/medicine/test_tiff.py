@@ -13,23 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.counted_bytes import bytes_read
+from support.files.opened import described, read_whole
 from support.files.volume_files import DIMS, values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 VALUES = values_of("uint16", (40, 33, 6))
 GREY = {"photometric": "minisblack", "metadata": None}
-
-
-def read_whole(name: Path | str) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
-
-
-def described(name: Path | str) -> VolumeDescription:
-    return open_volume(str(name)).describe()
 
 
 def saved(path: Path, values: Voxels = VALUES, **options: Any) -> Path:

@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 import tolerances
 from support.files.counted_bytes import bytes_read
 from support.files.map_files import CELL, MODES, map_file, map_header, map_values
+from support.files.opened import read_whole
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, Geometry
@@ -29,11 +30,6 @@ REAL = {  # dimensions, spacing, origin, least and greatest value
     "EMD-3001.map": ((73, 43, 25), (0.45875, 0.44825, 0.3925), (-9.41325, -4.71, 0), (-0.3681, 0.7216)),
     "3ek3-2fofc.map.gz": ((100, 92, 123), (0.58146, 0.56403, 0.57113), (-28.2014, -0.58146, -10.2803), (-0.965, 7.998)),
 }
-
-
-def read_whole(path: Path | str) -> Voxels:
-    reader = open_volume(str(path))
-    return reader.read(reader.describe().geometry.box)
 
 
 def geometry_of(path: Path) -> Geometry:

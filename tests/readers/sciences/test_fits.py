@@ -14,9 +14,10 @@ from hypothesis import strategies as st
 
 import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import described, read_whole
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume import Box
 from volsplat.protocol.geometry.matrices import Vector, column, determinant, minus
 from volsplat.protocol.text.errors import BadInput
 
@@ -60,15 +61,6 @@ def written(path: Path, values: Voxels, *headers: Header) -> Path:
         hdu.header.update(header)
     hdu.writeto(path, overwrite=True)
     return path
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
 
 
 def assert_read(name: object, values: Voxels) -> None:

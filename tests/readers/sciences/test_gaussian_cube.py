@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import tolerances
+from support.files.opened import read_whole
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.molecules.gaussian_cube import ANGSTROM_PER_BOHR, CHUNK_BYTES
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -50,11 +51,6 @@ def cube_text(
 def written(path: Path, text: str) -> Path:
     path.write_text(text, encoding="utf-8")
     return path
-
-
-def read_whole(name: str) -> Voxels:
-    reader = open_volume(name)
-    return reader.read(reader.describe().geometry.box)
 
 
 def assert_same(got: Voxels, values: Voxels) -> None:

@@ -8,8 +8,8 @@ import gemmi
 import numpy as np
 import pytest
 
+from support.files.opened import read_whole
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.text.errors import BadInput
 
 # As pdb2pqr writes a zwitterion with a zinc and a chloride ion beside it.
@@ -34,11 +34,6 @@ ELEMENTS = ("N", "C", "C", "O", "C", "H", "H", "Zn", "Cl", "Ca")
 def written(path: Path, text: str) -> Path:
     path.write_bytes(gzip.compress(text.encode()) if path.suffix == ".gz" else text.encode())
     return path
-
-
-def read_whole(name: Path | str) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
 
 
 def pdb_of(lines: str) -> str:

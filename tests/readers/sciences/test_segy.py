@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 import tolerances
 from support.files.counted_bytes import bytes_read
+from support.files.opened import described, read_whole
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, VolumeDescription
@@ -69,15 +70,6 @@ def expected(places: Sequence[Place]) -> Voxels:
     for inline, crossline in places:
         voxels[INLINES.index(inline), CROSSLINES.index(crossline)] = amplitude(inline, crossline)
     return voxels
-
-
-def described(name: object) -> VolumeDescription:
-    return open_volume(str(name)).describe()
-
-
-def read_whole(name: object) -> Voxels:
-    reader = open_volume(str(name))
-    return reader.read(reader.describe().geometry.box)
 
 
 def step(description: VolumeDescription, axis: int) -> Vector:

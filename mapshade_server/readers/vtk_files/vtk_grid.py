@@ -1,31 +1,71 @@
-"""Grids whose planes lie at uneven places, as VTK's rectilinear ones: read as an even grid.
+"""What both kinds of VTK's files make of their grids: images, and rectilinear grids, whose planes may be uneven.
 
-Where the places are even within rounding the voxels are taken as they are. Else they are interpolated between the two
-planes on either side, along each axis, and that is told.
+Where the places of the planes are even within rounding the voxels are taken as they are. Else they are interpolated
+between the two planes on either side, along each axis, and a warning says so.
 """
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.readers.reading.simple_itk import checked_geometry
-from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry, grid_of_cells, unevenness
+from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume, ReadBox, Voxels
+from volsplat.protocol.description.volume import Box, Geometry, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
-EVEN = 1e-3  # of a step, that others may differ from it
-ROUNDING = 4  # units in the last place of the file's own numbers
+EVEN = 1e-3  # of a step: rounding of the number of planes
 MOST_GROWTH = 4  # of the planes along an axis
 
 Places = NDArray[np.float64]
 
 
-class BoxesOfVoxels(Protocol):
-    def read(self, box: Box) -> Voxels: ...
+@dataclass(frozen=True)
+class GridArray:
+    """The array of a file that is drawn; `reader` gives what reads it as a grid of so many values along i, j, k."""
+
+    name: str
+    scalar_type: str
+    of_cells: bool
+    reader: Callable[[Index], ReadBox]
+    why_whole: str
+
+
+def opened_grid(path: Path, array: GridArray, points: Geometry | Sequence[NDArray[Any]]) -> OpenedVolume:
+    """The volume of the array on an image's points, or on those at the planes of x, y and z. Raises BadInput."""
+    warnings: tuple[str, ...] = ()
+    if isinstance(points, Geometry):
+        kind, geometry = "image", grid_of_cells(path, points) if array.of_cells else points
+        read = array.reader(geometry.dims)
+    else:
+        kind, places = "rectilinear grid", [_middles(one) for one in points] if array.of_cells else points
+        i, j, k = (even_axis(path, name, one) for name, one in zip("xyz", places, strict=True))
+        read = EvenGrid((i, j, k), array.reader((len(places[0]), len(places[1]), len(places[2])))).read
+        geometry = checked_geometry(
+            path, (i.planes, j.planes, k.planes), (i.step, j.step, k.step), (i.first, j.first, k.first)
+        )
+        warnings = tuple(axis.warning for axis in (i, j, k) if axis.warning)
+    description = VolumeDescription(
+        name=path.name,
+        format=f"VTK {kind}{', values of cells' if array.of_cells else ''}",
+        geometry=geometry,
+        scalar_type=array.scalar_type,
+        density_name=array.name or "density",
+        warnings=warnings,
+        reads_sub_cubes=not array.why_whole,
+        chunk=(geometry.dims[0], 1, 1),
+        why_whole=array.why_whole,
+    )
+    return OpenedVolume(description, read)
+
+
+def _middles(places: NDArray[Any]) -> NDArray[Any]:
+    """Where the cells between planes have their middles; of a single plane, on it."""
+    return (places[1:] + places[:-1]) / 2 if len(places) > 1 else places
 
 
 class EvenAxis(NamedTuple):
@@ -39,7 +79,7 @@ class EvenAxis(NamedTuple):
 
 
 def even_axis(path: Path, name: str, stated: NDArray[Any]) -> EvenAxis:
-    """The axis for planes at these places, up or down. Raises BadInput where they do not go one way."""
+    """The axis for planes at these places, up or down. Raises BadInput unless they go one way."""
     places = stated.astype(np.float64)
     gaps = np.diff(places)
     if not (np.isfinite(places).all() and (bool((gaps > 0).all()) or bool((gaps < 0).all()))):
@@ -48,11 +88,9 @@ def even_axis(path: Path, name: str, stated: NDArray[Any]) -> EvenAxis:
     if count == 1:
         return EvenAxis(1, first, 1.0)
     step = (float(places[-1]) - first) / (count - 1)
-    eps = float(np.finfo(stated.dtype).eps) if stated.dtype.kind == "f" else 0.0
-    rounding = ROUNDING * eps * float(np.abs(places).max())
-    if float(np.abs(gaps - step).max()) <= EVEN * abs(step) + rounding:
+    if (uneven := unevenness(stated)) is None:
         return EvenAxis(count, first, step)
-    least, greatest = sorted((float(gaps.min()), float(gaps.max())), key=abs)
+    least, greatest = uneven
     finest = max(abs(least), abs(step) * (count - 1) / (MOST_GROWTH * count))
     more = math.ceil(abs(step) * (count - 1) / finest - EVEN) + 1
     finer = step * (count - 1) / (more - 1)
@@ -64,19 +102,19 @@ def even_axis(path: Path, name: str, stated: NDArray[Any]) -> EvenAxis:
 
 @dataclass(frozen=True)
 class EvenGrid:
-    """Three even axes along x, y and z; `voxels` are those of the file, whose grid may be uneven."""
+    """Three even axes along x, y and z; `stored` reads those of the file, whose grid may be uneven."""
 
     axes: tuple[EvenAxis, EvenAxis, EvenAxis]
-    voxels: BoxesOfVoxels
+    stored: ReadBox
 
     def read(self, box: Box) -> Voxels:
         """The voxels of a box of the even grid; whole numbers are rounded."""
         if all(axis.at is None for axis in self.axes):
-            return self.voxels.read(box)
+            return self.stored(box)
         parts = [_between(axis, low, high) for axis, low, high in zip(self.axes, *box, strict=True)]
         low = (parts[0].low, parts[1].low, parts[2].low)
         high = (parts[0].high, parts[1].high, parts[2].high)
-        stored = self.voxels.read(Box(low, high))
+        stored = self.stored(Box(low, high))
         voxels: Voxels = np.empty(box.size[::-1], stored.dtype)
         along_i, along_j, along_k = parts
         for n in range(box.size[2]):  # sheet by sheet, which bounds what is wide
@@ -113,15 +151,3 @@ def _mixed(values: NDArray[Any], part: _Between, axis: int) -> NDArray[np.float6
     above = np.take(values, part.below + (part.share > 0), axis)
     with np.errstate(invalid="ignore"):  # of infinite values
         return np.where(share > 0, below + share * (above - below), below)
-
-
-def geometry_of(path: Path, axes: tuple[EvenAxis, EvenAxis, EvenAxis]) -> Geometry:
-    i, j, k = axes
-    dims: Index = (i.planes, j.planes, k.planes)
-    matrix = ((i.step, 0.0, 0.0), (0.0, j.step, 0.0), (0.0, 0.0, k.step))
-    return checked_geometry(path, dims, matrix, (i.first, j.first, k.first))
-
-
-def middles(places: NDArray[Any]) -> NDArray[Any]:
-    """Where the cells between planes have their middles; of a single plane, on it."""
-    return (places[1:] + places[:-1]) / 2 if len(places) > 1 else places
