@@ -127,6 +127,13 @@ def open_volume(name: str) -> VolumeReader:
         raise BadInput(f"{place}: cannot be read ({reason}); check its permissions and its disk") from None
 
 
+def format_of(path: Path, head: bytes) -> VolumeFormat | None:
+    """The format of a file with these first bytes, by its content, else by its extension; None for no known one."""
+    by_content = (one for one in FORMATS if one.recognises(head))
+    by_extension = (one for one in FORMATS if path.name.lower().endswith(one.extensions))
+    return next(by_content, None) or next(by_extension, None)
+
+
 def _opened(path: Path, part: str) -> VolumeReader:
     check_is_file(path)
     if path.is_dir():
@@ -134,9 +141,7 @@ def _opened(path: Path, part: str) -> VolumeReader:
     packed, head = _head(path)
     if not head:
         raise BadInput(f"{path}: the file is empty; fetch or export the volume again")
-    by_content = (one for one in FORMATS if one.recognises(head))
-    by_extension = (one for one in FORMATS if path.name.lower().endswith(one.extensions))
-    if found := next(by_content, None) or next(by_extension, None):
+    if found := format_of(path, head):
         if packed and not found.gzip:
             raise BadInput(f"{path}: is a gzip of {found.name}, which is not read packed; unpack it by gunzip")
         return found.open(path, part)
