@@ -8,7 +8,7 @@ CONTROL_GROUP = Path("/sys/fs/cgroup")
 
 
 def available_memory() -> int:
-    """Bytes that could be taken without swapping; where the system does not tell (macOS), all that it has."""
+    """Bytes that could be taken without swapping; if the system does not tell (macOS), all that it has."""
     return min(_of_the_machine(), _of_the_container())
 
 
@@ -19,7 +19,7 @@ def _of_the_machine() -> int:
 
 
 def _of_the_container() -> int:
-    """What the control group leaves, where there is one that limits memory."""
+    """What the control group leaves, if there is one that limits memory."""
     try:
         limit, used = ((CONTROL_GROUP / name).read_text(encoding="ascii") for name in ("memory.max", "memory.current"))
         return max(int(limit) - int(used), 0)

@@ -46,10 +46,10 @@ class HeldVolume:
     """The sub-cubes of one assignment, and how they come here."""
 
     def __init__(self, superseded: Callable[[int], bool] = lambda assignment: False) -> None:
-        """`superseded` tells whether an assignment is out of date; any thread may have made it so."""
+        """`superseded` says whether an assignment is out of date; any thread may have made it so."""
         self._superseded = superseded
         self.assignment = 0
-        self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone where values were packed
+        self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone if values were packed
         self._path = ""
         self._passed: list[PassedBox] = []  # that are surveyed, but not held
         self._passed_by: Callable[[], None] = lambda: None  # checks that they are of the volume that was described
@@ -62,7 +62,7 @@ class HeldVolume:
         return hasattr(self, f"_on_{type(request).__name__}")
 
     def answers(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> list[Answer]:
-        """Do what is asked. Raises BadInput where that cannot be done."""
+        """Do what is asked. Raises BadInput if that cannot be done."""
         handler = getattr(self, f"_on_{type(request).__name__}")
         answers: list[Answer] = handler(request, payload) if payload else handler(request)
         return answers
@@ -73,7 +73,7 @@ class HeldVolume:
             raise BadInput(f"{what} is for assignment {assignment}, not {self.assignment}")
 
     def sub_cubes(self, level: int) -> list[SubCube]:
-        """Those of a level. Raises BadInput where it is not held."""
+        """Those of a level. Raises BadInput if it is not held."""
         if level not in self._levels:
             raise BadInput(f"level {level} is not held, only {', '.join(map(str, sorted(self._levels))) or 'none'}")
         return self._levels[level]
@@ -81,7 +81,7 @@ class HeldVolume:
     def sub_cubes_drawn(self, level: int, geometry: Geometry, plan: FramePlan) -> list[SubCube]:
         """Those of a level, as a plan draws it; `geometry` is the volume's.
 
-        Raises BadInput where it is not held, has another grid, or ends before the plan's bounds.
+        Raises BadInput if it is not held, has another grid, or ends before the plan's bounds.
         """
         sub_cubes, dims = self.sub_cubes(level), dims_at_level(geometry.dims, plan.factors)
         for sub_cube in sub_cubes:
@@ -196,7 +196,7 @@ class HeldVolume:
     def _on_OpenPackets(self, request: messages.OpenPackets) -> list[Answer]:
         """What is held already stays; what is not wanted any more is let go before anything is read.
 
-        Coarse levels come first. Where a newer assignment is on its way, this one is given up without an answer.
+        Coarse levels come first. If a newer assignment is on its way, this one is given up without an answer.
         """
         started = time.perf_counter()
         store, identity = identified_store(request.path)
@@ -264,7 +264,7 @@ def _check_within(boxes: Sequence[Box], geometry: Geometry) -> None:
 
 
 def _reader_of(request: messages.ReadSubCubes | messages.LendVolume) -> VolumeReader:
-    """Of the volume that was described. Raises BadInput where there is another one by now."""
+    """Of the volume that was described. Raises BadInput if there is another one by now."""
     reader, identity = identified_volume(request.path)
     check_identity(request.path, identity, request.identity)
     return reader
@@ -275,7 +275,7 @@ def _check_still(
     opened: object,
     description: VolumeDescription,
 ) -> None:
-    """Raises BadInput where the volume was changed while it was read."""
+    """Raises BadInput if the volume was changed while it was read."""
     check_identity(request.path, identity_of(request.path, opened, description), request.identity)
 
 

@@ -20,7 +20,7 @@ class LentVolume:
 
     @property
     def scalar_types(self) -> list[ScalarType]:
-        """Of the values, and of the second scalar where there is one."""
+        """Of the values, and of the second scalar if there is one."""
         names: list[Any] = [values.dtype.name for values in self._scalars]
         return names
 
@@ -56,7 +56,7 @@ class LentTwoScalars(LentVolume):
 
 
 def lent(reader: VolumeReader) -> LentVolume:
-    """Read the whole of a volume. Raises BadInput where the file turns out to be unusable."""
+    """Read the whole of a volume. Raises BadInput if the file turns out to be unusable."""
     description = reader.describe()
     values = reader.read(description.geometry.box)
     if isinstance(reader, SecondScalarReader):

@@ -8,7 +8,7 @@ A Zarr v3 group that `volsplat prepare` writes:
                          zstd with its checksum. A brick of nothing but the background is not stored, it is the fill
                          value; nor is the file of a shard of such bricks.
     bricks/0, …          uint8 (bk, bj, bi, 5): least and greatest density byte, least and greatest strength byte of
-                         the voxels of each brick that have data, least > greatest where none has; 1 where the brick
+                         the voxels of each brick that have data, least > greatest if none has; 1 if the brick
                          is stored, else 0
     histograms/density   int64 counts over the survey's low..high
     histograms/strength  int64 counts over 0..max_gradient, or over the range of a second scalar
@@ -75,7 +75,7 @@ class Source(msgspec.Struct, frozen=True):
 
 
 class StoreAttributes(msgspec.Struct, frozen=True, kw_only=True):
-    """What a store tells of itself. Fields that it does not know, a reader passes over."""
+    """What a store says of itself. Fields that it does not know, a reader passes over."""
 
     format: int = FORMAT
     complete: bool
@@ -141,7 +141,7 @@ class PacketStore:
     def read(self, level: int, box: Box) -> Packets:
         """The packets of a box of a level's grid. Only the bricks that the box touches are read; threads unpack them.
 
-        Raises BadInput where the store turns out to be damaged.
+        Raises BadInput if the store turns out to be damaged.
         """
         array = self._arrays[level]
         self._check_shards(level, box)
@@ -160,7 +160,7 @@ class PacketStore:
         return self._bricks[level]
 
     def _check_shards(self, level: int, box: Box) -> None:
-        """Raises BadInput where the file of a shard is missing that has a stored brick in the box."""
+        """Raises BadInput if the file of a shard is missing that has a stored brick in the box."""
         stored = self.bricks(level)[..., STORED]
         for shard in self._shards(level, box):
             within = tuple(
@@ -208,7 +208,7 @@ class PacketStore:
         return values
 
     def _check_is_there(self, name: str) -> None:
-        """Raises BadInput where a file is missing, which Zarr would take for nothing but its fill value."""
+        """Raises BadInput if a file is missing, which Zarr would take for nothing but its fill value."""
         if Path(self._place).is_dir() and not Path(self._place, name).is_file():
             raise self._damaged(name, "is missing")
 
@@ -237,7 +237,7 @@ def is_store(folder: Path) -> bool:
 
 
 def attributes_of(folder: Path) -> StoreAttributes:
-    """What a packet store tells, finished or not. Raises BadInput where there is none of this format."""
+    """What a packet store says of itself, finished or not. Raises BadInput if there is none of this format."""
     return stored_attributes(str(folder), _group_attributes(folder))
 
 
@@ -264,7 +264,7 @@ def open_store(place: str) -> PacketStore:
 
 
 def stored_attributes(place: str, attributes: dict[str, Any]) -> StoreAttributes:
-    """What the attributes of a group tell. Raises BadInput where they are not those of a store of this format."""
+    """What the attributes of a group say. Raises BadInput if they are not those of a store of this format."""
     told = attributes.get(ATTRIBUTE)
     if not isinstance(told, dict):
         raise BadInput(f"{place}: is no packet store; make one by `volsplat prepare VOLUME {place}`")

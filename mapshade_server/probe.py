@@ -54,7 +54,7 @@ def front_most(
 def _visible_voxels(
     geometry: Geometry, quantisation: Quantisation, shading: ShadingRule, line: LineOfSight
 ) -> Callable[[Index, int], bool]:
-    """Tells whether a frame would send a voxel."""
+    """Says whether a frame would send a voxel."""
     rule = shading_tables.opacity_rule(shading)
     codes = memoryview(shading_tables.opacity_codes(rule, line.plan.opacity_exponents[0]))
     low, high = (

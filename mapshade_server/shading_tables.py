@@ -49,7 +49,7 @@ def opacity_rule(shading: ShadingRule) -> OpacityRule:
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:
-    """What indexes the two axes of `opacity_codes`: density and strength where they alone decide."""
+    """What indexes the two axes of `opacity_codes`: density and strength if they alone decide."""
     return PACKET_SCALARS if rule.by_packet else (rule.opac_field, rule.modu_field)
 
 

@@ -43,12 +43,12 @@ class SlabReader:
     slab_bytes: int = SLAB_BYTES
 
     def slabs(self, box: Box) -> Iterator[Slab]:
-        """Slabs that partition the box. Raises BadInput where the file turns out to be unusable."""
+        """Slabs that partition the box. Raises BadInput if the file turns out to be unusable."""
         for tile in self._tiles(box):
             yield from self._of_tile(tile)
 
     def _tiles(self, box: Box) -> Iterator[Box]:
-        """Whole sheets where one chunk's worth of them fits into a slab, else parts of them."""
+        """Whole sheets if one chunk's worth of them fits into a slab, else parts of them."""
         (ci, cj, ck), (ni, nj, _) = self.chunk, box.size
         fit = max(1, self.slab_bytes // (SCALAR_BYTES[self.scalar_type] * ck))  # voxels of a sheet
         di = ni if ni * cj <= fit else min(ni, max(ci, fit // cj // ci * ci))

@@ -13,7 +13,7 @@ from volsplat.protocol.description.volume import Box
 def stored_sub_cube(
     store: PacketStore, level: int, box: Box, given_up: Callable[[], bool] = lambda: False
 ) -> SubCube | None:
-    """A box of a level; None where it was `given_up` while it was read.
+    """A box of a level; None if it was `given_up` while it was read.
 
     No more is held meanwhile than that and one sheet of bricks. Raises BadInput for damage.
     """

@@ -25,7 +25,7 @@ class Histograms(NamedTuple):
 class SubCube:
     """One box of a volume. Order of use: `read` (or `hold`), `survey`, `histograms`, `pack`; then it has `packets`.
 
-    `second_scalar` is the range of what its packets hold in place of gradient strength, None where they hold that.
+    `second_scalar` is the range of what its packets hold in place of gradient strength, None if they hold that.
     """
 
     def __init__(self, geometry: Geometry, box: Box, second_scalar: tuple[float, float] | None = None) -> None:
@@ -57,14 +57,14 @@ class SubCube:
         return sub_cube
 
     def read(self, reader: VolumeReader) -> None:
-        """Read the box and its halo. Raises BadInput where the file turns out to be unusable."""
+        """Read the box and its halo. Raises BadInput if the file turns out to be unusable."""
         source = reader.read(self.box.grown(HALO, self.geometry.dims))
         self.hold(source, reader.read_second(self.box) if isinstance(reader, SecondScalarReader) else None)
 
     def hold(self, source: Any, second: Any = None) -> None:
         """Take the values of the box and its halo, shaped (k, j, i), of any integer or float type.
 
-        `second` has the second scalar of the box alone, where there is one.
+        `second` has the second scalar of the box alone, if there is one.
         """
         whole = self.box.grown(HALO, self.geometry.dims)
         ni, nj, nk = whole.size

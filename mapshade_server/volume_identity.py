@@ -1,4 +1,4 @@
-"""The identity of the volume that a reader has opened, and its refusal where another one was described.
+"""The identity of the volume that a reader has opened, and its refusal if another one was described.
 
 Looks at a few hundred KiB at most, whatever the volume's size: bytes that lie evenly over all files.
 """
@@ -52,7 +52,7 @@ def identified_store(place: str) -> tuple[PacketStore, VolumeIdentity]:
 
 
 def identity_of(volume: str, opened: object, description: VolumeDescription) -> VolumeIdentity:
-    """The identity of what is `opened` by this name now. Raises BadInput where its files cannot be looked at."""
+    """The identity of what is `opened` by this name now. Raises BadInput if its files cannot be looked at."""
     name = volume_name(volume)
     place = unquote(name.place.removeprefix(LOCAL_URL)) if name.place.startswith(LOCAL_URL) else name.place
     try:
@@ -100,7 +100,7 @@ def _unchanged(volume: str, look: Callable[[], _Found]) -> _Found:
 
 
 def _stamp(volume: str) -> tuple[int, int, int] | None:
-    """None of what is no file here: opening it tells."""
+    """None of what is no file here: opening it will say so."""
     try:
         stat = os.stat(volume_name(volume).place)
     except OSError:
@@ -109,7 +109,7 @@ def _stamp(volume: str) -> tuple[int, int, int] | None:
 
 
 def _blocks(files: Sequence[VolumeFile], sizes: Sequence[int]) -> Iterator[bytes]:
-    """Bytes that lie evenly over all files, as if they were one; all bytes where there are few."""
+    """Bytes that lie evenly over all files, as if they were one; all bytes if there are few."""
     ends = list(accumulate(sizes))
     total = ends[-1] if ends else 0
     starts = range(0, total, BLOCK_BYTES)

@@ -8,7 +8,7 @@ from volsplat.protocol.wire.framing import Received
 
 
 class WaitingRequests:
-    """In order, without those that a newer one has taken the place of. How many may wait, the exchanges tell."""
+    """In order, without those that a newer one has taken the place of. The exchanges say how many may wait."""
 
     def __init__(self) -> None:
         self._changed = threading.Condition()  # guards what follows

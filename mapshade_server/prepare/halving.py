@@ -11,7 +11,7 @@ SHEETS_AT_A_TIME = 16  # so that sums take little memory beside the source
 
 
 def mean_type(scalar_type: str) -> str:
-    """What means are kept in: float32 where that loses nothing worth keeping, else float64."""
+    """What means are kept in: float32 if that loses nothing worth keeping, else float64."""
     kind = np.dtype(scalar_type)
     return "float32" if kind.itemsize <= 2 or kind == np.float32 else "float64"
 
@@ -31,7 +31,7 @@ def halved(values: Voxels) -> NDArray[Any]:
 def halved_second(values: Voxels, second: Voxels) -> Voxels:
     """Each voxel the second scalar of that one among 2x2x2 whose value is the greatest, the first of equals.
 
-    The numbers of a phase, which is cyclic, have no mean, and nobody tells whether this is one; what a voxel had is
+    The numbers of a phase, which is cyclic, have no mean, and nobody says whether this is one; what a voxel had is
     right for any. Both are shaped as for `halved`.
     """
     chosen = np.empty([(n + 1) // 2 for n in second.shape], second.dtype)

@@ -42,7 +42,7 @@ class Journal:
     """The journal of the store at `out`, which this process alone writes."""
 
     def __init__(self, out: Path, wish: Wish) -> None:
-        """Takes up the journal that is there. Raises BadInput where it is of another source or other options."""
+        """Takes up the journal that is there. Raises BadInput if it is of another source or other options."""
         self.folder = out / FOLDER
         self._path = self.folder / NAME
         self.state = State(wish)
@@ -87,7 +87,7 @@ class Journal:
 
 
 def check_source(out: Path, began: Source, source: Source) -> None:
-    """Raises BadInput where the store at `out` was begun from another source, or from one that was different then."""
+    """Raises BadInput if the store at `out` was begun from another source, or from one that was different then."""
     what = began.name
     if began.name == source.name:
         difference = source.identity.difference(began.identity)
@@ -103,7 +103,7 @@ def other_options(out: Path) -> BadInput:
 
 @contextmanager
 def alone(out: Path) -> Iterator[None]:
-    """Keeps other processes from preparing the same store meanwhile. Raises BadInput where one does."""
+    """Keeps other processes from preparing the same store meanwhile. Raises BadInput if one does."""
     folder = out / FOLDER
     folder.mkdir(parents=True, exist_ok=True)
     with (folder / LOCK).open("w") as lock:

@@ -100,7 +100,7 @@ def memory_plan(
     """The longest blocks of which two fit, for one is packed while the other is written; else one at a time.
 
     With `whole_rows`, of a file of which only those can be read, a single block that has them is better than two.
-    Where whole rows fit, one for each processor. Held of each voxel of a block: its scalars, of so many bytes each,
+    If whole rows fit, one for each processor. Held of each voxel of a block: its scalars, of so many bytes each,
     its packet, and an eighth of each scalar for the next level. Raises BadInput for too little memory.
     """
     si, sj, sk = layout.shard_size(dims)

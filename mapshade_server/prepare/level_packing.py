@@ -26,7 +26,7 @@ class PackedBlock:
 
     box: Box
     packets: Packets
-    means: BlockScalars | None  # for the next level, where there is one
+    means: BlockScalars | None  # for the next level, if there is one
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
 
 

@@ -57,11 +57,11 @@ class Prepared:
 
     attributes: StoreAttributes
     source_bytes: int  # of the voxels, unpacked
-    seconds: float  # 0 where the store was complete before
+    seconds: float  # 0 if the store was complete before
 
 
 def prepare(volume: str, out: Path, options: Options, progress: Progress) -> Prepared:
-    """Makes the store at `out`, or goes on with it. Raises BadInput, and OSError where the disk refuses."""
+    """Makes the store at `out`, or goes on with it. Raises BadInput, and OSError if the disk refuses."""
     preparation = Preparation(volume, out, options, progress)
     seconds = 0.0
     if not preparation.is_done():
@@ -103,7 +103,7 @@ class Preparation:
         return self._description.geometry.box.voxels * self._item_bytes
 
     def is_done(self) -> bool:
-        """Whether the store is complete. Raises BadInput where something else stands in its place."""
+        """Whether the store is complete. Raises BadInput if something else stands in its place."""
         if not is_store(self._out):
             if self._out.exists() and not (self._out / FOLDER).is_dir() and not _is_empty_folder(self._out):
                 raise BadInput(f"{self._out}: is there already and is no packet store; name another place")
@@ -141,7 +141,7 @@ class Preparation:
             )
 
     def _source(self, journal: Journal) -> Scalars:
-        """The scalars of level 0: from the volume itself or, where blocks of it cost too much, from a raw copy."""
+        """The scalars of level 0: from the volume itself or, if blocks of it cost too much, from a raw copy."""
         if self._description.reads_sub_cubes and not self._is_far:
             return self._scalars
         dims = self._description.geometry.dims
@@ -231,7 +231,7 @@ class Preparation:
         return missing
 
     def _verify(self, writer: StoreWriter, journal: Journal) -> None:
-        """Raises BadInput where what is stored is not what was made, and forgets it, so that it is made again."""
+        """Raises BadInput if what is stored is not what was made, and forgets it, so that it is made again."""
         places = [
             (n, shard)
             for n, level in enumerate(self._levels)

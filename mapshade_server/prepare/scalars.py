@@ -1,4 +1,4 @@
-"""What a level is packed from: its values and, where the volume has one, its second scalar."""
+"""What a level is packed from: its values and, if the volume has one, its second scalar."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

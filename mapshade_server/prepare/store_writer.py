@@ -47,7 +47,7 @@ class StoreWriter:
         return zlib.crc32(whole.data)
 
     def read_checksum(self, place: tuple[int, Box]) -> int | None:
-        """As `write_shard` gave it, of the stored shard of a level; None where it cannot be read."""
+        """As `write_shard` gave it, of the stored shard of a level; None if it cannot be read."""
         level, shard = place
         try:
             return zlib.crc32(np.ascontiguousarray(self._arrays[level][_slices(shard)]).data)
@@ -74,7 +74,7 @@ class StoreWriter:
 
 
 def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, surveyed: Surveyed) -> None:
-    """Lays down all metadata of a store without shards; the attributes last, for they tell that the rest is there."""
+    """Lays down all metadata of a store without shards; the attributes last, for they say that the rest is there."""
     group = _group(out)
     _write_whole(group, DENSITY_COUNTS, surveyed.density_counts, ("bin",))
     _write_whole(group, STRENGTH_COUNTS, surveyed.strength_counts, ("bin",))
@@ -98,7 +98,7 @@ def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, surveyed
 
 
 def brick_dims(dims: Index, brick: int) -> Index:
-    """Of the grid of bytes that tell of a level's bricks, BRICK_FIELDS to each along i."""
+    """Of the grid of bytes that describe a level's bricks, BRICK_FIELDS to each along i."""
     ni, nj, nk = (-(-n // brick) for n in dims)
     return (ni * BRICK_FIELDS, nj, nk)
 

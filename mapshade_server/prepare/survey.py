@@ -66,7 +66,7 @@ def survey_volume(
 ) -> Surveyed:
     """Reads the volume twice, and looks at `threads` slabs at a time.
 
-    Raises BadInput, also where no voxel has a value.
+    Raises BadInput, also if no voxel has a value.
     """
     whole = reader.geometry.box
 
@@ -99,7 +99,7 @@ def survey_volume(
 
 
 def _commonest(values: NDArray[np.generic]) -> NDArray[np.generic] | None:
-    """The value that most have, the least of several; None where most have none."""
+    """The value that most have, the least of several; None if most have none."""
     finite = values[np.isfinite(values)]
     counts = Counter(finite.tolist())
     most = max(counts.values(), default=0)

@@ -40,16 +40,16 @@ Open = Callable[[Path, str], VolumeReader]  # given the part that is named, "" f
 
 @dataclass(frozen=True)
 class VolumeFormat:
-    """A format of files: `recognises` gets a file's first bytes, unzipped where the file is gzip.
+    """A format of files: `recognises` gets a file's first bytes, unzipped if the file is gzip.
 
-    Where no format recognises a file, the extension decides among those that have no mark of their own.
+    If no format recognises a file, the extension decides among those that have no mark of their own.
     """
 
-    name: str  # with the usual extensions, as a person is told of it
+    name: str  # with the usual extensions, as messages call it
     open: Open
     recognises: Callable[[bytes], bool] = lambda head: False
     extensions: tuple[str, ...] = ()
-    gzip: bool = False  # read also where gzip has packed the file as a whole
+    gzip: bool = False  # read also if gzip has packed the file as a whole
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ FOLDER_FORMATS = (
 def open_volume(name: str) -> VolumeReader:
     """The reader for the file, folder, URL or part of one that is named, chosen by its content.
 
-    Raises BadInput where there is nothing, where the format is unknown, and where the header is not that of a
+    Raises BadInput if there is nothing, if the format is unknown, and if the header is not that of a
     volume or promises more than the file holds.
     """
     place, part = volume_name(name)

@@ -31,7 +31,7 @@ class ArrayFile:
     def pick(self, selection: tuple[int | slice, ...]) -> NDArray[Any]:
         """What indexing the array would give, for indices and slices without steps, all of them within the shape.
 
-        It is C-contiguous and in native byte order. Raises EOFError where the file ends too early, OSError where it
+        It is C-contiguous and in native byte order. Raises EOFError if the file ends too early, OSError if it
         cannot be read.
         """
         wanted = [(n, n + 1) if isinstance(n, int) else (n.start, n.stop) for n in selection]

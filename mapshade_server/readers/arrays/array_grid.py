@@ -34,7 +34,7 @@ class ArrayAxis:
     unit: str = ""
     first: float = 0.0
     step: float = 1.0
-    along: str = ""  # the physical axis, x, y or z; "" where the file does not tell
+    along: str = ""  # the physical axis, x, y or z; "" if the file does not say
     down: bool = False  # it counts against that axis, as a depth does
     vertical: bool = False  # z is not only its name: it is a height or a depth
 
@@ -47,12 +47,12 @@ class ArrayGrid(NamedTuple):
     unit: str
     axes: tuple[GridAxis, GridAxis, GridAxis] | None
     warnings: tuple[str, ...]
-    up: Up | None  # where an axis is a height or a depth
+    up: Up | None  # if an axis is a height or a depth
 
     def chunk(self, chunks: Sequence[int] | None, read_through: int = 1) -> Index:
-        """How many voxels along i, j, k come together where the array lies in chunks.
+        """How many voxels along i, j, k come together if the array lies in chunks.
 
-        Where it does not: rows, or as many as have `read_through` voxels.
+        If it does not: rows, or as many as have `read_through` voxels.
         """
         if chunks is None:
             ni, nj, _ = self.geometry.dims
@@ -68,7 +68,7 @@ class ArrayGrid(NamedTuple):
 
 
 def array_grid(part: ArrayPart, axes: Sequence[ArrayAxis]) -> ArrayGrid:
-    """The volume that the person means. Raises BadInput where the array has none or they must choose."""
+    """The volume that the person means. Raises BadInput if the array has none or they must choose."""
     named = _named(part, axes)
     indices = _indices(part, named)
     k, j, i = (axis for axis, index in zip(named, indices, strict=True) if index is None)
@@ -168,7 +168,7 @@ def _shown(axes: Sequence[ArrayAxis]) -> str:
 
 
 def _along_physical_axes(grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> tuple[ArrayAxis, ArrayAxis, ArrayAxis]:
-    """i, j, k, each along its own physical axis: where the file says, else the first that is left."""
+    """i, j, k, each along its own physical axis: if the file says, else the first that is left."""
     told = [axis.along for axis in grid if axis.along]
     if len(set(told)) != len(told):
         told, grid = [], (replace(grid[0], along=""), replace(grid[1], along=""), replace(grid[2], along=""))
@@ -238,7 +238,7 @@ def _without_unit(grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> _Lengths:
 
 
 def _grid_axes(grid: tuple[ArrayAxis, ArrayAxis, ArrayAxis]) -> tuple[GridAxis, GridAxis, GridAxis] | None:
-    """What the indices stand for, where that is more than a place in space."""
+    """What the indices stand for, if that is more than a place in space."""
     if all(axis.name in ("", *LETTERS) and (not axis.unit or length_unit(axis.unit)) for axis in grid):
         return None
     i, j, k = (GridAxis(axis.name or axis.along, axis.unit, axis.first, axis.step) for axis in grid)

@@ -37,14 +37,14 @@ class ArrayPart(NamedTuple):
         return BadInput(f"{self.place}: “{key}={self.options[key]}” {why}")
 
     def check_known(self, known: Iterable[str]) -> None:
-        """Raises BadInput where an option is given that is not among `known`."""
+        """Raises BadInput if an option is given that is not among `known`."""
         names = list(known)
         for key in self.options:
             if key not in names:
                 raise self.wrong(key, f"is not an option here; there are {', '.join(names) or 'none'}")
 
     def text(self, key: str, among: Iterable[str]) -> str | None:
-        """The option's value, which must be one of `among`; None where it is not given."""
+        """The option's value, which must be one of `among`; None if it is not given."""
         allowed = list(among)
         value = self.options.get(key)
         if value is not None and value not in allowed:
@@ -56,14 +56,14 @@ class ArrayPart(NamedTuple):
         return None if numbers is None else numbers[0]
 
     def whole_numbers(self, key: str, count: int) -> tuple[int, ...] | None:
-        """`count` whole numbers, 0 or more, parted by `x` or commas; None where the option is not given."""
+        """`count` whole numbers, 0 or more, parted by `x` or commas; None if the option is not given."""
         numbers = self.numbers(key, count)
         if numbers is not None and not all(number >= 0 and number.is_integer() for number in numbers):
             raise self.wrong(key, f"needs {_counted(count, 'whole number')}, 0 or more{_example(count)}")
         return None if numbers is None else tuple(int(number) for number in numbers)
 
     def numbers(self, key: str, count: int) -> tuple[float, ...] | None:
-        """`count` numbers, parted by `x` or commas; None where the option is not given."""
+        """`count` numbers, parted by `x` or commas; None if the option is not given."""
         if key not in self.options:
             return None
         try:
@@ -76,7 +76,7 @@ class ArrayPart(NamedTuple):
 
 
 def array_part(place: object, part: str) -> ArrayPart:
-    """The pieces of `part`. Raises BadInput where an option has no value or is given twice."""
+    """The pieces of `part`. Raises BadInput if an option has no value or is given twice."""
     path: list[str] = []
     options: dict[str, str] = {}
     key = ""

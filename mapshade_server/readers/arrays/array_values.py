@@ -22,7 +22,7 @@ DType = np.dtype[np.generic]
 class ArrayValues:
     """How an array's numbers become a volume's values: missing ones NaN, others stored * scale + offset."""
 
-    stored_type: DType  # native; other than the array's own where an attribute says that its numbers are unsigned
+    stored_type: DType  # native; other than the array's own if an attribute says that its numbers are unsigned
     scalar_type: str
     scale: float = 1.0
     offset: float = 0.0
@@ -51,7 +51,7 @@ class ArrayValues:
 
 
 def plain_values(whole: str, dtype: DType) -> ArrayValues:
-    """The numbers as they are, in a type that volumes have. Raises BadInput where a voxel is not one number."""
+    """The numbers as they are, in a type that volumes have. Raises BadInput if a voxel is not one number."""
     if dtype.kind == "b":
         return ArrayValues(np.dtype(bool), "uint8")
     if dtype == np.float16:
@@ -65,7 +65,7 @@ def plain_values(whole: str, dtype: DType) -> ArrayValues:
 
 
 def cf_values(whole: str, dtype: DType, attributes: Attributes) -> ArrayValues:
-    """What CF's attributes make of the numbers. Raises BadInput where these attributes make no sense."""
+    """What CF's attributes make of the numbers. Raises BadInput if these attributes make no sense."""
     plain = plain_values(whole, dtype)
     stored, scalar_type = plain.stored_type, plain.scalar_type
     if stored.kind == "i" and str(attributes.get("_Unsigned", "")).lower() == "true":
@@ -83,7 +83,7 @@ def cf_values(whole: str, dtype: DType, attributes: Attributes) -> ArrayValues:
 
 
 def text_attribute(attributes: Attributes, key: str) -> str:
-    """The attribute's text, "" where it has none."""
+    """The attribute's text, "" if it has none."""
     value = attributes.get(key)
     return value.strip() if isinstance(value, str) else ""
 
@@ -105,7 +105,7 @@ def _valid_range(whole: str, attributes: Attributes, stored: DType) -> tuple[flo
 
 
 def _stored_numbers(whole: str, attributes: Attributes, stored: DType, *keys: str) -> tuple[Any, ...]:
-    """The attributes' numbers as they would be stored, without those that cannot be; NaN tells itself."""
+    """The attributes' numbers as they would be stored, without those that cannot be; NaN needs no mention."""
     numbers = [number for key in keys for number in _numbers(whole, attributes, key) if not math.isnan(number)]
     if stored.kind == "f":
         return tuple(stored.type(number) for number in numbers)
@@ -118,7 +118,7 @@ def _stored_numbers(whole: str, attributes: Attributes, stored: DType, *keys: st
 
 
 def _numbers(whole: str, attributes: Attributes, key: str) -> list[Any]:
-    """The attribute's numbers, none where it is not there."""
+    """The attribute's numbers, none if it is not there."""
     value = attributes.get(key)
     numbers = value if isinstance(value, list) else [] if value is None else [value]
     if not all(isinstance(number, int | float) for number in numbers):

@@ -27,7 +27,7 @@ class Coordinates(NamedTuple):
 
 
 def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attributes: Attributes) -> Coordinates:
-    """The axis `name` of an array; `numbers` are None where the file has no coordinates for it, only a name."""
+    """The axis `name` of an array; `numbers` are None if the file has no coordinates for it, only a name."""
     vertical = _is_vertical(name, attributes)
     axis = ArrayAxis(length, name, along=_along(name, attributes), vertical=vertical)
     if numbers is None or numbers.shape != (length,) or numbers.dtype.kind not in "iuf":
@@ -48,7 +48,7 @@ def coordinates_of(length: int, name: str, numbers: NDArray[Any] | None, attribu
 
 
 def _along(name: str, attributes: Attributes) -> str:
-    """The physical axis that the variable is along, "" where nothing tells."""
+    """The physical axis that the variable is along, "" if nothing says so."""
     letter = text_attribute(attributes, "axis").lower()
     if letter in ("x", "y", "z"):
         return letter
@@ -57,7 +57,7 @@ def _along(name: str, attributes: Attributes) -> str:
 
 
 def _is_vertical(name: str, attributes: Attributes) -> bool:
-    """Whether it is a height or a depth, by what its attributes or its name tell."""
+    """Whether it is a height or a depth, by what its attributes or its name say."""
     if text_attribute(attributes, "positive").lower() in ("up", "down") or (
         text_attribute(attributes, "axis").lower() == "z"
     ):

@@ -64,7 +64,7 @@ def _touched(dataset: Any, selection: Selection) -> Iterator[tuple[int, ...]]:
 
 
 def _packed(dataset: Any, offsets: tuple[int, ...]) -> tuple[int, bytes] | None:
-    """Which filters were left out (as bits) and the bytes of a chunk, None where it was never written."""
+    """Which filters were left out (as bits) and the bytes of a chunk, None if it was never written."""
     if dataset.id.get_chunk_info_by_coord(offsets).byte_offset is None:
         return None
     left_out, packed = dataset.id.read_direct_chunk(offsets)
@@ -72,7 +72,7 @@ def _packed(dataset: Any, offsets: tuple[int, ...]) -> tuple[int, bytes] | None:
 
 
 def _check(dataset: Any, offsets: tuple[int, ...], filters: list[int], most: int) -> None:
-    """Raises ValueError where the chunk would become too much."""
+    """Raises ValueError if the chunk would become too much."""
     found = _packed(dataset, offsets)
     place = filters.index(DEFLATE)
     if found is not None and not found[0] >> place & 1 and all(one == FLETCHER32 for one in filters[place + 1 :]):

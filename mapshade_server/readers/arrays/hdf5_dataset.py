@@ -58,7 +58,7 @@ ATTRIBUTES = (
     *("units", "long_name", "standard_name", "axis", "positive", "NAME"),
     *("default", "signal", "axes", "element_size_um", "MATLAB_class"),
 )
-SIEVE_BYTES = 1 << 16  # that HDF5 reads at least where a dataset is not in chunks
+SIEVE_BYTES = 1 << 16  # that HDF5 reads at least if a dataset is not in chunks
 MOST_OBJECTS = 20000  # that are looked at for datasets
 
 
@@ -67,7 +67,7 @@ def recognises(head: bytes) -> bool:
 
 
 def open_hdf5(path: Path, part: str) -> OpenedVolume:
-    """The reader for a dataset. Raises BadInput where none is a volume, or the person must choose one."""
+    """The reader for a dataset. Raises BadInput if none is a volume, or the person must choose one."""
     chosen, h5py = array_part(path, part), _h5py()
     with _opened(h5py, path) as file:
         if (image := image_in(h5py, chosen, file)) is not None:
@@ -190,7 +190,7 @@ def _shown(arrays: list[Any]) -> list[str]:
 
 
 def _nexus_default(h5py: ModuleType, group: Any) -> Any:
-    """What NeXus says to plot, None where it says nothing."""
+    """What NeXus says to plot, None if it says nothing."""
     attributes = _attributes(group)
     while (name := text_attribute(attributes, "default")) in group and isinstance(group[name], h5py.Group):
         group = group[name]
@@ -200,7 +200,7 @@ def _nexus_default(h5py: ModuleType, group: Any) -> Any:
 
 
 def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
-    """Raises BadInput where nothing was ever written, by a filter that is not installed, or in absurd chunks."""
+    """Raises BadInput if nothing was ever written, by a filter that is not installed, or in absurd chunks."""
     creation = dataset.id.get_create_plist()
     for number, _, _, name in (creation.get_filter(n) for n in range(creation.get_nfilters())):
         if not h5py.h5z.filter_avail(number):
@@ -217,7 +217,7 @@ def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
 
 
 def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
-    """Raises BadInput where a file that holds its voxels is a FIFO, which HDF5 would wait for."""
+    """Raises BadInput if a file that holds its voxels is a FIFO, which HDF5 would wait for."""
     virtual = [source.file_name for source in dataset.virtual_sources()] if dataset.is_virtual else []
     for name in (*virtual, *(name for name, _, _ in dataset.external or ())):
         beside = Path(part.place).parent / name

@@ -43,9 +43,9 @@ class Hdf5Image:
 
 
 def image_in(h5py: ModuleType, part: ArrayPart, file: Any) -> Hdf5Image | None:
-    """The image that is meant, None where the file is of no such program or something else in it is named.
+    """The image that is meant, None if the file is of no such program or something else in it is named.
 
-    Raises BadInput where one must be chosen, and where the file does not tell its place as it should.
+    Raises BadInput if one must be chosen, and if the file does not state its place as it should.
     """
     try:
         if VTK_GROUP in file:
@@ -195,7 +195,7 @@ def _numbered(group: Any, what: str) -> int:
 
 
 def _chosen(part: ArrayPart, key: str, count: int, names: Sequence[str], default: int | None = None) -> int:
-    """The number that the option says, else the default or the only one. Raises BadInput where it must be said."""
+    """The number that the option says, else the default or the only one. Raises BadInput if it must be said."""
     said = part.whole_number(key)
     if said is None and default is None and count > 1:
         shown = ", ".join(f"{key}={n} “{name}”" for n, name in enumerate(names) if name) or f"{key}=0 to {count - 1}"

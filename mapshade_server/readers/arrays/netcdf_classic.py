@@ -29,7 +29,7 @@ def recognises(head: bytes) -> bool:
 
 
 def open_netcdf_classic(path: Path, part: str) -> OpenedVolume:
-    """The reader for a variable. Raises BadInput where none is a volume, or one must be named, or it is truncated."""
+    """The reader for a variable. Raises BadInput if none is a volume, or one must be named, or it is truncated."""
     chosen = array_part(path, part)
     variables = netcdf_variables(path)
     if MINC in variables:
@@ -71,7 +71,7 @@ def _chosen(part: ArrayPart, variables: dict[str, Variable]) -> Variable:
 
 
 def _check_there(part: ArrayPart, variable: Variable) -> None:
-    """Raises BadInput where the file ends before the variable does."""
+    """Raises BadInput if the file ends before the variable does."""
     there = Path(part.place).stat().st_size
     if variable.end > there:
         raise BadInput(
@@ -81,7 +81,7 @@ def _check_there(part: ArrayPart, variable: Variable) -> None:
 
 
 def _coordinates(part: ArrayPart, length: int, name: str, variable: Variable | None) -> Coordinates:
-    """The axis `name`, by the variable of that name where it has it alone."""
+    """The axis `name`, by the variable of that name if it has it alone."""
     if variable is None or variable.dimensions != (name,) or variable.dtype.kind == "S":
         return coordinates_of(length, name, None, {})
     _check_there(part._replace(path=name), variable)
@@ -89,7 +89,7 @@ def _coordinates(part: ArrayPart, length: int, name: str, variable: Variable | N
 
 
 def _picked(part: ArrayPart, variable: Variable, selection: tuple[int | slice, ...]) -> NDArray[Any]:
-    """What indexing the variable gives. Raises BadInput where the file has become shorter."""
+    """What indexing the variable gives. Raises BadInput if the file has become shorter."""
     path = Path(part.place)
     try:
         if not variable.record_bytes:

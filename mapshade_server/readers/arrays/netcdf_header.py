@@ -26,7 +26,7 @@ PADDING = 4
 
 @dataclass(frozen=True)
 class Variable:
-    """Numbers on axes; where the first one counts records, each record lies `record_bytes` after the one before."""
+    """Numbers on axes; if the first one counts records, each record lies `record_bytes` after the one before."""
 
     name: str
     dimensions: tuple[str, ...]
@@ -34,7 +34,7 @@ class Variable:
     dtype: "np.dtype[Any]"
     attributes: Attributes
     begin: int
-    record_bytes: int = 0  # 0 where it is in one piece
+    record_bytes: int = 0  # 0 if it is in one piece
 
     @property
     def end(self) -> int:
@@ -46,7 +46,7 @@ class Variable:
 
 
 def netcdf_variables(path: Path) -> dict[str, Variable]:
-    """The variables by their names. Raises BadInput where the header is damaged or truncated."""
+    """The variables by their names. Raises BadInput if the header is damaged or truncated."""
     with path.open("rb") as file:
         return _Header(path, file).variables()
 
@@ -109,7 +109,7 @@ class _Header:
             raise self._damaged(f"the variable {name} is on axes that there are not")
         attributes = dict(self._attribute() for _ in range(self._list(ATTRIBUTES)))
         dtype = self._dtype()
-        self._number(self._length_bytes)  # its bytes, which are not stated where they are many
+        self._number(self._length_bytes)  # its bytes, which are not stated if they are many
         return _Stated(name, axes, attributes, dtype, self._number(self._offset_bytes))
 
     def _attribute(self) -> tuple[str, Any]:

@@ -1,4 +1,4 @@
-"""Raw voxels without a header, i fastest. What they are is told, never guessed:
+"""Raw voxels without a header, i fastest. What they are is stated, never guessed:
 
 by the part of the volume's name, head.raw#dims=256x256x113,type=uint16,endian=big,skip=512,spacing=1x1x2,unit=mm;
 by the same keys in head.raw.toml beside the file; or by the file's name, as the collections of volvis.org and
@@ -34,7 +34,7 @@ def describes(path: Path, part: str) -> bool:
 
 
 def open_raw_voxels(path: Path, part: str) -> OpenedVolume:
-    """The reader for raw voxels. Raises BadInput where they are not described or do not fill the file exactly."""
+    """The reader for raw voxels. Raises BadInput if they are not described or do not fill the file exactly."""
     said = _said(path, part)
     dims, scalar_type = said.whole_numbers("dims", 3), said.text("type", SCALAR_TYPES)
     if dims is None or scalar_type is None:

@@ -41,7 +41,7 @@ def recognises(head: bytes) -> bool:
 def open_fits_cube(path: Path, part: str) -> OpenedVolume:
     """The reader for a cube; `part` names an HDU and the planes of further axes: DATA, 2, axis4=0 or DATA,axis4=0.
 
-    Raises BadInput where there is no cube or several, and where the headers cannot be used or promise too much.
+    Raises BadInput if there is no cube or several, and if the headers cannot be used or promise too much.
     """
     options = part_options(part, AXIS_OPTIONS)
     zipped = is_gzip(path)
@@ -85,7 +85,7 @@ def _opened(path: Path, **how: bool) -> Iterator[Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", library("astropy.utils.exceptions", "FITS").AstropyWarning)
         try:
-            # The file is opened here since astropy leaves it open where it fails, and not mapped since one that is cut
+            # The file is opened here since astropy leaves it open if it fails, and not mapped since one that is cut
             # short meanwhile would end the process.
             with path.open("rb") as file, fits.open(file, memmap=False, do_not_scale_image_data=True, **how) as hdus:
                 yield hdus
@@ -116,7 +116,7 @@ class _Array:
 
 
 def _array(path: Path, number: int, hdu: Any, said: Mapping[str, str]) -> _Array:
-    """The cube's axes. Raises BadInput where there are other than three, besides those of which a plane is picked."""
+    """The cube's axes. Raises BadInput if there are other than three, besides those of which a plane is picked."""
     if not (hdu.is_image and hdu.shape):
         raise BadInput(f"{path}: HDU {number} ({hdu.name}) is no image; give the number or name of a cube")
     sizes = tuple(int(n) for n in hdu.shape[::-1])
@@ -229,7 +229,7 @@ def _read_tiles(path: Path, number: int, array: _Array, box: Box) -> Voxels:
 
 
 def _check_tiles(path: Path, number: int, hdu: Any) -> None:
-    """Raises BadInput where there are not as many tiles as the sizes need, or the file ends before they do."""
+    """Raises BadInput if there are not as many tiles as the sizes need, or the file ends before they do."""
     tiles = math.prod(-(-n // tile) for n, tile in zip(hdu.shape, hdu.tile_shape, strict=True))
     with _opened(path, disable_image_compression=True) as hdus:
         table, place = hdus[number].header, hdus[number].fileinfo()

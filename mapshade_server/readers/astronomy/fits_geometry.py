@@ -23,14 +23,14 @@ STEPS_OF_DIFFERENCE = 2.0  # voxels, to either side of the middle
 STEP_DECIMALS = 6  # of a voxel: what may differ between machines' sines lies far below
 MOST_TILT = 0.1  # tangent, of a sky axis that still counts as right ascension or declination
 ARCMINUTES_FROM = 10.0  # extent of the sky above which it is measured in arcminutes
-FLAT_SKY = 600.0  # arcminutes, above which a flat sky is told
+FLAT_SKY = 600.0  # arcminutes, above which a flat sky is reported
 UNEVEN = 0.5  # channels, by which the middle of a spectral axis may lie beside its even steps
 MICROMETRES_FROM = 1e-6  # metres of wavelength
 
 ARCMINUTES_PER_DEGREE = 60.0
 ARCSECONDS_PER_ARCMINUTE = 60.0
 
-# Units that a third axis is told in, and whether it grows away from the observer.
+# Units that a third axis is shown in, and whether it grows away from the observer.
 _THIRD_AXES = (
     ("velocity", "km/s", True),
     ("frequency", "GHz", False),
@@ -44,7 +44,7 @@ _AS_SHOWN: Matrix = ((1.0, 0.0, 0.0), (0.0, 0.0, -1.0), (0.0, 1.0, 0.0))
 
 
 class Placed(NamedTuple):
-    """What is told of a cube's place."""
+    """What is known of a cube's place."""
 
     geometry: Geometry
     unit: str
@@ -56,7 +56,7 @@ class Placed(NamedTuple):
 def placed(path: Path, header: Any, hdus: Any, dims: Index, axes: Index, picked: Mapping[int, int]) -> Placed:
     """The place of the cube of the array's `axes`, numbered from 0 as in NAXIS1 = 0; `picked` are indices on others.
 
-    Raises BadInput where its steps span no space.
+    Raises BadInput if its steps span no space.
     """
     try:
         wcs = library("astropy.wcs", "FITS").WCS(header, fobj=hdus)
@@ -203,7 +203,7 @@ def _world_of_first(cube: _Cube) -> list[float]:
 
 
 def _sky_axis(cube: _Cube, axis: int, column: Vector, factor: float, unit: str) -> GridAxis:
-    """Right ascension or declination along the middle row; the distance from the middle where an axis is turned."""
+    """Right ascension or declination along the middle row; the distance from the middle if an axis is turned."""
     world_axis = cube.axes[axis]
     is_longitude = world_axis == cube.wcs.wcs.lng
     along, across = (column[0], column[2]) if is_longitude else (column[2], column[0])
@@ -218,7 +218,7 @@ def _sky_axis(cube: _Cube, axis: int, column: Vector, factor: float, unit: str) 
 
 
 def _spectral(cube: _Cube) -> str:
-    """The CTYPE of the axis beside the sky, where that or its unit is of a spectrum."""
+    """The CTYPE of the axis beside the sky, if that or its unit is of a spectrum."""
     axis = cube.axes[cube.third]
     unit = cube.unit(axis)
     if axis == cube.wcs.wcs.spec or any(unit.is_equivalent(told) for _, told, _ in _THIRD_AXES):
@@ -259,7 +259,7 @@ def _ends(cube: _Cube, axis: int) -> tuple[float, float]:
 
 
 def _uneven(cube: _Cube, third: GridAxis) -> list[str]:
-    """A note where the third axis is not evenly stepped."""
+    """A note if the third axis is not evenly stepped."""
     world_axis = cube.axes[cube.third]
     first, last = _ends(cube, cube.third)
     beside = abs(cube.world(cube.middle)[world_axis] - (first + last) / 2)

@@ -16,9 +16,9 @@ _CLASS, _CLASS_OF_DATA = "HDUCLAS2", "DATA"
 
 
 def chosen_hdu(path: Path, hdus: Any, word: str) -> tuple[int, tuple[str, ...]]:
-    """The number of the HDU that `word` names by its number or name, or of the cube that is meant where none is named.
+    """The number of the HDU that `word` names by its number or name, or of the cube that is meant if none is named.
 
-    With a note where others like it are left out. Raises BadInput where none or several are meant.
+    With a note if others like it are left out. Raises BadInput if none or several are meant.
     """
     cubes = [n for n, hdu in enumerate(hdus) if len(_long_axes(hdu)) > 2]
     if word:
@@ -41,7 +41,7 @@ def chosen_hdu(path: Path, hdus: Any, word: str) -> tuple[int, tuple[str, ...]]:
 
 
 def _data(hdus: Any, cubes: Sequence[int]) -> int | None:
-    """The only cube of data, where the others are of its size and tell of it; None where that is not so."""
+    """The only cube of data, if the others are of its size and describe it; None if that is not so."""
     if len({tuple(_long_axes(hdus[n])) for n in cubes}) > 1:
         return None
     classed = [n for n in cubes if str(hdus[n].header.get(_CLASS, "")).strip().upper() == _CLASS_OF_DATA]

@@ -9,7 +9,7 @@ import numpy as np
 
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import Damaged, inflated
 
-BY_METHOD, BY_GZIP = "COMPRESSED_DATA", "GZIP_COMPRESSED_DATA"  # columns; the second where the method failed
+BY_METHOD, BY_GZIP = "COMPRESSED_DATA", "GZIP_COMPRESSED_DATA"  # columns; the second if the method failed
 GZIP_METHODS = ("GZIP_1", "GZIP_2")
 HCOMPRESS, HCOMPRESS_MAGIC = "HCOMPRESS_1", b"\xdd\x99"
 MOST_BYTES_A_PIXEL = 8
@@ -27,7 +27,7 @@ class _Column(NamedTuple):
 
 
 def check_tiles_within(table: Any, tile_shape: Sequence[int], shape: Sequence[int], wanted: Sequence[slice]) -> None:
-    """Raises ValueError where a tile that shares pixels with what is wanted unpacks to more than a tile has.
+    """Raises ValueError if a tile that shares pixels with what is wanted unpacks to more than a tile has.
 
     `table` is the HDU as the table that it is stored as; shapes and what is wanted are in numpy's order of axes.
     """

@@ -72,7 +72,7 @@ class _Survey:
         return voxels.reshape(nk, nj, ni)
 
     def _check_numbers(self, file: Any, box: Box, first: int, rows: NDArray[np.int64]) -> None:
-        """Raises BadInput where traces inside a line are not those that the line's ends let expect."""
+        """Raises BadInput if traces inside a line are not those that the line's ends let expect."""
         k, j = np.divmod(rows, box.size[1])
         match self.grid.unchecked:
             case "inline":
@@ -101,7 +101,7 @@ def _runs(traces: NDArray[np.int32], rows: NDArray[np.int64]) -> Iterator[NDArra
 def open_segy(path: Path, part: str) -> OpenedVolume:
     """The reader for a 3-D survey; `part` may say il=9,xl=21 (header bytes), domain=depth, velocity=2500 (m/s).
 
-    Raises BadInput for 2-D lines, for pre-stack gathers and where the headers cannot be used.
+    Raises BadInput for 2-D lines, for pre-stack gathers and if the headers cannot be used.
     """
     said = _options(path, part)
     source = SegyFile(path, _byte_order(path), said.inline, said.crossline)
@@ -203,7 +203,7 @@ def _byte_order(path: Path) -> ByteOrder:
 def _spots(path: Path, file: Any, grid: TraceGrid) -> tuple[list[Spot], int]:
     """Where some traces lie on the map, by the first coordinates that are filled in, and the code of their unit.
 
-    Raises BadInput where the traces do not begin together, which a grid cannot hold.
+    Raises BadInput if the traces do not begin together, which a grid cannot hold.
     """
     places = list(sampled(grid))
     headers = [header_fields(file, grid.traces[place], *SPOT_FIELDS) for place in places]
@@ -229,7 +229,7 @@ def _scaled(coordinate: int, scalar: int) -> float:
 
 
 def _interval(path: Path, file: Any) -> tuple[float, list[str]]:
-    """The distance of samples in ms (or in thousandths of what a depth counts), and a note where headers disagree."""
+    """The distance of samples in ms (or in thousandths of what a depth counts), and a note if headers disagree."""
     stated = file.bin[BINARY_INTERVAL] & 0xFFFF
     of_trace = file.header[0][SAMPLE_INTERVAL] & 0xFFFF
     if not (stated or of_trace):

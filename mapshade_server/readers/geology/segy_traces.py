@@ -41,7 +41,7 @@ class Lines:
 class TraceGrid:
     """Which trace lies where: `traces` is shaped (inline, crossline), -1 where there is none.
 
-    `unchecked` is the number that differs from each trace to the next, where not all of its headers were read.
+    `unchecked` is the number that differs from each trace to the next, if not all of its headers were read.
     """
 
     inlines: Lines
@@ -65,7 +65,7 @@ class SegyFile:
 
     @contextmanager
     def opened(self, with_lines: bool = False) -> Iterator[Any]:
-        """segyio's file, on request with the lines that it finds. Raises BadInput where it cannot be read."""
+        """segyio's file, on request with the lines that it finds. Raises BadInput if it cannot be read."""
         segyio = library("segyio", "SEG-Y")
         how = {"strict": False} if with_lines else {"ignore_geometry": True}
         try:
@@ -81,7 +81,7 @@ class SegyFile:
 
 
 def trace_grid(source: SegyFile, file: Any) -> TraceGrid:
-    """Which trace lies where. Raises BadInput where the traces lie on no grid of inlines and crosslines."""
+    """Which trace lies where. Raises BadInput if the traces lie on no grid of inlines and crosslines."""
     if not file.unstructured and min(len(file.ilines), len(file.xlines)) > 1:
         if len(file.offsets) > 1:
             raise _pre_stack(source, f"{len(file.offsets)} traces")
@@ -97,7 +97,7 @@ def _numbers(file: Any, field: int) -> NDArray[np.int64]:
 
 
 def _regular_grid(source: SegyFile, file: Any) -> TraceGrid | None:
-    """The grid of traces in even order, as segyio finds it from the first lines; None where the edges belie it."""
+    """The grid of traces in even order, as segyio finds it from the first lines; None if the edges belie it."""
     by_inline = file.sorting == library("segyio", "SEG-Y").TraceSortingFormat.INLINE_SORTING
     inlines, crosslines = np.asarray(file.ilines, np.int64), np.asarray(file.xlines, np.int64)
     order = np.arange(file.tracecount, dtype=np.int32)

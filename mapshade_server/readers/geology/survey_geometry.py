@@ -41,7 +41,7 @@ class Vertical(NamedTuple):
 
 
 class Placed(NamedTuple):
-    """What is told of a survey's place."""
+    """What is known of a survey's place."""
 
     geometry: Geometry
     unit: str

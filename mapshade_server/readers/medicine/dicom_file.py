@@ -73,12 +73,12 @@ class Place:
 
 @dataclass(frozen=True)
 class Frame:
-    """One 2-D image of a file. `place` is None where the file states none."""
+    """One 2-D image of a file. `place` is None if the file states none."""
 
     pixels: Pixels
     number: int
     place: Place | None
-    thickness: float  # 0 where none is stated
+    thickness: float  # 0 if none is stated
     rescale: Rescale
     apart: dict[str, tuple[str, ...]]
 
@@ -102,10 +102,10 @@ class DicomFile:
     modality: str
     localizer: bool
     ordered: bool  # frames without places follow each other through a volume
-    between_slices: float  # of such frames; 0 where none is stated
+    between_slices: float  # of such frames; 0 if none is stated
     value_unit: str
     frames: tuple[Frame, ...]
-    refusal: str  # why its pixels cannot be read, "" where they can; then it has no frames
+    refusal: str  # why its pixels cannot be read, "" if they can; then it has no frames
 
 
 def recognises(head: bytes) -> bool:
@@ -118,9 +118,9 @@ def recognises_old(head: bytes) -> bool:
 
 
 def dicom_file(path: Path) -> DicomFile | None:
-    """What a DICOM file says; None where it holds no image, but a report, a plan or an index.
+    """What a DICOM file says; None if it holds no image, but a report, a plan or an index.
 
-    Raises BadInput where it is damaged or truncated.
+    Raises BadInput if it is damaged or truncated.
     """
     pydicom = library("pydicom", "DICOM")
     try:
@@ -165,7 +165,7 @@ def _told(path: Path, head: Any, file: BinaryIO) -> DicomFile | None:
 
 
 def _refusal(path: Path, head: Any) -> str:
-    """Why the file's pixels cannot be read, "" where they can."""
+    """Why the file's pixels cannot be read, "" if they can."""
     samples, bits = int(head.get("SamplesPerPixel", 1)), int(head.get("BitsAllocated", 0))
     if samples != 1:
         colours = head.get("PhotometricInterpretation", "colour")
@@ -243,7 +243,7 @@ def _first(value: Callable[[str, str], Any], sources: Sequence[tuple[str, str]])
 
 
 def _numbers(value: Any, count: int) -> tuple[float, ...]:
-    """The finite numbers of a value, as many zeros where it has another count."""
+    """The finite numbers of a value, as many zeros if it has another count."""
     words = words_of(value)
     numbers = tuple(float(one) for one in ([value] if isinstance(value, str | int | float) else list(value or ())))
     usable = len(words) == count and all(math.isfinite(number) for number in numbers)

@@ -21,7 +21,7 @@ MOST_FILES = 50_000  # that are looked at
 
 
 def images_of(folder: Path) -> list[DicomFile]:
-    """All images that a folder is for. Raises BadInput where there are none, one is damaged, or a FIFO lies there."""
+    """All images that a folder is for. Raises BadInput if there are none, one is damaged, or a FIFO lies there."""
     for path in folder.iterdir():
         if path.name[0] != "." and path.exists():
             check_is_file(path)
@@ -46,7 +46,7 @@ def _images(folder: Path) -> Iterator[DicomFile]:
 
 
 def _image(path: Path) -> DicomFile | None:
-    """What a file says, None where it is no image of DICOM."""
+    """What a file says, None if it is no image of DICOM."""
     with path.open("rb") as file:
         head = file.read(PREAMBLE + 4)
     if recognises(head):
@@ -84,7 +84,7 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _listed(folder: Path) -> list[DicomFile]:
-    """The images that a disc's directory lists and that are there, none where there is no directory."""
+    """The images that a disc's directory lists and that are there, none if there is no directory."""
     directory = next((folder / name for name in DIRECTORY_NAMES if (folder / name).is_file()), None)
     if directory is None:
         return []
@@ -110,7 +110,7 @@ def _references(directory: Path) -> list[list[str]]:
 
 
 def _there(folder: Path, parts: list[str]) -> Path | None:
-    """The file of these names within the folder, in any case of letters; None where it is not there."""
+    """The file of these names within the folder, in any case of letters; None if it is not there."""
     path = folder
     for part in parts:
         spelt = (part, part.lower(), part.upper())

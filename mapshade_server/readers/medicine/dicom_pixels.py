@@ -30,7 +30,7 @@ SECONDARY_CAPTURE = "1.2.840.10008.5.1.4.1.1.7"  # says nothing that would chang
 
 @dataclass(frozen=True)
 class Pixels:
-    """How a file's frames are stored. `fragments` are the packed pieces, (offset, length), () where not packed."""
+    """How a file's frames are stored. `fragments` are the packed pieces, (offset, length), () if not packed."""
 
     path: Path
     columns: int
@@ -49,7 +49,7 @@ class Pixels:
         return self.columns * self.rows * self.dtype.itemsize
 
     def check_file(self) -> None:
-        """Raises BadInput where the file ends before its frames do."""
+        """Raises BadInput if the file ends before its frames do."""
         if not self.fragments:
             self._in_place(0, self.frames).check_files()
 
@@ -132,7 +132,7 @@ def _quiet_terminal() -> Iterator[None]:
 
 
 def fragments_from(path: Path, file: BinaryIO) -> Iterator[tuple[int, int]]:
-    """The packed pieces of the frames, after the table of frames. Raises BadInput where the file ends before them."""
+    """The packed pieces of the frames, after the table of frames. Raises BadInput if the file ends before them."""
     end = path.stat().st_size
     first = True
     while (head := file.read(8))[:4] == ITEM:

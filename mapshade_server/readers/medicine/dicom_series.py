@@ -1,6 +1,6 @@
 """DICOM: the series of a folder, told apart and chosen by name, and files of several frames or of one.
 
-`scans/#T2_AX`, by the series' description, `scans/#4`, by its number, `scans/#1.2.840`, by how its UID begins; where
+`scans/#T2_AX`, by the series' description, `scans/#4`, by its number, `scans/#1.2.840`, by how its UID begins; if
 one series holds several volumes, `scans/#4,echo=2,time=3`. A file of a single slice, `scans/IM0001`, stands for the
 series around it, and `scans/IM0001#slice` for itself.
 """
@@ -67,7 +67,7 @@ class _Series:
 def open_dicom_file(path: Path, part: str) -> OpenedVolume:
     """The reader for a file of several frames, for the series around a single slice, or for `#slice` alone.
 
-    Raises BadInput where the slice has no others beside it, and for a DICOMDIR without images.
+    Raises BadInput if the slice has no others beside it, and for a DICOMDIR without images.
     """
     file = dicom_file(path)
     if file is None:
@@ -111,7 +111,7 @@ def _alone(path: Path, file: DicomFile) -> OpenedVolume:
 def open_folder(folder: Path, part: str) -> OpenedVolume:
     """The reader for the series in `folder` that is named or, of several, the only one that is a volume.
 
-    Raises BadInput where there is none, where one must be named, and where slices are damaged or do not fit together.
+    Raises BadInput if there is none, if one must be named, and if slices are damaged or do not fit together.
     """
     every = _all_series(folder)
     said = part_options(part, dicom_stack.KEYS)
@@ -128,7 +128,7 @@ def _all_series(folder: Path) -> list[_Series]:
 
 
 def _chosen(folder: Path, every: Sequence[_Series], word: str) -> _Series:
-    """The series that is named or, where none is, the only one that is a volume."""
+    """The series that is named or, if none is, the only one that is a volume."""
     named = [series for series in every if series.answers_to(word)] if word else list(every)
     named = [series for series in named if series.files[0].series_uid == word] or named
     if not named:
@@ -190,7 +190,7 @@ def _opened(name: str, series: _Series, stack: Stack, warnings: tuple[str, ...] 
 
 
 def _chosen_group(source: Path, groups: dicom_stack.Groups, said: PartOptions) -> tuple[dicom_stack.Name, list[Frame]]:
-    """The frames that are meant, of one series. Raises BadInput where it is not said which."""
+    """The frames that are meant, of one series. Raises BadInput if it is not said which."""
     there = dicom_stack.choices(groups)
     for key, value in said.values.items():
         if value not in there.get(key, ()):

@@ -1,7 +1,7 @@
 """Stacks DICOM frames by their positions, never by their names, and tells frames at one place apart.
 
 The place in space is made from the frames' own tags, so that a tilted gantry stays a shear. A missing or misplaced
-slice is told instead of drawn; slices that are unevenly spaced on purpose are resampled along their normal.
+slice is reported instead of drawn; slices that are unevenly spaced on purpose are resampled along their normal.
 """
 
 import math
@@ -35,7 +35,7 @@ Groups = dict[Name, list[Frame]]
 
 @dataclass(frozen=True)
 class Stack:
-    """Frames in order, and their grid. `heights` has each frame's place in grid steps where they are resampled."""
+    """Frames in order, and their grid. `heights` has each frame's place in grid steps if they are resampled."""
 
     frames: tuple[Frame, ...]
     geometry: Geometry
@@ -142,7 +142,7 @@ def _parallel(one: Place, other: Place) -> bool:
 
 
 def stacked(source: Path, frames: Sequence[Frame], file: DicomFile) -> Stack:
-    """Two frames or more as one volume. Raises BadInput where they are none: of several sizes, or some missing."""
+    """Two frames or more as one volume. Raises BadInput if they are none: of several sizes, or some missing."""
     first = frames[0]
     for frame in frames[1:]:
         if (frame.pixels.columns, frame.pixels.rows) != (first.pixels.columns, first.pixels.rows) or (
@@ -226,7 +226,7 @@ def _by_position(source: Path, placed: Sequence[tuple[Frame, Place]]) -> Stack:
 
 
 def _check_gaps(source: Path, frames: Sequence[Frame], heights: Sequence[float]) -> bool:
-    """Whether slices are evenly spaced. Raises BadInput where two lie at one place, or one is missing."""
+    """Whether slices are evenly spaced. Raises BadInput if two lie at one place, or one is missing."""
     gaps = [after - before for before, after in zip(heights, heights[1:], strict=False)]
     usual = median(gaps)
     thick = median(frame.thickness for frame in frames)

@@ -113,7 +113,7 @@ def _table(path: Path, item: Any, head: Any) -> Rescale:
 
 
 def value_unit_of(head: Any, modality: str) -> str:
-    """The unit of the values after the rescale, "" where the file states none that is known."""
+    """The unit of the values after the rescale, "" if the file states none that is known."""
     groups = [head[name].value for name in FUNCTIONAL_GROUPS if name in head and len(head[name].value)]
     inner = [group[0].get("PixelValueTransformationSequence") for group in groups]
     stated = next((item[0].get("RescaleType") for item in inner if item), head.get("RescaleType"))
@@ -127,7 +127,7 @@ def value_unit_of(head: Any, modality: str) -> str:
 
 
 def words_of(value: Any) -> tuple[str, ...]:
-    """A value as words, numbers in their shortest form, () where there is none."""
+    """A value as words, numbers in their shortest form, () if there is none."""
     if value is None or value == "":
         return ()
     values = [value] if isinstance(value, str | int | float) else list(value)

@@ -1,4 +1,4 @@
-"""MetaImage (.mha, .mhd). SimpleITK tells the place in space, the voxels are read as they are stored.
+"""MetaImage (.mha, .mhd). SimpleITK gives the place in space, the voxels are read as they are stored.
 
 SimpleITK's streamed extract reads 8 KiB for each row of a box that is narrower than the volume, 32 times too much
 for 128 of 256 voxels of 16 bits, and its complaints of truncated files go past its exceptions to the terminal. So
@@ -75,7 +75,7 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
     reader = header_of(path, "MetaImageIO")
     why_whole = "the voxels are compressed" if compressed else "the voxels are written as text" if text else ""
     geometry = geometry_of(path, reader)
-    # SimpleITK's physical axes are LPS; the field tells that they are a patient's.
+    # SimpleITK's physical axes are LPS; the field says that they are a patient's.
     anatomical = re.fullmatch("[RLAPSI]{3}", fields.get("AnatomicalOrientation", "").upper()) is not None
     kind, kind_from = kind_of_modality(MODALITIES.get(fields.get("Modality", ""), ""))
     description = VolumeDescription(

@@ -36,7 +36,7 @@ def kind_beside(path: Path) -> tuple[Kind, str]:
 
 
 def _stated_modality(notes: Path) -> str:
-    """What notes in JSON say of the modality; of notes that cannot be read nothing is told."""
+    """What notes in JSON say of the modality; "" for notes that cannot be read."""
     try:
         if not notes.is_file() or notes.stat().st_size > _LONGEST_NOTES:
             return ""

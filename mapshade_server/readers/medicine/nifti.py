@@ -1,7 +1,7 @@
 """NIfTI-1 and NIfTI-2, plain or gzip, also as .hdr and .img (nifti.nimh.nih.gov).
 
 The header is read here because SimpleITK refuses or straightens a sheared sform, and reads truncated files
-without a word. The sform counts where its code is set, else the qform, else the spacing alone.
+without a word. The sform counts if its code is set, else the qform, else the spacing alone.
 """
 
 import math
@@ -88,7 +88,7 @@ def _kind(path: Path, header: NiftiHeader) -> tuple[Kind, str]:
 
 
 def _place(header: NiftiHeader) -> tuple[Matrix, Vector, bool, tuple[str, ...]]:
-    """Index-to-physical matrix and origin in LPS, whether the file states them in patient space, and what to tell."""
+    """Index-to-physical matrix and origin in LPS, whether the file states them in patient space, and warnings."""
     qform, sform = (int(code) for code in header.values("codes"))
     if qform <= 0 and sform <= 0:
         di, dj, dk = _spacing(header)

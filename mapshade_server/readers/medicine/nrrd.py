@@ -1,6 +1,6 @@
 """NRRD with attached and detached headers (teem.sourceforge.net/nrrd/format.html).
 
-The header is read here and the voxels as they are stored, since SimpleITK (2.5) reads NRRD files whole even where
+The header is read here and the voxels as they are stored, since SimpleITK (2.5) reads NRRD files whole even if
 they are raw and knows no bzip2. Only voxels written as text go through SimpleITK.
 """
 
@@ -62,7 +62,7 @@ def recognises(head: bytes) -> bool:
 
 @dataclass(frozen=True)
 class _Axes:
-    """What the header's axes are: the three of one volume and, where there are several volumes, that along them.
+    """What the header's axes are: the three of one volume and, if there are several volumes, that along them.
 
     `frames` volumes lie interleaved, voxel by voxel, or one after the other.
     """
@@ -70,7 +70,7 @@ class _Axes:
     sizes: tuple[int, ...]
     of_volume: tuple[int, int, int]
     frames: int
-    kind: str  # of the axis along the volumes, "" where the header states none
+    kind: str  # of the axis along the volumes, "" if the header states none
     interleaved: bool
 
     @property
@@ -80,7 +80,7 @@ class _Axes:
 
     @property
     def stored(self) -> Index:
-        """The size of all volumes as one grid: side by side along i where they are interleaved, else along k."""
+        """The size of all volumes as one grid: side by side along i if they are interleaved, else along k."""
         ni, nj, nk = self.dims
         return (ni * self.frames, nj, nk) if self.interleaved else (ni, nj, nk * self.frames)
 
@@ -193,7 +193,7 @@ def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) 
     pieces = []
     for path in paths:
         if not path.is_file():
-            return (Piece(path, dims[2]),)  # check_files tells of it
+            return (Piece(path, dims[2]),)  # check_files reports it
         offset = _after_lines(path, 0 if names else header.end, lines)
         if packing == Packing.RAW:
             offset = max(path.stat().st_size - promised, 0) if skip == -1 else offset + skip

@@ -37,7 +37,7 @@ class NrrdHeader:
         return BadInput(f'{self.path}: the header\'s "{name}: {self.fields.get(name, "")}" {why}; correct the header')
 
     def quoted(self, name: str) -> list[str]:
-        """The texts between quotation marks, none where the field is not there."""
+        """The texts between quotation marks, none if the field is not there."""
         return re.findall(r'"([^"]*)"', self.fields.get(name, ""))
 
     def integers(self, name: str) -> tuple[int, ...]:
@@ -74,7 +74,7 @@ class NrrdHeader:
 
 
 def header_of_file(path: Path) -> NrrdHeader:
-    """The header of a file that begins as NRRD does. Raises BadInput where it does not end."""
+    """The header of a file that begins as NRRD does. Raises BadInput if it does not end."""
     fields: dict[str, str] = {}
     pairs: dict[str, str] = {}
     file_list: list[str] = []

@@ -21,7 +21,7 @@ _LEAST_PICTURE = 16  # pixels aside: less is no picture, but a volume made to tr
 def kind_of(path: Path, pairs: Mapping[str, str], layer: int) -> tuple[Kind, str, tuple[Band, ...]]:
     """The kind, what states it, and the classes; segments may overlap, those of each `layer` are a volume.
 
-    Raises BadInput where the keys are damaged.
+    Raises BadInput if the keys are damaged.
     """
     try:
         bands = msgspec.json.decode(pairs.get(BANDS_KEY, "[]"), type=tuple[Band, ...])
@@ -50,7 +50,7 @@ def _segment(pairs: Mapping[str, str], number: str) -> Band:
 def refuse_flat_colours(path: Path, sizes: Sequence[int], kinds: Sequence[str], placed: bool) -> None:
     """Raises BadInput for a picture: three axes of which one counts colours or other components of a pixel.
 
-    Where neither kinds nor directions tell, a first axis of three or four beside two long ones is taken as such.
+    If neither kinds nor directions decide, a first axis of three or four beside two long ones is taken as such.
     """
     if len(sizes) != 3:
         return

@@ -1,10 +1,10 @@
 """Where an NRRD file says that its voxels lie (teem.sourceforge.net/nrrd/format.html, sections 5 and 8).
 
 Either each axis has a direction in a named space, or only positions or a spacing along itself. Physical axes become
-LPS where the space is a patient's. Else they stay what the file has, but for left-handed spaces: the picture is drawn
+LPS if the space is a patient's. Else they stay what the file has, but for left-handed spaces: the picture is drawn
 in a right-handed one, so one axis is turned round, lest the picture be a mirror image.
 
-`measurement frame` and `thicknesses` tell of the values, not of where these lie.
+`measurement frame` and `thicknesses` describe the values, not of where these lie.
 """
 
 import math
@@ -60,7 +60,7 @@ class _Lengths(NamedTuple):
 
 
 def place_of(header: NrrdHeader, axes: tuple[int, int, int], dims: Index) -> NrrdPlace:
-    """The place of the volume whose i, j and k are the header's `axes`. Raises BadInput where there is none."""
+    """The place of the volume whose i, j and k are the header's `axes`. Raises BadInput if there is none."""
     space = _space(header)
     if "space directions" not in header.fields:
         return _by_lengths(header, axes, dims, space)
@@ -82,7 +82,7 @@ def place_of(header: NrrdHeader, axes: tuple[int, int, int], dims: Index) -> Nrr
 
 
 def _space(header: NrrdHeader) -> Space | None:
-    """The space that is named, None where none is. Raises BadInput where it is none that the format has."""
+    """The space that is named, None if none is. Raises BadInput if it is none that the format has."""
     if "space" not in header.fields:
         return None
     space = SPACES.get(re.sub(r"[-\s]", "", header.fields["space"].lower()))
@@ -115,7 +115,7 @@ def _by_lengths(header: NrrdHeader, axes: tuple[int, int, int], dims: Index, spa
 
 
 def _lengths(header: NrrdHeader, axes: tuple[int, int, int], dims: Index) -> _Lengths:
-    """Step and start of each axis by spacings, axis mins and axis maxs, which say nothing where they are NaN."""
+    """Step and start of each axis by spacings, axis mins and axis maxs, which say nothing if they are NaN."""
     spacings, mins, maxs = (_of_axes(header, name, axes) for name in ("spacings", "axis mins", "axis maxs"))
     nodes = [center == "node" for center in _centers(header, axes)]
     steps, starts, unknown, told = [], [], [], []
@@ -140,7 +140,7 @@ def _lengths(header: NrrdHeader, axes: tuple[int, int, int], dims: Index) -> _Le
 
 
 def _of_axes(header: NrrdHeader, name: str, axes: tuple[int, int, int]) -> list[float]:
-    """The field's numbers for these axes, NaN where it is not there."""
+    """The field's numbers for these axes, NaN if it is not there."""
     if name not in header.fields:
         return [math.nan] * 3
     given = header.numbers(name, len(header.integers("sizes")))

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
 
-DEFAULT_UNIT = "µm"  # of OME, where PhysicalSizeXUnit is left out
+DEFAULT_UNIT = "µm"  # of OME, if PhysicalSizeXUnit is left out
 AXES = "XYZ"
 
 StatedSteps = tuple[float | None, float | None, float | None]  # of a pixel's width and height, and between slices
@@ -13,7 +13,7 @@ StatedSteps = tuple[float | None, float | None, float | None]  # of a pixel's wi
 
 @dataclass(frozen=True)
 class OmeImage:
-    """One image. Steps are in `unit`, all three; None where the file states none."""
+    """One image. Steps are in `unit`, all three; None if the file states none."""
 
     name: str
     size: tuple[int, int]
@@ -26,7 +26,7 @@ class OmeImage:
 @dataclass(frozen=True)
 class OmeMetadata:
     images: tuple[OmeImage, ...]
-    kept_in: str  # the file that holds the metadata instead, "" where they are here
+    kept_in: str  # the file that holds the metadata instead, "" if they are here
 
     def of(self, number: int, name: str, size: tuple[int, int]) -> OmeImage | None:
         """The image that a library calls so, as the `number`th of those it could read."""
@@ -38,7 +38,7 @@ class OmeMetadata:
 
 
 def ome_metadata(xml: str) -> OmeMetadata:
-    """Reads OME-XML; of damaged XML nothing is told."""
+    """Reads OME-XML; nothing of damaged XML."""
     try:
         root = ElementTree.fromstring(xml)
     except ElementTree.ParseError:

@@ -47,7 +47,7 @@ def recognises_folder(folder: Path) -> bool:
 def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
     """The reader for the pictures whose names begin as the part says.
 
-    Raises BadInput where they differ, where one is missing or truncated, and where a colour must be chosen.
+    Raises BadInput if they differ, if one is missing or truncated, and if a colour must be chosen.
     """
     said = array_part(folder, part)
     said.check_known(OPTIONS)
@@ -88,7 +88,7 @@ def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
 
 
 def _told(path: Path) -> _Picture:
-    """What a picture's header says. Raises BadInput where it cannot be read, or is to be turned."""
+    """What a picture's header says. Raises BadInput if it cannot be read, or is to be turned."""
     _check_ends(path)
     picture = _opened(path)
     try:
@@ -109,7 +109,7 @@ def _told(path: Path) -> _Picture:
 
 
 def _check_ends(path: Path) -> None:
-    """Raises BadInput where a picture has no end: of a JPEG what is missing would be drawn grey."""
+    """Raises BadInput if a picture has no end: of a JPEG what is missing would be drawn grey."""
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - TAIL_BYTES, 0))
         if ENDS.get(path.suffix.lower(), b"") not in file.read():

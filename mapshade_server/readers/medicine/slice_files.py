@@ -20,7 +20,7 @@ def is_for(folder: Path, extensions: tuple[str, ...]) -> bool:
 def slices_in(folder: Path, begin: str, extensions: tuple[str, ...], what: str) -> list[Path]:
     """The files with these extensions whose names begin so, by their number; `what` is what they are called.
 
-    Raises BadInput where they are of several kinds, where one is missing and where one is no file.
+    Raises BadInput if they are of several kinds, if one is missing and if one is no file.
     """
     paths = [path for path in _visible(folder) if path.name.lower().endswith(extensions)]
     for path in paths:
@@ -34,7 +34,7 @@ def _visible(folder: Path) -> list[Path]:
 
 
 def _in_order(folder: Path, part: str, paths: Sequence[Path], what: str) -> list[Path]:
-    """The files of one kind by their number. Raises BadInput where that is not told or a number is missing."""
+    """The files of one kind by their number. Raises BadInput if that is not clear or a number is missing."""
     kinds: dict[str, list[Path]] = defaultdict(list)
     for path in paths:
         if path.name.startswith(part):

@@ -59,7 +59,7 @@ def tifffile() -> ModuleType:
 
 @dataclass(frozen=True)
 class TiffPage:
-    """One page: where its strips or tiles lie in the file, and tifffile's page that tells how they are packed."""
+    """One page: where its strips or tiles lie in the file, and tifffile's page that says how they are packed."""
 
     path: Path
     number: int  # in the file
@@ -78,7 +78,7 @@ class TiffPage:
         return self.offsets[0] if list(self.offsets[1:]) == ends[:-1] and sum(self.counts) >= size else None
 
     def check_within(self, size: int, source: Path) -> None:
-        """Raises BadInput where a strip or tile lies beyond the end of its file, of `size` bytes."""
+        """Raises BadInput if a strip or tile lies beyond the end of its file, of `size` bytes."""
         if any(start + count > size for start, count in zip(self.offsets, self.counts, strict=True)):
             raise BadInput(f"{source}: is truncated: its pixels lie beyond its end; fetch or export it again")
         packing = self.packing
@@ -86,7 +86,7 @@ class TiffPage:
         check_promise(source, columns * rows * bits // 8, packing.imagewidth * packing.imagelength * bits // 8)
 
     def read(self, file: BinaryIO, box: Box) -> Voxels:
-        """The values of the box's rectangle. Raises BadInput where they are damaged or packed in an unknown way."""
+        """The values of the box's rectangle. Raises BadInput if they are damaged or packed in an unknown way."""
         if not _decoded_by_tifffile(self.packing):
             return self._by_openimageio(box)
         (i0, j0, _), (i1, j1, _) = box
@@ -117,7 +117,7 @@ class TiffPage:
         return packing.imagewidth, min(packing.rowsperstrip, packing.imagelength)
 
     def _unpacked(self, packed: bytes | None) -> tuple[Callable[..., Any], bytes | None]:
-        """How to decode a strip or tile, and what: unpacked here where tifffile would unpack without an end."""
+        """How to decode a strip or tile, and what: unpacked here if tifffile would unpack without an end."""
         unpack = BOUNDED.get(self.packing.compression)
         width, length = self.segment
         if packed is None:

@@ -80,14 +80,14 @@ def _plain_place(packing: Any) -> Place:
 
 
 def _resolutions(packing: Any) -> tuple[float, float]:
-    """Pixels per unit along x and y, 0 where the page states none."""
+    """Pixels per unit along x and y, 0 if the page states none."""
     values = (packing.tags.valueof(282, (0, 1)), packing.tags.valueof(283, (0, 1)))
     x, y = (top / bottom if bottom else 0.0 for top, bottom in values)
     return x, y
 
 
 def _place(stated: StatedSteps, unit: str) -> Place:
-    """The steps as stated, the others as wide as a pixel, which is told."""
+    """The steps as stated, the others as wide as a pixel, with a warning."""
     x, y, z = stated
     if x is None:
         told = () if (y, z) == (None, None) else ("the file states no width of its pixels: taken as 1",)

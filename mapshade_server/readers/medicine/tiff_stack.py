@@ -1,6 +1,6 @@
 """TIFF stacks, one page for each slice: plain ones, ImageJ's and OME-TIFF, also BigTIFF, through tifffile.
 
-Where a file holds several images, channels or times, the person chooses: `cells.ome.tif#series=1,c=0,t=3`.
+If a file holds several images, channels or times, the person chooses: `cells.ome.tif#series=1,c=0,t=3`.
 """
 
 import math
@@ -36,7 +36,7 @@ def recognises(head: bytes) -> bool:
 def open_tiff_stack(path: Path, part: str) -> OpenedVolume:
     """The reader for a TIFF file and the image, channel and time of it that are named.
 
-    Raises BadInput for truncated files, colour, pages of several sizes, and where something must be chosen.
+    Raises BadInput for truncated files, colour, pages of several sizes, and if something must be chosen.
     """
     with opened_tiff(path) as file:
         return _stack(path, part, file)
@@ -76,7 +76,7 @@ def _stack(path: Path, part: str, file: Any) -> OpenedVolume:
 
 
 def _check_ends(path: Path, file: Any) -> None:
-    """Raises BadInput where the chain of pages breaks off; tifffile takes the pages before as all there are."""
+    """Raises BadInput if the chain of pages breaks off; tifffile takes the pages before as all there are."""
     count = len(file.pages)
     next_page = file.pages.next_page_offset
     if count and next_page is not None:
@@ -87,7 +87,7 @@ def _check_ends(path: Path, file: Any) -> None:
 
 
 def _check_set(path: Path, file: Any) -> None:
-    """Raises BadInput where a file that belongs to the same set is a FIFO, which tifffile would wait for."""
+    """Raises BadInput if a file that belongs to the same set is a FIFO, which tifffile would wait for."""
     told = ome_metadata(file.ome_metadata) if file.is_ome else OmeMetadata((), "")
     named = [path.parent / name for image in told.images for name in (*image.files, told.kept_in) if name]
     for other in (*named, *path.parent.glob("*.tif*")) if file.is_micromanager else named:
@@ -120,7 +120,7 @@ def _slice_axis(series: Any) -> int | None:
 
 @dataclass(frozen=True)
 class Chosen:
-    """Which pages of a series make the volume, what they are called, and what is to be told of the choice."""
+    """Which pages of a series make the volume, what they are called, and warnings about the choice."""
 
     pages: Sequence[int]
     name: str = ""
@@ -178,7 +178,7 @@ def _told(axis: str, size: int, names: Sequence[str]) -> str:
 
 
 def _page(path: Path, series: Any, number: int, image: OmeImage | None) -> TiffPage:
-    """A page of the series. Raises BadInput where it is in a file that is missing."""
+    """A page of the series. Raises BadInput if it is in a file that is missing."""
     packing = series.keyframe
     if series.dataoffset is not None and len(series.pages) <= number:  # one page stands for all, ImageJ's beyond 4 GB
         size = packing.imagelength * packing.imagewidth * packing.dtype.itemsize
@@ -199,7 +199,7 @@ def _format(file: Any, pages: Sequence[TiffPage]) -> str:
 
 
 def stack_of(path: Path, shown: str, pages: Sequence[TiffPage], place: Place, chosen: Chosen) -> OpenedVolume:
-    """The reader for pages of one size. Raises BadInput where their files hold less than they promise."""
+    """The reader for pages of one size. Raises BadInput if their files hold less than they promise."""
     packing = pages[0].packing
     dims = (packing.imagewidth, packing.imagelength, len(pages))
     refuse_other_dimensions(path, dims if len(pages) > 1 else dims[:2])

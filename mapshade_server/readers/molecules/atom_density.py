@@ -4,7 +4,7 @@ Westover (1989), colour plate 3: "The map was generated from known atom centers,
 in a separate process." Here an atom is a Gaussian as high as its element has electrons, times its occupancy. Two of
 its standard deviations are the element's covalent radius (Cordero et al. 2008, as gemmi lists them), so that bonded
 atoms meet where each has fallen to 14 %. Bonds join atoms that lie no farther apart than their radii and 0.4 Å; a bond
-is a Gaussian across the line between its atoms, half as high as the lighter one. Where atoms overlap they add up, a
+is a Gaussian across the line between its atoms, half as high as the lighter one. If atoms overlap they add up, a
 bond shows where it is more than they are. Nothing is narrower than 0.7 voxel, or its height would depend on the grid.
 
 For the elements, a voxel belongs to the atom that is the greatest there by its own height, out to the covalent radius
@@ -75,7 +75,7 @@ class Atoms:
 
 
 def chosen_spacing(atoms: Atoms) -> float:
-    """The grid's spacing in Å where nobody sets it, of two digits."""
+    """The grid's spacing in Å if nobody sets it, of two digits."""
     extent = float((atoms.places.max(axis=0) - atoms.places.min(axis=0)).max()) + 2 * REACH / RADII * atoms.radii.max()
     finest = float(f"{1.08 * extent / MOST_VOXELS_ASIDE:.1e}")
     return float(min(max(finest, FINEST_SPACING), COARSEST_SPACING))
@@ -182,7 +182,7 @@ def _within(ranges: list[range], box: Box) -> tuple[slice, slice, slice]:
 
 
 def _claim(values: Voxels, greatest: Floats, rank: Floats, shape: Floats, band: int) -> None:
-    """Gives the voxels where `rank` is the greatest yet to a class; their values tell how high `shape` is."""
+    """Gives the voxels where `rank` is the greatest yet to a class; their values say how high `shape` is."""
     won = rank > greatest
     greatest[won] = rank[won]
     rim = _gaussian(np.array([RADII]))

@@ -18,7 +18,7 @@ AMPLITUDE, PHASE = "FC", "PHIC"
 MOST_INDEX = 32  # along the longest edge of the cell, if nobody states a resolution
 FINEST, COARSEST = 0.8, 50.0  # resolution, Å
 MARGIN = 10.0  # Å of nothing about a molecule that has no cell
-USUAL_B = 20.0  # Å², where the file has none
+USUAL_B = 20.0  # Å², if the file has none
 MOST_GRID_POINTS = 1 << 28
 
 

@@ -1,7 +1,7 @@
 """CCP4 and MRC maps (.map, .mrc, .ccp4), plain or gzip (ccpem.ac.uk/mrc_format, CCP4's maplib).
 
 The header is read here, so that only the wanted rows are read of the voxels and a wrong byte order stamp is seen
-through; gemmi tells how the cell's axes lie. i, j, k are the columns, rows and sections as they are stored, whichever
+through; gemmi says how the cell's axes lie. i, j, k are the columns, rows and sections as they are stored, whichever
 of x, y, z each follows: no voxel is moved, the index-to-physical matrix says it.
 """
 
@@ -210,7 +210,7 @@ def _doubts(header: _Header) -> list[str]:
 
 
 def _steps(header: _Header, dims: Index, warnings: list[str]) -> tuple[Matrix, str]:
-    """The physical steps along i, j, k, and their unit: none where the header states no cell."""
+    """The physical steps along i, j, k, and their unit: none if the header states no cell."""
     axes = [axis - 1 for axis in header.integers(AXES)]  # which of x, y, z the grid's axes follow
     if axes == [-1, -1, -1]:
         axes = [0, 1, 2]

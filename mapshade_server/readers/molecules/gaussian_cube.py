@@ -29,7 +29,7 @@ MOST_VALUES_A_VOXEL = 1 << 16
 CHUNK_BYTES = 1 << 20
 LEAST_BYTES_A_VALUE = 2  # a digit and what parts it from the next
 
-# Fortran leaves the letter out where an exponent has three digits: 1.23456-100.
+# Fortran leaves the letter out if an exponent has three digits: 1.23456-100.
 _BARE_EXPONENT = re.compile(rb"(?<=[\d.])(?=[+-]\d)")
 
 _ORBITAL = re.compile(r"\b(MO|HOMO|LUMO|SOMO|orbitals?|wave ?function)\b", re.IGNORECASE)
@@ -53,9 +53,9 @@ class _Header:
 
 
 def open_gaussian_cube(path: Path, part: str) -> OpenedVolume:
-    """The reader for a cube file; `part` is the number of an orbital, where the file has several.
+    """The reader for a cube file; `part` is the number of an orbital, if the file has several.
 
-    Raises BadInput where the header cannot be used or promises more than the file holds.
+    Raises BadInput if the header cannot be used or promises more than the file holds.
     """
     with unzipped(path) as file:
         header = _header_of(path, file)
@@ -102,7 +102,7 @@ class _Lines:
         return self._file.readline(LONGEST_LINE).decode("utf-8", "replace").strip()
 
     def numbers(self, what: str, least: int) -> list[float]:
-        """The next line's numbers. Raises BadInput where there are fewer than `least`."""
+        """The next line's numbers. Raises BadInput if there are fewer than `least`."""
         try:
             values = [float(word) for word in _with_exponents(self._file.readline(LONGEST_LINE)).split()]
         except ValueError:
@@ -157,7 +157,7 @@ def _orbitals(lines: _Lines) -> tuple[str, ...]:
 
 
 def _components(lines: _Lines, origin: list[float]) -> tuple[str, ...]:
-    """The numbers of the values of a voxel, counted behind the origin where there are several."""
+    """The numbers of the values of a voxel, counted behind the origin if there are several."""
     return _numbered(_values_a_voxel(lines, origin[3]) if len(origin) > 3 else 1)
 
 
@@ -172,7 +172,7 @@ def _numbered(count: int) -> tuple[str, ...]:
 
 
 def _check_size(header: _Header) -> None:
-    """Raises BadInput where there are fewer than three axes, or the file cannot hold what the header promises."""
+    """Raises BadInput if there are fewer than three axes, or the file cannot hold what the header promises."""
     ni, nj, nk = header.dims
     if min(header.dims) == 1:
         refuse_other_dimensions(header.path, tuple(n for n in header.dims if n > 1) or (1,))

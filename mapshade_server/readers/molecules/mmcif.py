@@ -1,4 +1,4 @@
-"""mmCIF files (.cif, .mmcif, also .ent and gzip): the coordinates of atoms, or structure factors, told apart here."""
+"""mmCIF files (.cif, .mmcif, also .ent and gzip): the coordinates of atoms, or structure factors, distinguished here."""
 
 import re
 from pathlib import Path
@@ -20,7 +20,7 @@ def recognises(head: bytes) -> bool:
 
 
 def open_mmcif(path: Path, part: str) -> VolumeReader:
-    """The reader for what an mmCIF file holds. Raises BadInput where that is neither atoms nor structure factors."""
+    """The reader for what an mmCIF file holds. Raises BadInput if that is neither atoms nor structure factors."""
     document = _document(path)
     blocks = list(document)
     with_atoms = [block for block in blocks if block.find_values("_atom_site.Cartn_x")]

@@ -38,7 +38,7 @@ def is_pqr(path: Path, text: str) -> bool:
 
 
 def pqr_structure(path: Path, text: str) -> Any:
-    """gemmi's structure of the atoms in PQR text. Raises BadInput where an atom has not all its numbers."""
+    """gemmi's structure of the atoms in PQR text. Raises BadInput if an atom has not all its numbers."""
     gemmi = library("gemmi", "a PQR file")
     structure, model = gemmi.Structure(), gemmi.Model(1)
     chain = residue = None
@@ -57,7 +57,7 @@ def pqr_structure(path: Path, text: str) -> Any:
 
 
 def _atom(line: str, fields: str) -> PqrAtom | None:
-    """The atom of a line with these fields behind its first word, None where that is none."""
+    """The atom of a line with these fields behind its first word, None if that is none."""
     words = fields.split()
     numbers = _numbers(words[-5:])
     if numbers and len(words) in (9, 10):
@@ -67,7 +67,7 @@ def _atom(line: str, fields: str) -> PqrAtom | None:
 
 
 def _numbers(words: list[str]) -> list[float]:
-    """A place, a charge and a radius, [] where the words are not these."""
+    """A place, a charge and a radius, [] if the words are not these."""
     try:
         numbers = [float(word) for word in words]
     except ValueError:
@@ -99,7 +99,7 @@ def _gemmi_atom(gemmi: Any, atom: PqrAtom) -> Any:
 
 
 def _element(gemmi: Any, atom: PqrAtom) -> str:
-    """By the atom's name: CA is calcium where the residue is called so too, and else a carbon atom."""
+    """By the atom's name: CA is calcium if the residue is called so too, and else a carbon atom."""
     name = atom.name.lstrip("0123456789").upper()
     ion = _CHARGE_SIGN.sub("", name)
     if ion == _CHARGE_SIGN.sub("", atom.residue.upper()) and gemmi.Element(ion).atomic_number > 0:

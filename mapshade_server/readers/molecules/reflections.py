@@ -144,7 +144,7 @@ def _checked(
 
 
 def _check_mtz(path: Path) -> None:
-    """Raises BadInput where the file cannot hold what its header promises; gemmi would make room for it first."""
+    """Raises BadInput if the file cannot hold what its header promises; gemmi would make room for it first."""
     size = path.stat().st_size
     truncated = BadInput(f"{path}: is truncated or its header is wrong, it promises more than the file holds")
     with path.open("rb") as file:
@@ -155,7 +155,7 @@ def _check_mtz(path: Path) -> None:
         if order is None:
             raise BadInput(f"{path}: is truncated or of a machine that is not known; fetch it again")
         (words,) = struct.unpack_from(f"{order}i", head, 4)
-        if words == -1:  # written so where it takes more bits
+        if words == -1:  # written so if it takes more bits
             (words,) = struct.unpack_from(f"{order}q", head, 12)
         start = 4 * (words - 1)
         if not _MTZ_HEAD <= start < size:

@@ -8,7 +8,7 @@ amplitude    the amplitudes themselves, in the three dimensions of frequency h, 
 frequency    likewise, with the phases as second scalar: "The points were colored by phase angle and the opacity
              depends the intensity" (Westover 1989, colour plate 3)
 
-Where nothing is said it is the map, if there are phases. Symmetry and Friedel's law fill in what was not measured
+If nothing is said it is the map, if there are phases. Symmetry and Friedel's law fill in what was not measured
 again; what was not measured at all is no data.
 """
 
@@ -81,7 +81,7 @@ class _Factors:
     warnings: tuple[str, ...]
 
     def expanded(self) -> "_Factors":
-        """With those that symmetry and Friedel's law tell of too: F(hR) = F(h) exp(-2πi h·t), F(-h) = F*(h)."""
+        """With those that symmetry and Friedel's law give too: F(hR) = F(h) exp(-2πi h·t), F(-h) = F*(h)."""
         every, phases = [], []
         for rotation, translation in self.reflections.symmetry():
             copies = self.indices @ rotation
@@ -143,7 +143,7 @@ def _with_phases(reflections: Reflections, kind: str, labels: str) -> tuple[str,
 
 
 def _amplitudes(reflections: Reflections, kind: str, label: str, warnings: list[str]) -> tuple[str, Integers, Floats]:
-    """The amplitudes that are asked for, or the measured ones; the roots of intensities where there are no others."""
+    """The amplitudes that are asked for, or the measured ones; the roots of intensities if there are no others."""
     known = {**reflections.amplitudes, **reflections.intensities}
     chosen = label or next((name for name in (*MEASURED, *known) if name in known), "")
     if chosen not in known:

@@ -37,7 +37,7 @@ class _Decompressor(Protocol):
 
 
 def check_promise(source: object, chunk_bytes: int, whole_bytes: int) -> None:
-    """Raises BadInput where one chunk, strip or tile is promised to be far more than the whole that it is a part of."""
+    """Raises BadInput if one chunk, strip or tile is promised to be far more than the whole that it is a part of."""
     if chunk_bytes > max(LARGE_CHUNK, MOST_BEYOND * whole_bytes):
         raise BadInput(
             f"{source}: is stored in chunks of {chunk_bytes} bytes, though it has {whole_bytes} in all; "
@@ -89,7 +89,7 @@ def unpacked_by_imagecodecs(codec: str, packed: Packed, most: int) -> bytes:
     decode = getattr(library("imagecodecs", f"what is packed by {codec}"), f"{codec}_decode")
     try:
         unpacked = bytes(decode(packed, out=most + 1))
-    except RuntimeError as error:  # which does not tell a room too small from damage
+    except RuntimeError as error:  # which does not distinguish a room too small from damage
         raise Damaged(f"it unpacks to more than the {most} bytes that are promised, or is damaged: {error}") from None
     if len(unpacked) > most:
         raise TooMuch(most)

@@ -13,14 +13,14 @@ MOST_BOXES = 1 << 16  # bytes of JP2's boxes before its codestream
 
 
 def check_codestream(packed: bytes, columns: int, rows: int) -> None:
-    """Raises ValueError where a codestream of a kind that is known promises a larger image than that."""
+    """Raises ValueError if a codestream of a kind that is known promises a larger image than that."""
     size = codestream_size(packed)
     if size is not None and (size[0] > columns or size[1] > rows):
         raise Damaged(f"its codestream is of {size[0]} x {size[1]} pixels, {columns} x {rows} are promised")
 
 
 def codestream_size(packed: bytes) -> tuple[int, int] | None:
-    """Columns and rows; None where it is of another kind, or too damaged for any decoder."""
+    """Columns and rows; None if it is of another kind, or too damaged for any decoder."""
     if packed.startswith(JPEG):
         return _jpeg_size(packed)
     if (at := packed.find(JPEG_2000, 0, MOST_BOXES)) >= 0:

@@ -1,4 +1,4 @@
-"""The libraries of the extra [formats]: imported on first use, and asked for by name where they are missing."""
+"""The libraries of the extra [formats]: imported on first use, and asked for by name if they are missing."""
 
 import importlib
 from types import ModuleType
@@ -7,7 +7,7 @@ from volsplat.protocol.text.errors import BadInput
 
 
 def library(name: str, what: str) -> ModuleType:
-    """The module `name`. Raises BadInput, with the cure, where it is not installed; `what` cannot be read then."""
+    """The module `name`. Raises BadInput, with the cure, if it is not installed; `what` cannot be read then."""
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:

@@ -1,4 +1,4 @@
-"""What files are that no reader takes, by the marks that they begin with: so that a person is told in one line.
+"""What files are that no reader takes, by the marks that they begin with: so that one line can say so.
 
 Also what stands in the file system under a name but is no file.
 """
@@ -80,18 +80,18 @@ NO_FILES = (
 
 
 def mark_of(head: bytes) -> Mark | None:
-    """What a file with these first bytes is, None where they are no mark that is known."""
+    """What a file with these first bytes is, None if they are no mark that is known."""
     return next((one for one in MARKS if head[one.at :][: len(one.mark)].lower() == one.mark.lower()), None)
 
 
 def told_head(head: bytes) -> str:
-    """How a file begins, for a person: as text where it is text."""
+    """How a file begins, for a person: as text if it is text."""
     first = head[:SHOWN_BYTES].splitlines()[0] if head[:SHOWN_BYTES].splitlines() else b""
     return f"“{first.decode()}”" if first.isascii() and first.decode().isprintable() else head[:8].hex(" ")
 
 
 def check_is_file(path: Path) -> None:
-    """Raises BadInput where `path` is neither file nor folder, OSError where it is not there: a FIFO would hang."""
+    """Raises BadInput if `path` is neither file nor folder, OSError if it is not there: a FIFO would hang."""
     mode = path.stat().st_mode
     what = next((name for kind, name in NO_FILES if kind(mode)), "")
     if what:

@@ -74,7 +74,7 @@ class StoredVoxels:
         return self.dims[0] * self.dims[1] * self.dtype.itemsize
 
     def check_files(self) -> None:
-        """Raises BadInput where a piece's file is missing or cannot hold what the header promises."""
+        """Raises BadInput if a piece's file is missing or cannot hold what the header promises."""
         for piece in self.pieces:
             if not piece.path.is_file():
                 raise BadInput(
@@ -91,7 +91,7 @@ class StoredVoxels:
                 )
 
     def read(self, box: Box) -> Voxels:
-        """The voxels of `box`, in native byte order. Raises BadInput where the files end too early."""
+        """The voxels of `box`, in native byte order. Raises BadInput if the files end too early."""
         voxels = voxel_room(box, self.dtype, self.source)
         first = 0  # of the piece's sheets, in the whole volume
         for piece in self.pieces:
@@ -184,7 +184,7 @@ def unpacked_size(path: Path, offset: int, packing: Packing, most: int) -> int:
 def fill(descriptor: int, into: Voxels, offset: int) -> None:
     """Reads exactly the bytes of `into`, which is contiguous, from the file's `offset` on.
 
-    Raises EOFError where the file ends before.
+    Raises EOFError if the file ends before.
     """
     view = _bytes_of(into)
     while view:

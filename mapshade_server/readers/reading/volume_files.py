@@ -9,7 +9,7 @@ from typing import NamedTuple, Protocol
 
 class FileState(NamedTuple):
     size: int  # bytes
-    changed: str  # when, or which version it is; "" where that is not known
+    changed: str  # when, or which version it is; "" if that is not known
 
 
 class Span(NamedTuple):
@@ -20,12 +20,12 @@ class Span(NamedTuple):
 
 
 class VolumeFile(Protocol):
-    """One file. Both methods raise OSError where it is gone or cannot be read."""
+    """One file. Both methods raise OSError if it is gone or cannot be read."""
 
     def state(self) -> FileState: ...
 
     def read(self, spans: Sequence[Span]) -> list[bytes]:
-        """These bytes, fewer where the file ends before."""
+        """These bytes, fewer if the file ends before."""
         ...
 
 
@@ -51,7 +51,7 @@ def files_of(opened: object, path: Path) -> Sequence[VolumeFile]:
     """The files of a volume that is `opened` by this name, the one with the header first.
 
     A reader of others than the named file, or than all below a folder but for the hidden ones that systems leave there,
-    tells them as `files`.
+    gives them as `files`.
     """
     told: Sequence[VolumeFile] = getattr(opened, "files", ())
     return told or _files_at(path)

@@ -66,7 +66,7 @@ class LegacyHeader:
 
 
 def legacy_header(path: Path) -> LegacyHeader:
-    """What the file says. Raises BadInput where it is another data set, damaged or truncated."""
+    """What the file says. Raises BadInput if it is another data set, damaged or truncated."""
     with path.open("rb") as file:
         return _Parsing(path, file).run()
 
@@ -189,7 +189,7 @@ class _Parsing:
         self._header.arrays.append(self._passed(unquote(name), stated_type, components, count))
 
     def _passed(self, name: str, stated_type: str, components: int, count: int) -> LegacyArray:
-        """The array that begins here; its numbers are passed over. Raises BadInput where they are not all there."""
+        """The array that begins here; its numbers are passed over. Raises BadInput if they are not all there."""
         start, numbers = self._file.tell(), components * count
         if numbers < 0 or numbers > 8 * self._size:
             raise self._damaged(f"{name} states {count} values of {components} numbers")

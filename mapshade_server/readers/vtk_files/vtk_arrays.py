@@ -70,7 +70,7 @@ class VtkArray:
 
 
 def stored_voxels(array: VtkArray) -> StoredVoxels:
-    """Raw numbers behind their length. Raises BadInput where they are not as many as the extent has."""
+    """Raw numbers behind their length. Raises BadInput if they are not as many as the extent has."""
     with array.path.open("rb") as file:
         file.seek(array.start)
         (length,) = _lengths(array, _raw(array, file, array.length_type.itemsize))

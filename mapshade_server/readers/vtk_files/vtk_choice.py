@@ -27,9 +27,9 @@ AnyArray = TypeVar("AnyArray", bound=NamedArray)
 
 
 def chosen_array(path: Path, part: str, arrays: Sequence[AnyArray], active: Mapping[str, str]) -> AnyArray:
-    """The array that `part` names, as `density` or `CellData/density`; points go before cells where none is named.
+    """The array that `part` names, as `density` or `CellData/density`; points go before cells if none is named.
 
-    `active` has the names of the scalars that VTK would take, by association. Raises BadInput where one must be named.
+    `active` has the names of the scalars that VTK would take, by association. Raises BadInput if one must be named.
     """
     if part:
         return _named(path, part, arrays)

@@ -1,6 +1,6 @@
 """What both kinds of VTK's files make of their grids: images, and rectilinear grids, whose planes may be uneven.
 
-Where the places of the planes are even within rounding the voxels are taken as they are. Else they are interpolated
+If the places of the planes are even within rounding the voxels are taken as they are. Else they are interpolated
 between the two planes on either side, along each axis, and a warning says so.
 """
 
@@ -69,7 +69,7 @@ def _middles(places: NDArray[Any]) -> NDArray[Any]:
 
 
 class EvenAxis(NamedTuple):
-    """Index n lies at first + n * step; between the planes at[n] of the file, None where these are its own."""
+    """Index n lies at first + n * step; between the planes at[n] of the file, None if these are its own."""
 
     planes: int
     first: float

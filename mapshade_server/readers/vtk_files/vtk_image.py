@@ -114,7 +114,7 @@ def _geometry(path: Path, xml: VtkXml) -> Geometry:
 
 
 def _numbers(path: Path, attributes: Attributes, name: str, default: str) -> list[float]:
-    """The attribute's numbers, as many as the default has; whole ones where it is an extent."""
+    """The attribute's numbers, as many as the default has; whole ones if it is an extent."""
     try:
         numbers = [float(word) for word in attributes.get(name, default).split()]
     except ValueError:

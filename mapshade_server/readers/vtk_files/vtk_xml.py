@@ -1,6 +1,6 @@
 """The XML of VTK's grids (.vti, .vtr): what it says of the grid and of its arrays, without the numbers of these.
 
-Where arrays are appended, it is read no further than to them. A document type declaration, the door of entity bombs,
+If arrays are appended, it is read no further than to them. A document type declaration, the door of entity bombs,
 is refused.
 """
 
@@ -126,7 +126,7 @@ class _Parsing:
 
 
 def vtk_xml(path: Path) -> VtkXml:
-    """What the XML says. Raises BadInput where it is damaged or tells of no image or grid in one piece."""
+    """What the XML says. Raises BadInput if it is damaged or describes no image or grid in one piece."""
     xml = _Parsing(path).run()
     kind = xml.file.get("type", "")
     if kind not in GRIDS:

@@ -18,7 +18,7 @@ class Multiscale(NamedTuple):
     version: str
     entry: Json  # of the group's `multiscales`
     paths: tuple[str, ...]  # of the levels' arrays, from the group
-    channels: tuple[str, ...]  # their names, where they have some
+    channels: tuple[str, ...]  # their names, if they have some
     others: int  # images that the group describes besides
 
     def level_at(self, path: str) -> int | None:
@@ -26,7 +26,7 @@ class Multiscale(NamedTuple):
 
 
 def multiscale_of(whole: str, attributes: Json) -> Multiscale | None:
-    """The image that a group's attributes describe, None where they describe none. Raises BadInput if damaged."""
+    """The image that a group's attributes describe, None if they describe none. Raises BadInput if damaged."""
     ome = attributes.get("ome", attributes)
     if not isinstance(ome, Mapping) or "multiscales" not in ome:
         return None

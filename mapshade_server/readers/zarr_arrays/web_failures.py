@@ -89,7 +89,7 @@ async def _cancel() -> None:
 
 
 class _LeftOver(logging.Filter):
-    """Drops what asyncio writes of tasks that nobody waits for: the failure itself is told."""
+    """Drops what asyncio writes of tasks that nobody waits for: the failure itself is reported."""
 
     def filter(self, record: logging.LogRecord) -> bool:
         return not any(text in record.getMessage() for text in LEFT_OVER)

@@ -1,6 +1,6 @@
 """Zarr's codecs with a bound: a chunk unpacks to what its array promises, and not to gigabytes.
 
-Codecs of version 3 get their own bound with each chunk. Those of version 2 know nothing of it: `at_most` tells them.
+Codecs of version 3 get their own bound with each chunk. Those of version 2 know nothing of it: `at_most` gives it.
 A codec that is not in the list is not used at all: some of them run programs that are stored in the chunk (pickle).
 """
 
@@ -51,7 +51,7 @@ def _with_slack(promised: int) -> int:
 
 
 def check_codecs(whole: str, array: Any) -> None:
-    """Raises BadInput where a version 2 array names a codec that may do anything."""
+    """Raises BadInput if a version 2 array names a codec that may do anything."""
     filters = (*(getattr(array.metadata, "filters", None) or ()), getattr(array.metadata, "compressor", None))
     for codec in filters:
         if codec is not None and codec.codec_id not in (*SIZE_KEEPING, *BOUNDED):
@@ -74,7 +74,7 @@ def bounded_codecs() -> Iterator[None]:
 
 
 def _unpack(codec_id: str, codec: Any, packed: memoryview, most: int) -> bytes | None:
-    """What a codec of BOUNDED makes of packed bytes; None where it may do so itself. Raises ValueError for too much."""
+    """What a codec of BOUNDED makes of packed bytes; None if it may do so itself. Raises ValueError for too much."""
     match codec_id:
         case "gzip" | "zlib":
             return inflated(packed, most)
@@ -125,7 +125,7 @@ def _zstd_size(packed: memoryview) -> int:
 
 @cache
 def _of_version_2() -> list[Any]:
-    """The codecs of numcodecs, each with a bound where one is told."""
+    """The codecs of numcodecs, each with the bound of `at_most`."""
     registry = library("numcodecs.registry", "Zarr")
 
     def bounded(base: Any) -> Any:

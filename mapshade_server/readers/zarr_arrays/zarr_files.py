@@ -1,4 +1,4 @@
-"""What of a Zarr hierarchy tells it from another one: the documents that describe an array, and some of its chunks."""
+"""What of a Zarr hierarchy distinguishes it from another one: the documents that describe an array, and some of its chunks."""
 
 import itertools
 import math
@@ -40,7 +40,7 @@ def files_of_arrays(folder: Path, arrays: Sequence[Any]) -> tuple[VolumeFile, ..
 
 
 def fetched_files(url: str, array: Any, file_system: Callable[[], Any]) -> tuple[VolumeFile, ...]:
-    """Documents and chunks of an array at a URL, asked for side by side. Raises OSError where it does not answer."""
+    """Documents and chunks of an array at a URL, asked for side by side. Raises OSError if it does not answer."""
     files = file_system()
     documents = list(_documents(array, DOCUMENTS[array.metadata.zarr_format]))
 

@@ -9,7 +9,7 @@ from volsplat.mapshade_server.readers.zarr_arrays.web_failures import drop_left_
 
 
 def folder_store(folder: str) -> Any:
-    """The store to read from. What is asked of it raises BadInput where that is a FIFO, a socket or a device."""
+    """The store to read from. What is asked of it raises BadInput if that is a FIFO, a socket or a device."""
     drop_left_over()  # of the reads that were under way when one was refused
     local: Any = library("zarr", f"{folder}: Zarr").storage.LocalStore
 

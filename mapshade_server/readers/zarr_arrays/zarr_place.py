@@ -31,10 +31,10 @@ class ZarrPlace(NamedTuple):
     zarr: Any  # the module
     store: Any
     prefix: str = ""
-    above: "Callable[[str], ZarrPlace] | None" = None  # opens the places that hold this one, where there may be some
+    above: "Callable[[str], ZarrPlace] | None" = None  # opens the places that hold this one, if there may be some
 
     def node(self, path: str) -> Any:
-        """The array or group at `path`, None where there is none."""
+        """The array or group at `path`, None if there is none."""
         try:
             with bounded_codecs():
                 return self.zarr.open(store=self.store, path=f"{self.prefix}{path}".strip("/"), mode="r")
@@ -50,7 +50,7 @@ def folder(name: str) -> ZarrPlace:
 
 
 def zip_file(name: str) -> ZarrPlace:
-    """The zip's store; where the hierarchy's folder was zipped as a whole, it begins in that folder."""
+    """The zip's store; if the hierarchy's folder was zipped as a whole, it begins in that folder."""
     zarr = _zarr()
     with zipfile.ZipFile(name) as archive:
         members = [member for member in archive.infolist() if member.filename.rpartition("/")[2] in METADATA]
@@ -94,7 +94,7 @@ def _zarr() -> Any:
 
 
 def check_sizes(name: str, members: list[zipfile.ZipInfo], most: int) -> None:
-    """Raises BadInput where a member of a zip file would become larger than what it is for."""
+    """Raises BadInput if a member of a zip file would become larger than what it is for."""
     for member in members:
         if member.file_size > max(most, LARGEST_METADATA):
             raise BadInput(

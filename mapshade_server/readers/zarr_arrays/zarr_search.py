@@ -25,7 +25,7 @@ class FoundArray(NamedTuple):
 
 
 def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:
-    """The array that the part means. Raises BadInput where there is none, or several and none is named."""
+    """The array that the part means. Raises BadInput if there is none, or several and none is named."""
     node = place.node(part.path)
     if node is None:
         return _level_by_number(part, place)
@@ -35,7 +35,7 @@ def found_array(part: ArrayPart, place: ZarrPlace) -> FoundArray:
 
 
 def _level_by_number(part: ArrayPart, place: ZarrPlace) -> FoundArray:
-    """The level that the part's last word numbers, where it is no array's name."""
+    """The level that the part's last word numbers, if it is no array's name."""
     path, _, number = part.path.rpartition("/")
     group = place.node(path)
     if group is None and not part.path:
@@ -103,7 +103,7 @@ def _level_from_above(part: ArrayPart, place: ZarrPlace) -> FoundArray | None:
 
 
 def _as_level(part: ArrayPart, place: ZarrPlace, group: str, path: str) -> FoundArray | None:
-    """The array at `path` from the group, where the group is an image that has it as a level."""
+    """The array at `path` from the group, if the group is an image that has it as a level."""
     node = place.node(group)
     image = None if node is None else multiscale_of(part.whole, node.attrs)
     level = None if image is None else image.level_at(path)
@@ -140,7 +140,7 @@ def _volumes(place: ZarrPlace, path: str, group: Any) -> list[_Volume]:
 
 
 def _members(group: Any) -> Iterable[tuple[str, Any]]:
-    """What is in a group; nothing where its store cannot list it."""
+    """What is in a group; nothing if its store cannot list it."""
     try:
         return list(group.members())
     except (NotImplementedError, OSError, ValueError):

@@ -42,7 +42,7 @@ def recognises_zip(head: bytes) -> bool:
 
 
 def open_folder(path: Path, part: str) -> OpenedVolume:
-    """The reader for an array in a folder. Raises BadInput where none is a volume or one must be chosen."""
+    """The reader for an array in a folder. Raises BadInput if none is a volume or one must be chosen."""
     with one_line_errors(str(path)):
         found = found_array(array_part(path, part), zarr_place.folder(str(path)))
         folder = Path(found.place.name) / found.array.path
@@ -64,7 +64,7 @@ def open_zip(path: Path, part: str) -> OpenedVolume:
 
 
 def open_url(url: str, part: str) -> OpenedVolume:
-    """The reader for an array at a URL. Raises BadInput as open_folder does, and where nothing answers there."""
+    """The reader for an array at a URL. Raises BadInput as open_folder does, and if nothing answers there."""
     place = url.rstrip("/")
 
     def files() -> Sequence[VolumeFile]:
@@ -77,7 +77,7 @@ def open_url(url: str, part: str) -> OpenedVolume:
 
 
 def _check_has_chunks(found: FoundArray, names: Iterable[str]) -> None:
-    """Raises BadInput where no chunk at all is stored, and all voxels would be the fill value."""
+    """Raises BadInput if no chunk at all is stored, and all voxels would be the fill value."""
     if all(name in METADATA for name in names):
         raise BadInput(f"{found.part.whole}: not one of its chunks is there; copy or fetch the whole Zarr again")
 
@@ -151,7 +151,7 @@ def _coordinate(found: FoundArray, length: int, name: str) -> Coordinates:
 
 
 def _fill_value(array: Any, attributes: Json) -> dict[str, Any]:
-    """What xarray stores for values that are not known, where it does not say so as NetCDF does."""
+    """What xarray stores for values that are not known, if it does not say so as NetCDF does."""
     fill = attributes.get("_FillValue")
     if isinstance(fill, str) and array.dtype.kind == "f":  # in version 3 the bytes of a double, in base64
         return {"_FillValue": float(np.frombuffer(base64.b64decode(fill), "<f8")[0])}

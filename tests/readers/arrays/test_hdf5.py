@@ -246,7 +246,7 @@ def test_matlab_writes_its_axes_the_other_way_round(tmp_path: Path) -> None:
     assert described(f"{path}#spacing=1x2x3").geometry.index_to_physical == ((0, 1, 0), (2, 0, 0), (0, 0, 3))
 
 
-SIEVE = 1 << 16  # bytes that HDF5 reads at once where wanted rows do not follow each other
+SIEVE = 1 << 16  # bytes that HDF5 reads at once if wanted rows do not follow each other
 
 
 @pytest.mark.parametrize("chunks", [None, (8, 32, 32)])

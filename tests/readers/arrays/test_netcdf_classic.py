@@ -19,7 +19,7 @@ from volsplat.protocol.description.volume import Box
 from volsplat.protocol.text.errors import BadInput
 
 with pytest.MonkeyPatch.context() as kept:
-    # It points HDF5, which other tests use in this process, to filters of its own; undone on leaving.
+    # It points HDF5, which other tests use in this process, to filters of its own; unfinished on leaving.
     kept.setenv("HDF5_PLUGIN_PATH", os.environ.get("HDF5_PLUGIN_PATH", ""))
     netCDF4 = pytest.importorskip("netCDF4")
 

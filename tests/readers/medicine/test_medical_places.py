@@ -1,4 +1,4 @@
-"""What MetaImage and NIfTI headers say of the place beside what is followed: noted where it contradicts, never lost."""
+"""What MetaImage and NIfTI headers say of the place beside what is followed: noted if it contradicts, never lost."""
 
 import itertools
 from pathlib import Path
@@ -65,7 +65,7 @@ def test_a_centre_of_rotation_is_told_to_be_left_out(tmp_path: Path) -> None:
 
 
 def nifti(path: Path, qform: int, sform: int, values: Voxels = VALUES, mirrored: bool = False) -> VolumeDescription:
-    """With an sform whose first column is turned round where it is mirrored."""
+    """With an sform whose first column is turned round if it is mirrored."""
     written(path, values)
     raw = bytearray(path.read_bytes())
     raw[252:256] = np.array([qform, sform], "<i2").tobytes()

@@ -26,7 +26,7 @@ ODD_DIMS = (37, 21, 50)
 
 
 class Told:
-    """A progress that keeps what it was told."""
+    """A progress that keeps what was reported to it."""
 
     def __init__(self) -> None:
         self.notes: list[str] = []
@@ -110,7 +110,7 @@ prepare(sys.argv[1], Path(sys.argv[2]), Options(layout=Layout(8, 16), memory=int
 
 
 def killed_after(lines: int, volume: Path, out: Path) -> list[str]:
-    """What a run tells until it is killed, or to its end."""
+    """What a run reports until it is killed, or to its end."""
     told = []
     command = [sys.executable, "-c", SMALL_RUN, str(volume), str(out), str(LITTLE.memory)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, encoding="utf-8") as process:
