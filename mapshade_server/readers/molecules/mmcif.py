@@ -1,4 +1,4 @@
-"""mmCIF files (.cif, .mmcif, also .ent and gzip): the coordinates of atoms, or structure factors, distinguished here."""
+"""mmCIF files (.cif, .mmcif, also .ent and gzip): the coordinates of atoms, or structure factors."""
 
 import re
 from pathlib import Path

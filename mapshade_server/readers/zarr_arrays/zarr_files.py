@@ -1,4 +1,4 @@
-"""What of a Zarr hierarchy distinguishes it from another one: the documents that describe an array, and some of its chunks."""
+"""What distinguishes one Zarr hierarchy from another: documents that describe an array, and some of its chunks."""
 
 import itertools
 import math
