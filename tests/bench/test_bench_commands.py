@@ -11,6 +11,7 @@ import pytest
 
 from support.files.images import read_image
 from support.patience import PATIENCE, wait_until
+from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.bench.commands.command import SUMMARIES, bench
 from volsplat.bench.tables.record import Record, read_record
@@ -41,7 +42,7 @@ def measured(person: Person, command: str, *options: str, plot: bool = False) ->
     assert done.returncode == 0, done.stderr
     if plot:
         assert read_image(person.folder / "found.png").shape[2] >= 3
-    wait_until(lambda: not person.servers(), "without servers")
+    wait_until(lambda: not person.servers(), "without servers")  # those started by hand end after the client
     assert not [path for path in person.folder.iterdir() if path.name.startswith(".")]
     return read_record(person.folder / "found.json"), (person.folder / "found.md").read_text(), done.stdout
 
@@ -78,7 +79,7 @@ def test_scaling_grows_one_thing_at_a_time_and_names_what_limits(person: Person)
 def test_scaling_measures_a_cluster_that_is_already_up(person: Person) -> None:
     volume = person.folder / "shells.nrrd"
     write_volume(volume, *make_phantom("shells", size=(24, 24, 24)))
-    address = "127.0.0.1:47391"
+    address = f"127.0.0.1:{free_port()}"
     servers = [person.starts("splat-server", "--connect", address)]
     servers += [person.starts("mapshade-server", "--connect", address) for _ in range(2)]
     options = ("--listen", address, "--workers", "2", "--sizes", "1", "--images", "32", "--repeats", "1")
