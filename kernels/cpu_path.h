@@ -10,7 +10,7 @@ namespace volsplat {
 
 // A path was asked for that does not exist or that this CPU cannot run.
 struct BadCpuPath : std::runtime_error {
-  using std::runtime_error::runtime_error;
+    using std::runtime_error::runtime_error;
 };
 
 // The paths that this CPU can run, narrowest first; "baseline" always.

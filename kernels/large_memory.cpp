@@ -20,25 +20,25 @@ constexpr std::size_t kLargeFrom = kLargePage / 4;  // below, most of a large pa
 }  // namespace
 
 void* large_memory(std::size_t bytes) {
-  const std::size_t alignment = bytes < kLargeFrom ? kCacheLine : kLargePage;
-  const std::size_t rounded = (bytes / alignment + 1) * alignment;
-  void* memory = std::aligned_alloc(alignment, rounded);
-  if (!memory) throw std::bad_alloc();
+    const std::size_t alignment = bytes < kLargeFrom ? kCacheLine : kLargePage;
+    const std::size_t rounded = (bytes / alignment + 1) * alignment;
+    void* memory = std::aligned_alloc(alignment, rounded);
+    if (!memory) throw std::bad_alloc();
 #if defined(__linux__)
-  if (alignment == kLargePage) static_cast<void>(madvise(memory, rounded, MADV_HUGEPAGE));  // a wish; works without
+    if (alignment == kLargePage) static_cast<void>(madvise(memory, rounded, MADV_HUGEPAGE));  // a wish; works without
 #endif
-  return memory;
+    return memory;
 }
 
 LargeArray<float> zeros(std::size_t count) {
-  LargeArray<float> floats = large_array<float>(count);
-  std::memset(floats.get(), 0, count * sizeof(float));
-  return floats;
+    LargeArray<float> floats = large_array<float>(count);
+    std::memset(floats.get(), 0, count * sizeof(float));
+    return floats;
 }
 
 void give_freed_memory_back() {
 #if defined(__GLIBC__)
-  mallopt(M_MMAP_THRESHOLD, 1 << 18);
+    mallopt(M_MMAP_THRESHOLD, 1 << 18);
 #endif
 }
 

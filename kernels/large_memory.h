@@ -9,7 +9,7 @@
 namespace volsplat {
 
 struct FreeMemory {
-  void operator()(void* memory) const { std::free(memory); }
+    void operator()(void* memory) const { std::free(memory); }
 };
 
 template <class Number>
@@ -21,7 +21,7 @@ void* large_memory(std::size_t bytes);
 
 template <class Number>
 LargeArray<Number> large_array(std::size_t count) {
-  return LargeArray<Number>(static_cast<Number*>(large_memory(count * sizeof(Number))));
+    return LargeArray<Number>(static_cast<Number*>(large_memory(count * sizeof(Number))));
 }
 
 // Zeros.

@@ -19,16 +19,16 @@ static_assert(kPacketBytes == sizeof(std::uint64_t));
 
 // Samples of one sheet and row.
 struct RowRun {
-  std::uint32_t sheet, row, first, count;
-  std::int32_t x0, y0;  // 1/64 pixel
+    std::uint32_t sheet, row, first, count;
+    std::int32_t x0, y0;  // 1/64 pixel
 };
 static_assert(sizeof(RowRun) == kRowRunBytes);
 
 // The bytes need no alignment.
 VOLSPLAT_INLINE RowRun run_at(const unsigned char* runs, std::uint64_t n) {
-  RowRun run;
-  __builtin_memcpy(&run, runs + n * sizeof run, sizeof run);
-  return run;
+    RowRun run;
+    __builtin_memcpy(&run, runs + n * sizeof run, sizeof run);
+    return run;
 }
 
 }  // namespace volsplat

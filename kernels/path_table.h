@@ -14,19 +14,19 @@ class Kernel;
 
 template <class Result, class... Arguments>
 class Kernel<Result(Arguments...)> {
- public:
-  constexpr Kernel(Result (&function)(Arguments...)) : function_(&function) {}
-  __attribute__((always_inline)) Result operator()(Arguments... arguments) const { return function_(arguments...); }
+public:
+    constexpr Kernel(Result (&function)(Arguments...)) : function_(&function) {}
+    __attribute__((always_inline)) Result operator()(Arguments... arguments) const { return function_(arguments...); }
 
- private:
-  Result (*function_)(Arguments...);
+private:
+    Result (*function_)(Arguments...);
 };
 
 template <auto member>
 struct MemberOfTable;
-template <class Table, class Function, Kernel<Function> Table::*member>
+template <class Table, class Function, Kernel<Function> Table::* member>
 struct MemberOfTable<member> {
-  using Type = Function;
+    using Type = Function;
 };
 
 // What a member of a table points to, to declare the functions by.
@@ -37,15 +37,15 @@ using FunctionOf = typename MemberOfTable<member>::Type;
 
 // Something declared for each instruction set.
 #define VOLSPLAT_ON_EACH_PATH(declaration) \
-  namespace baseline {                     \
-  declaration;                             \
-  }                                        \
-  namespace avx2 {                         \
-  declaration;                             \
-  }                                        \
-  namespace avx512 {                       \
-  declaration;                             \
-  }
+    namespace baseline {                   \
+    declaration;                           \
+    }                                      \
+    namespace avx2 {                       \
+    declaration;                           \
+    }                                      \
+    namespace avx512 {                     \
+    declaration;                           \
+    }
 
 // Pointers to it, by cpu_path_number().
 #if defined(VOLSPLAT_X86)

@@ -22,9 +22,7 @@ inline Integers counted_from(std::int32_t first) {
 }
 
 // A bit for each of the first `count` lanes, or for all.
-inline std::uint32_t lanes_before(std::size_t count) {
-    return count < kWidest ? (1u << count) - 1 : ~std::uint32_t{0};
-}
+inline std::uint32_t lanes_before(std::size_t count) { return count < kWidest ? (1u << count) - 1 : ~std::uint32_t{0}; }
 
 #if defined(__AVX512F__)
 

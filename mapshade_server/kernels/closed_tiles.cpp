@@ -18,36 +18,36 @@ constexpr double kFarthestReach = 1 << 24;
 // the offsets of the footprint table by 1/16 at most, unless footprints are so large that the table would not fit;
 // `leave_out_hidden` by some bits of a float32, and so do the weights of slanted, flat footprints.
 double rounding(const WalkPlan& plan) {
-  constexpr double kLargeFootprint = 4096;
-  const double offsets = plan.reach_x * plan.reach_y < kLargeFootprint ? 1.0 / 16 : 1.0 / 2;
-  const double farthest =
-      static_cast<double>(std::max(plan.width, plan.height)) + 2 * std::max(plan.reach_x, plan.reach_y);
-  return 1.0 / 128 + offsets + std::ldexp(farthest, -22) + 1.0 / 32;
+    constexpr double kLargeFootprint = 4096;
+    const double offsets = plan.reach_x * plan.reach_y < kLargeFootprint ? 1.0 / 16 : 1.0 / 2;
+    const double farthest =
+        static_cast<double>(std::max(plan.width, plan.height)) + 2 * std::max(plan.reach_x, plan.reach_y);
+    return 1.0 / 128 + offsets + std::ldexp(farthest, -22) + 1.0 / 32;
 }
 
 std::int64_t fixed(double pixels) {
-  return static_cast<std::int64_t>(std::ceil(std::ldexp(std::min(pixels, kFarthestReach), kFractionBits)));
+    return static_cast<std::int64_t>(std::ceil(std::ldexp(std::min(pixels, kFarthestReach), kFractionBits)));
 }
 
 SampleReach reach_of(const WalkPlan& plan) {
-  return {fixed(plan.reach_x + rounding(plan)), fixed(plan.reach_y + rounding(plan))};
+    return {fixed(plan.reach_x + rounding(plan)), fixed(plan.reach_y + rounding(plan))};
 }
 
 // The tiles on one axis that samples between two places reach, those beyond the image's ends moved into it.
 struct TileRange {
-  std::int64_t first, last;
+    std::int64_t first, last;
 
-  TileRange(std::int64_t a, std::int64_t b, std::int64_t reach, std::int64_t pixels)
-      : first(tile(std::min(a, b) - reach + kAlmostPixel, pixels)), last(tile(std::max(a, b) + reach, pixels)) {}
+    TileRange(std::int64_t a, std::int64_t b, std::int64_t reach, std::int64_t pixels)
+        : first(tile(std::min(a, b) - reach + kAlmostPixel, pixels)), last(tile(std::max(a, b) + reach, pixels)) {}
 
-  static std::int64_t tile(std::int64_t place, std::int64_t pixels) {
-    return std::clamp<std::int64_t>(place >> kFractionBits, 0, pixels - 1) / kTileSide;
-  }
+    static std::int64_t tile(std::int64_t place, std::int64_t pixels) {
+        return std::clamp<std::int64_t>(place >> kFractionBits, 0, pixels - 1) / kTileSide;
+    }
 };
 
 // All bits from `first` to `last`.
 std::uint64_t bits_between(std::int64_t first, std::int64_t last) {
-  return (~std::uint64_t{0} << first) & (~std::uint64_t{0} >> (63 - last));
+    return (~std::uint64_t{0} << first) & (~std::uint64_t{0} >> (63 - last));
 }
 
 }  // namespace
@@ -61,19 +61,19 @@ ClosedTiles::ClosedTiles(const std::uint64_t* words, const WalkPlan& plan)
       places_(words, plan.width, plan.height, reach_) {}
 
 bool ClosedTiles::hide(const RowLine& line, std::int64_t first, std::int64_t last) const {
-  const TileRange columns(line.start_x + first * line.step_x, line.start_x + last * line.step_x, reach_.x, width_);
-  const TileRange rows(line.start_y + first * line.step_y, line.start_y + last * line.step_y, reach_.y, height_);
-  const std::int64_t last_word = columns.last / kWordTiles;
-  for (std::int64_t word = columns.first / kWordTiles; word <= last_word; ++word) {
-    const std::int64_t from = std::max(columns.first, word * kWordTiles);
-    const std::int64_t to = std::min(columns.last, (word + 1) * kWordTiles - 1);
-    const std::uint64_t wanted = bits_between(from % kWordTiles, to % kWordTiles);
-    const std::uint64_t* at = words_ + rows.first * words_in_row_ + word;
-    for (std::int64_t row = rows.first; row <= rows.last; ++row, at += words_in_row_) {
-      if ((wanted & ~__atomic_load_n(at, __ATOMIC_RELAXED)) != 0) return false;
+    const TileRange columns(line.start_x + first * line.step_x, line.start_x + last * line.step_x, reach_.x, width_);
+    const TileRange rows(line.start_y + first * line.step_y, line.start_y + last * line.step_y, reach_.y, height_);
+    const std::int64_t last_word = columns.last / kWordTiles;
+    for (std::int64_t word = columns.first / kWordTiles; word <= last_word; ++word) {
+        const std::int64_t from = std::max(columns.first, word * kWordTiles);
+        const std::int64_t to = std::min(columns.last, (word + 1) * kWordTiles - 1);
+        const std::uint64_t wanted = bits_between(from % kWordTiles, to % kWordTiles);
+        const std::uint64_t* at = words_ + rows.first * words_in_row_ + word;
+        for (std::int64_t row = rows.first; row <= rows.last; ++row, at += words_in_row_) {
+            if ((wanted & ~__atomic_load_n(at, __ATOMIC_RELAXED)) != 0) return false;
+        }
     }
-  }
-  return true;
+    return true;
 }
 
 }  // namespace volsplat

@@ -4,8 +4,8 @@
 #include <algorithm>
 #include <array>
 
-#include "paths/map_shade_kernels.h"
 #include "kernels/tile_map.h"
+#include "paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -17,19 +17,19 @@ constexpr std::int64_t kWordsOfTiles = kTileSide * kWordTiles / kWordPixels;  //
 constexpr std::uint32_t kAllClosed = ~std::uint32_t{0};
 
 // The pixels of eight tiles.
-std::uint32_t pixels_of(std::uint64_t tiles) {
-  static_assert(8 * kTileSide == kWordPixels);
-  std::uint32_t pixels = 0;
-  for (int tile = 0; tile < 8; ++tile) {
-    pixels |= (tiles >> tile & 1 ? (1u << kTileSide) - 1 : 0) << tile * kTileSide;
-  }
-  return pixels;
+constexpr std::uint32_t pixels_of(std::uint64_t tiles) {
+    static_assert(8 * kTileSide == kWordPixels);
+    std::uint32_t pixels = 0;
+    for (int tile = 0; tile < 8; ++tile) {
+        pixels |= (tiles >> tile & 1 ? (1u << kTileSide) - 1 : 0) << tile * kTileSide;
+    }
+    return pixels;
 }
 
-const std::array<std::uint32_t, 256> kPixelsOfTiles = [] {
-  std::array<std::uint32_t, 256> pixels{};
-  for (std::size_t tiles = 0; tiles < pixels.size(); ++tiles) pixels[tiles] = pixels_of(tiles);
-  return pixels;
+constexpr std::array<std::uint32_t, 256> kPixelsOfTiles = [] {
+    std::array<std::uint32_t, 256> pixels{};
+    for (std::size_t tiles = 0; tiles < pixels.size(); ++tiles) pixels[tiles] = pixels_of(tiles);
+    return pixels;
 }();
 
 // The most pixel centres within a reach on either side.
@@ -37,10 +37,10 @@ std::int64_t pixels_within(std::int64_t reach) { return 2 * reach / kPixel + 1; 
 
 // Of a row of bits the word that begins `by` bits after word n. No sample changes what lies beyond the image.
 std::uint32_t word_after(const std::uint32_t* row, std::int64_t words, std::int64_t n, std::int64_t by) {
-  const std::int64_t first = n + by / kWordPixels, bits = by % kWordPixels;
-  const std::uint32_t low = first < words ? row[first] : kAllClosed;
-  const std::uint32_t high = first + 1 < words ? row[first + 1] : kAllClosed;
-  return bits == 0 ? low : low >> bits | high << (kWordPixels - bits);
+    const std::int64_t first = n + by / kWordPixels, bits = by % kWordPixels;
+    const std::uint32_t low = first < words ? row[first] : kAllClosed;
+    const std::uint32_t high = first + 1 < words ? row[first + 1] : kAllClosed;
+    return bits == 0 ? low : low >> bits | high << (kWordPixels - bits);
 }
 
 }  // namespace
@@ -61,82 +61,82 @@ HiddenPlaces::HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::
       changed_(static_cast<std::size_t>(tile_rows_)) {}
 
 void HiddenPlaces::refresh() {
-  bool changed = false;
-  for (std::int64_t row = 0; row < tile_rows_; ++row) {
-    changed_[row] = take_over(row);
-    if (changed_[row]) join_columns(row);
-    changed |= changed_[row];
-  }
-  if (!changed) return;
-  for (std::int64_t row = 0; row < tile_rows_; ++row) join_rows(row);
+    bool changed = false;
+    for (std::int64_t row = 0; row < tile_rows_; ++row) {
+        changed_[row] = take_over(row);
+        if (changed_[row]) join_columns(row);
+        changed |= changed_[row];
+    }
+    if (!changed) return;
+    for (std::int64_t row = 0; row < tile_rows_; ++row) join_rows(row);
 }
 
 VisibleVoxels HiddenPlaces::without_hidden(const RowLine& line, const VisibleVoxels& voxels) {
-  if (hidden_.empty()) return voxels;
-  if (positions_.size() < voxels.count + kSpare) {
-    positions_.resize(voxels.count + kSpare);
-    packets_.resize(voxels.count + kSpare);
-  }
-  const auto last = [](std::int64_t pixels) { return static_cast<std::int32_t>(pixels - 1); };
-  const HiddenMap map{hidden_.data(), static_cast<std::int32_t>(words_), last(width_), last(height_)};
-  const std::int64_t first_x = line.start_x - reach_.x + kPixel, first_y = line.start_y - reach_.y + kPixel;
-  const std::size_t kept = kernels_.leave_out_hidden(voxels, map, {first_x, first_y, line.step_x, line.step_y},
-                                                     positions_.data(), packets_.data());
-  return {positions_.data(), packets_.data(), kept};
+    if (hidden_.empty()) return voxels;
+    if (positions_.size() < voxels.count + kSpare) {
+        positions_.resize(voxels.count + kSpare);
+        packets_.resize(voxels.count + kSpare);
+    }
+    const auto last = [](std::int64_t pixels) { return static_cast<std::int32_t>(pixels - 1); };
+    const HiddenMap map{hidden_.data(), static_cast<std::int32_t>(words_), last(width_), last(height_)};
+    const std::int64_t first_x = line.start_x - reach_.x + kPixel, first_y = line.start_y - reach_.y + kPixel;
+    const std::size_t kept = kernels_.leave_out_hidden(voxels, map, {first_x, first_y, line.step_x, line.step_y},
+                                                       positions_.data(), packets_.data());
+    return {positions_.data(), packets_.data(), kept};
 }
 
 // Tells whether a row of tiles has changed.
 bool HiddenPlaces::take_over(std::int64_t tile_row) {
-  bool changed = false;
-  const std::int64_t first = tile_row * tile_words_;
-  for (std::int64_t n = first; n < first + tile_words_; ++n) {
-    const std::uint64_t now = __atomic_load_n(tiles_ + n, __ATOMIC_RELAXED);
-    changed |= now != known_tiles_[n];
-    known_tiles_[n] = now;
-  }
-  return changed;
+    bool changed = false;
+    const std::int64_t first = tile_row * tile_words_;
+    for (std::int64_t n = first; n < first + tile_words_; ++n) {
+        const std::uint64_t now = __atomic_load_n(tiles_ + n, __ATOMIC_RELAXED);
+        changed |= now != known_tiles_[n];
+        known_tiles_[n] = now;
+    }
+    return changed;
 }
 
 void HiddenPlaces::join_columns(std::int64_t tile_row) {
-  if (closed_.empty()) {
-    closed_.resize(static_cast<std::size_t>(tile_rows_ * words_));
-    hidden_.resize(static_cast<std::size_t>(height_ * words_));
-  }
-  const std::uint64_t* tiles = known_tiles_.data() + tile_row * tile_words_;
-  std::uint32_t* closed = closed_.data() + tile_row * words_;
-  for (std::int64_t n = 0; n < words_; ++n) {
-    closed[n] = kPixelsOfTiles[tiles[n / kWordsOfTiles] >> n % kWordsOfTiles * 8 & 255];
-  }
-  if (width_ % kWordPixels != 0) closed[words_ - 1] |= kAllClosed << width_ % kWordPixels;
-  for (std::int64_t joined = 1; joined < box_width_;) {
-    const std::int64_t more = std::min(joined, box_width_ - joined);
-    for (std::int64_t n = 0; n < words_; ++n) closed[n] &= word_after(closed, words_, n, more);
-    joined += more;
-  }
+    if (closed_.empty()) {
+        closed_.resize(static_cast<std::size_t>(tile_rows_ * words_));
+        hidden_.resize(static_cast<std::size_t>(height_ * words_));
+    }
+    const std::uint64_t* tiles = known_tiles_.data() + tile_row * tile_words_;
+    std::uint32_t* closed = closed_.data() + tile_row * words_;
+    for (std::int64_t n = 0; n < words_; ++n) {
+        closed[n] = kPixelsOfTiles[tiles[n / kWordsOfTiles] >> n % kWordsOfTiles * 8 & 255];
+    }
+    if (width_ % kWordPixels != 0) closed[words_ - 1] |= kAllClosed << width_ % kWordPixels;
+    for (std::int64_t joined = 1; joined < box_width_;) {
+        const std::int64_t more = std::min(joined, box_width_ - joined);
+        for (std::int64_t n = 0; n < words_; ++n) closed[n] &= word_after(closed, words_, n, more);
+        joined += more;
+    }
 }
 
 // Of the rows of pixels in a row of tiles. Their boxes end in one row of tiles, or in two that follow each other.
 void HiddenPlaces::join_rows(std::int64_t tile_row) {
-  const auto last_of_box = [&](std::int64_t row) { return std::min(height_ - 1, row + box_height_ - 1) / kTileSide; };
-  const std::int64_t begin = tile_row * kTileSide, end = std::min(height_, begin + kTileSide);
-  const std::int64_t least = last_of_box(begin), greatest = last_of_box(end - 1);
-  const auto changed = changed_.begin();
-  if (std::find(changed + tile_row, changed + greatest + 1, true) == changed + greatest + 1) return;
+    const auto last_of_box = [&](std::int64_t row) { return std::min(height_ - 1, row + box_height_ - 1) / kTileSide; };
+    const std::int64_t begin = tile_row * kTileSide, end = std::min(height_, begin + kTileSide);
+    const std::int64_t least = last_of_box(begin), greatest = last_of_box(end - 1);
+    const auto changed = changed_.begin();
+    if (std::find(changed + tile_row, changed + greatest + 1, true) == changed + greatest + 1) return;
 
-  std::uint32_t* hidden = hidden_.data() + begin * words_;
-  std::copy_n(closed_.data() + tile_row * words_, words_, hidden);
-  for (std::int64_t other = tile_row + 1; other <= least; ++other) join_row(other, hidden);
-  for (std::int64_t row = begin + 1; row < end; ++row) {
-    std::uint32_t* next = hidden + words_;
-    std::copy_n(hidden, words_, next);
-    if (last_of_box(row) > last_of_box(row - 1)) join_row(greatest, next);
-    hidden = next;
-  }
+    std::uint32_t* hidden = hidden_.data() + begin * words_;
+    std::copy_n(closed_.data() + tile_row * words_, words_, hidden);
+    for (std::int64_t other = tile_row + 1; other <= least; ++other) join_row(other, hidden);
+    for (std::int64_t row = begin + 1; row < end; ++row) {
+        std::uint32_t* next = hidden + words_;
+        std::copy_n(hidden, words_, next);
+        if (last_of_box(row) > last_of_box(row - 1)) join_row(greatest, next);
+        hidden = next;
+    }
 }
 
 void HiddenPlaces::join_row(std::int64_t tile_row, std::uint32_t* hidden) {
-  const std::uint32_t* closed = closed_.data() + tile_row * words_;
-  for (std::int64_t n = 0; n < words_; ++n) hidden[n] &= closed[n];
+    const std::uint32_t* closed = closed_.data() + tile_row * words_;
+    for (std::int64_t n = 0; n < words_; ++n) hidden[n] &= closed[n];
 }
 
 }  // namespace volsplat

@@ -16,9 +16,9 @@ using Vector3 = std::array<double, 3>;
 
 // Unit vectors of all direction codes; zeros for codes without direction.
 struct DirectionTable {
-  explicit DirectionTable(bool octahedral);
+    explicit DirectionTable(bool octahedral);
 
-  std::vector<double> x = std::vector<double>(kDirectionCodes), y = x, z = x;
+    std::vector<double> x = std::vector<double>(kDirectionCodes), y = x, z = x;
 };
 
 const DirectionTable& direction_table(bool octahedral);

@@ -13,91 +13,91 @@
 namespace volsplat {
 
 struct PacketBox {
-  const std::uint32_t* packets;  // i fastest; kSpare more can be read
-  Index3 low;                    // its place in the grid
-  Index3 size;
-  std::shared_ptr<ClassifiedRows> classified;
+    const std::uint32_t* packets;  // i fastest; kSpare more can be read
+    Index3 low;                    // its place in the grid
+    Index3 size;
+    std::shared_ptr<ClassifiedRows> classified;
 };
 
 // A half-open range of visit ordinals.
 struct Ordinals {
-  std::int64_t begin, end;
-  std::int64_t count() const { return end - begin; }
-  bool holds(std::int64_t ordinal) const { return ordinal >= begin && ordinal < end; }
+    std::int64_t begin, end;
+    std::int64_t count() const { return end - begin; }
+    bool holds(std::int64_t ordinal) const { return ordinal >= begin && ordinal < end; }
 };
 
 struct VisibleRow {
-  VisibleVoxels voxels;
-  std::int64_t origin;  // the ordinal of the sample at position 0
+    VisibleVoxels voxels;
+    std::int64_t origin;  // the ordinal of the sample at position 0
 };
 
 class VisibleRows {
- public:
-  VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility);
+public:
+    VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility);
 
-  // The visit ordinals of the box on the axis of sheets (0), rows (1) or samples (2).
-  const Ordinals& ordinals(int level) const { return ordinals_[level]; }
-  bool empty() const;
+    // The visit ordinals of the box on the axis of sheets (0), rows (1) or samples (2).
+    const Ordinals& ordinals(int level) const { return ordinals_[level]; }
+    bool empty() const;
 
-  // Rows are walked in pieces that positions can count: the piece that holds a sample.
-  Ordinals piece_of(std::int64_t ordinal) const;
+    // Rows are walked in pieces that positions can count: the piece that holds a sample.
+    Ordinals piece_of(std::int64_t ordinal) const;
 
-  // Has the rows that come next on the sheet brought from memory.
-  void prefetch_after(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const;
+    // Has the rows that come next on the sheet brought from memory.
+    void prefetch_after(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const;
 
-  // How many rows from this one on in traversal order, `most` at most, are known to show nothing at all.
-  std::int64_t known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal, std::int64_t most) const;
+    // How many rows from this one on in traversal order, `most` at most, are known to show nothing at all.
+    std::int64_t known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal, std::int64_t most) const;
 
-  // What can be seen of some samples of one piece of a row; valid until the next call.
-  VisibleRow row(std::int64_t sheet_ordinal, std::int64_t row_ordinal, const Ordinals& samples);
+    // What can be seen of some samples of one piece of a row; valid until the next call.
+    VisibleRow row(std::int64_t sheet_ordinal, std::int64_t row_ordinal, const Ordinals& samples);
 
- private:
-  // The visible voxels of rows next to each other along i. Which ones is told by the tag.
-  struct Strip {
-    std::int64_t tag = -1;
-    std::vector<std::uint16_t> positions;
-    std::vector<std::uint32_t> packets;
-    std::array<std::uint32_t, kStripLanes + 1> begins;
-  };
+private:
+    // The visible voxels of rows next to each other along i. Which ones is told by the tag.
+    struct Strip {
+        std::int64_t tag = -1;
+        std::vector<std::uint16_t> positions;
+        std::vector<std::uint32_t> packets;
+        std::array<std::uint32_t, kStripLanes + 1> begins;
+    };
 
-  // Columns of the box that are classified together; `first` is that of lane 0.
-  struct Columns {
-    std::int64_t first, begin, end;
-  };
+    // Columns of the box that are classified together; `first` is that of lane 0.
+    struct Columns {
+        std::int64_t first, begin, end;
+    };
 
-  // Samples of the box: the first, the way from one to the next, and how many.
-  struct Lines {
-    std::int64_t first, step, count;
-  };
+    // Samples of the box: the first, the way from one to the next, and how many.
+    struct Lines {
+        std::int64_t first, step, count;
+    };
 
-  bool sheets_along_i() const { return plan_.axes[0] == 0; }
-  std::int64_t local(int level, std::int64_t ordinal) const;
-  std::size_t list_number(std::int64_t sheet, std::int64_t row) const;
-  std::ptrdiff_t next_list() const;  // from a row's to that of the next one in traversal order
-  bool classify_into_lists(std::int64_t sheet, std::int64_t row);
-  VisibleVoxels contiguous_row(std::int64_t sheet, std::int64_t row, const Ordinals& samples);
-  VisibleVoxels strip_row(std::int64_t sheet, std::int64_t row, std::int64_t row_number, const Ordinals& piece);
-  Columns columns_at(std::int64_t column) const;
-  void classify_columns(std::int64_t other, const Columns& columns, const Lines& lines);
-  void make_lanes(std::size_t lanes, std::int64_t longest);
-  VisibleVoxels lane(std::int64_t number) const;
-  void store(Strip& strip) const;
+    bool sheets_along_i() const { return plan_.axes[0] == 0; }
+    std::int64_t local(int level, std::int64_t ordinal) const;
+    std::size_t list_number(std::int64_t sheet, std::int64_t row) const;
+    std::ptrdiff_t next_list() const;  // from a row's to that of the next one in traversal order
+    bool classify_into_lists(std::int64_t sheet, std::int64_t row);
+    VisibleVoxels contiguous_row(std::int64_t sheet, std::int64_t row, const Ordinals& samples);
+    VisibleVoxels strip_row(std::int64_t sheet, std::int64_t row, std::int64_t row_number, const Ordinals& piece);
+    Columns columns_at(std::int64_t column) const;
+    void classify_columns(std::int64_t other, const Columns& columns, const Lines& lines);
+    void make_lanes(std::size_t lanes, std::int64_t longest);
+    VisibleVoxels lane(std::int64_t number) const;
+    void store(Strip& strip) const;
 
-  PacketBox box_;
-  const WalkPlan& plan_;
-  Visibility visibility_;
-  Ordinals ordinals_[3];
-  std::int64_t strides_[3];       // in packets, by level
-  std::int64_t list_strides_[2];  // in list numbers, of sheets and rows
-  std::shared_ptr<RowLists> lists_;
+    PacketBox box_;
+    const WalkPlan& plan_;
+    Visibility visibility_;
+    Ordinals ordinals_[3];
+    std::int64_t strides_[3];       // in packets, by level
+    std::int64_t list_strides_[2];  // in list numbers, of sheets and rows
+    std::shared_ptr<RowLists> lists_;
 
-  // Where rows are classified
-  std::size_t pitch_ = 0;
-  std::vector<std::uint16_t> positions_;
-  std::vector<std::uint32_t> packets_;
-  std::array<std::uint32_t, kStripLanes> counts_;
-  std::vector<std::uint32_t> picked_;  // visited samples of a contiguous row
-  std::vector<Strip> strips_;
+    // Where rows are classified
+    std::size_t pitch_ = 0;
+    std::vector<std::uint16_t> positions_;
+    std::vector<std::uint32_t> packets_;
+    std::array<std::uint32_t, kStripLanes> counts_;
+    std::vector<std::uint32_t> picked_;  // visited samples of a contiguous row
+    std::vector<Strip> strips_;
 };
 
 }  // namespace volsplat

@@ -13,27 +13,27 @@ namespace volsplat {
 
 // The voxels of interest within a source that also holds their neighbours.
 struct Interior {
-  Index3 low;
-  Index3 size;
+    Index3 low;
+    Index3 size;
 };
 
 // What is counted over even bins; voxels below go into the first one, above into the last.
 struct Range {
-  double low;
-  double high;
+    double low;
+    double high;
 };
 
 // Blocks of the whole volume's grid, and where the interior begins in it (protocol/description/block_extremes.py).
 struct Blocks {
-  Index3 begin;
-  Index3 size;   // voxels of a block
-  Index3 count;  // blocks of the volume
+    Index3 begin;
+    Index3 size;   // voxels of a block
+    Index3 count;  // blocks of the volume
 };
 
 struct Histograms {
-  std::vector<std::int64_t> density;
-  std::vector<std::int64_t> strength;
-  std::vector<double> extremes;  // the least values of all blocks, then the greatest
+    std::vector<std::int64_t> density;
+    std::vector<std::int64_t> strength;
+    std::vector<double> extremes;  // the least values of all blocks, then the greatest
 };
 
 // `matrix` (3x3, row-major) turns differences per index step into a gradient per unit of physical length.

@@ -5,14 +5,15 @@
 #include <stdexcept>
 
 namespace volsplat {
+
 namespace {
 
 // Cuts the segment to the image grown by `margin`; false where nothing is left.
 bool cut_to_image(double& x0, double& y0, double& x1, double& y1, double width, double height, double margin) {
     double begin = 0, end = 1;
     const double dx = x1 - x0, dy = y1 - y0;
-    const double distances[4][2] = {{-dx, x0 + margin}, {dx, width - 1 + margin - x0},
-                                    {-dy, y0 + margin}, {dy, height - 1 + margin - y0}};
+    const double distances[4][2] = {
+        {-dx, x0 + margin}, {dx, width - 1 + margin - x0}, {-dy, y0 + margin}, {dy, height - 1 + margin - y0}};
     for (const auto& [slope, room] : distances) {
         if (slope == 0) {
             if (room < 0) return false;
@@ -52,8 +53,7 @@ void EdgeLayer::draw(double x0, double y0, double x1, double y1, double line_wid
         const double left = std::max(std::floor(std::min(xa, xb) - reach), 0.0);
         const double right = std::min(std::ceil(std::max(xa, xb) + reach), width_ - 1.0);
         for (int x = static_cast<int>(left); x <= right; ++x) {
-            const double along =
-                square > 0 ? std::clamp(((x - x0) * dx + (y - y0) * dy) / square, 0.0, 1.0) : 0.0;
+            const double along = square > 0 ? std::clamp(((x - x0) * dx + (y - y0) * dy) / square, 0.0, 1.0) : 0.0;
             const double distance = std::hypot(x - x0 - along * dx, y - y0 - along * dy);
             const auto covered = static_cast<float>(std::clamp(reach - distance, 0.0, std::min(line_width, 1.0)));
             float& coverage = coverage_[static_cast<std::size_t>(y) * width_ + x];

@@ -1,5 +1,6 @@
 // A layer of anti-aliased white lines.
 #pragma once
+
 #include <vector>
 
 namespace volsplat {

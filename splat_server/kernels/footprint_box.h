@@ -1,7 +1,8 @@
 // What the weights of a footprint table are computed from.
 #pragma once
-#include <stddef.h>
-#include <stdint.h>
+
+#include <cstddef>
+#include <cstdint>
 
 namespace volsplat {
 
@@ -10,14 +11,14 @@ namespace volsplat {
 struct FootprintBox {
     float qxx, qxy, qyy;
     float radius_square;
-    float intervals_per_chord;   // of the table over Z
+    float intervals_per_chord;     // of the table over Z
     const float* over_half_chord;  // amplitude * P, `intervals` + 2 entries, the first 0
-    int32_t intervals;
-    int32_t width, height;       // of the box of pixels
-    int32_t pitch;               // weights from one row to the next; zeros from the width on
-    int32_t offsets;             // fractional offsets a pixel on each axis
-    const int32_t* start_x;      // of the box, in pixels from the sample's pixel, for each offset
-    const int32_t* start_y;
+    std::int32_t intervals;
+    std::int32_t width, height;   // of the box of pixels
+    std::int32_t pitch;           // weights from one row to the next; zeros from the width on
+    std::int32_t offsets;         // fractional offsets a pixel on each axis
+    const std::int32_t* start_x;  // of the box, in pixels from the sample's pixel, for each offset
+    const std::int32_t* start_y;
 };
 
 }  // namespace volsplat

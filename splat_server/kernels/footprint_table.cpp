@@ -6,6 +6,7 @@
 #include "paths/splat_kernels.h"
 
 namespace volsplat {
+
 namespace {
 
 // Keeps rounding noise in an extent from adding a column; the weight there is below 1e-6.
@@ -100,8 +101,8 @@ std::tuple<int, int, std::vector<float>> FootprintTable::weights_at(int fx, int 
 }
 
 FootprintView FootprintTable::view() const {
-    return {weights(), spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0], start_y_.step,
-            offset_bits_,    width_,        height_,        pitch_,        clamped_};
+    return {weights(),    spans_.data(), start_x_.at[0], start_x_.step, start_y_.at[0], start_y_.step,
+            offset_bits_, width_,        height_,        pitch_,        clamped_};
 }
 
 }  // namespace volsplat

@@ -1,5 +1,6 @@
 // The footprint table of a view: weights for every fractional offset of a sample's projection (paper: "Combining").
 #pragma once
+
 #include <cstdint>
 #include <tuple>
 #include <vector>

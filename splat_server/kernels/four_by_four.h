@@ -2,6 +2,7 @@
 #pragma once
 
 namespace volsplat {
+
 namespace {  // every instruction set has its own
 
 typedef float FourFloats __attribute__((vector_size(16)));
@@ -18,4 +19,5 @@ __attribute__((always_inline)) inline void transpose(FourFloats (&rows)[4]) {
 }
 
 }  // namespace
+
 }  // namespace volsplat

@@ -5,6 +5,7 @@
 #include <stdexcept>
 
 namespace volsplat {
+
 namespace {
 
 // An odd number of cache lines, so that the lines of one footprint are spread over the first cache, and that a load is
@@ -63,8 +64,16 @@ void ImageMemory::note(const SplatOutcome& outcome) {
 
 ImageView ImageMemory::view() {
     TileMap& closed = by_columns_ ? tiles_by_columns_ : tiles_by_rows_;
-    return {first_pixel_, plane_, 4 * plane_, line_pixels_, lines_, closed.words.data(), closed.row_words,
-            by_columns_, tiles_by_rows_.words.data(), tiles_by_rows_.row_words};
+    return {first_pixel_,
+            plane_,
+            4 * plane_,
+            line_pixels_,
+            lines_,
+            closed.words.data(),
+            closed.row_words,
+            by_columns_,
+            tiles_by_rows_.words.data(),
+            tiles_by_rows_.row_words};
 }
 
 }  // namespace volsplat

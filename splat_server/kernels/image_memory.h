@@ -1,8 +1,10 @@
 // The image buffer's memory: associated float32, each line of pixels as four planes of red, green, blue and alpha, so
-// that the splat loop combines neighbouring pixels without shuffling. Planes lie between margins that the loop may write
-// to. Lines are the image's rows or, where runs of samples go up and down, its columns: then the pixels of a run lie in
-// few lines, which the first cache can hold. Beside it, the map of closed tiles (protocol/rules/closed_tiles.py).
+// that the splat loop combines neighbouring pixels without shuffling. Planes lie between margins that the loop may
+// write to. Lines are the image's rows or, where runs of samples go up and down, its columns: then the pixels of a run
+// lie in few lines, which the first cache can hold. Beside it, the map of closed tiles
+// (protocol/rules/closed_tiles.py).
 #pragma once
+
 #include <atomic>
 #include <cstddef>
 #include <cstdint>

@@ -7,6 +7,7 @@
 #include "four_by_four.h"
 
 namespace volsplat {
+
 namespace {
 
 constexpr std::size_t kMostBlocks = 4;  // kept to be handed out again
@@ -55,8 +56,7 @@ void publish_columns(const ImageMemory& image, RowSpan columns, float* target) {
     for (int top = 0; top < image.height(); top += kBand) {
         const int bottom = std::min(top + kBand, image.height());
         for (int x = columns.begin; x < columns.end; x += 4)
-            for (int y = top; y < bottom; y += 4)
-                publish_block(image, x, std::min(4, columns.end - x), y, target);
+            for (int y = top; y < bottom; y += 4) publish_block(image, x, std::min(4, columns.end - x), y, target);
     }
 }
 
@@ -73,9 +73,7 @@ void clear_lines(const ImageMemory& image, RowSpan lines, float* target) {
 
 }  // namespace
 
-void publish(const ImageMemory& image, float* target) {
-    publish_lines(image, {0, image.lines()}, target);
-}
+void publish(const ImageMemory& image, float* target) { publish_lines(image, {0, image.lines()}, target); }
 
 void publish_lines(const ImageMemory& image, RowSpan lines, float* target) {
     const int begin = std::clamp(image.line_begin(), lines.begin, lines.end);

@@ -1,5 +1,6 @@
 // The image as it leaves the splat server: height x width x 4 float32, associated, edges included.
 #pragma once
+
 #include <cstddef>
 #include <memory>
 #include <vector>

@@ -6,6 +6,7 @@
 #include <stdexcept>
 
 namespace volsplat {
+
 namespace {
 
 constexpr int kChordIntervals = 1024;   // of the table over Z
@@ -66,8 +67,7 @@ KernelProjection::KernelProjection(const std::string& kernel, double parameter, 
         const auto along = [&](double z) { return k(std::sqrt(std::max(rho_square + z * z, 0.0))); };
         entry[n] = 2 * simpson(along, z_end, kLineIntervals) / over_space;
     }
-    entry[kChordIntervals + 1] =
-        3 * (entry[kChordIntervals] - entry[kChordIntervals - 1]) + entry[kChordIntervals - 2];
+    entry[kChordIntervals + 1] = 3 * (entry[kChordIntervals] - entry[kChordIntervals - 1]) + entry[kChordIntervals - 2];
     entry[-1] = -entry[1];  // P is odd in Z at the rim
 }
 
@@ -82,9 +82,8 @@ double KernelProjection::at_place(double place) const {
     const double t = place - cell;
     const double* p = over_half_chord_.data() + cell;
     // Cubic through the four entries around t.
-    const double value = p[1] + t * ((p[2] - p[0]) / 2 +
-                                     t * (p[0] - 2.5 * p[1] + 2 * p[2] - p[3] / 2 +
-                                          t * (1.5 * (p[1] - p[2]) + (p[3] - p[0]) / 2)));
+    const double value = p[1] + t * ((p[2] - p[0]) / 2 + t * (p[0] - 2.5 * p[1] + 2 * p[2] - p[3] / 2 +
+                                                              t * (1.5 * (p[1] - p[2]) + (p[3] - p[0]) / 2)));
     return value > 0 ? value : 0.0;
 }
 

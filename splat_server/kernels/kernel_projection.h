@@ -1,6 +1,7 @@
 // P(rho): a radial kernel integrated along the line of sight, scaled to integrate to 1 over the plane.
 // The kernels are defined in protocol/rules/footprint_shape.py.
 #pragma once
+
 #include <string>
 #include <vector>
 

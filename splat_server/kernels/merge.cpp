@@ -4,6 +4,7 @@
 #include <string>
 
 namespace volsplat {
+
 namespace {
 
 std::string place(std::uint64_t sheet, std::uint64_t row, std::uint64_t first) {
@@ -34,15 +35,12 @@ void SortedBuffers::push(int number, std::uint64_t batch, const unsigned char* r
     for (std::uint64_t n = 0; n < run_count; ++n) {
         const RowRun run = run_at(runs, n);
         const Key key{run.sheet, run.row, run.first};
-        const auto which = [&] {
-            return "run " + std::to_string(n) + " at " + place(run.sheet, run.row, run.first);
-        };
+        const auto which = [&] { return "run " + std::to_string(n) + " at " + place(run.sheet, run.row, run.first); };
         if (run.count == 0) throw std::invalid_argument(which() + " is empty");
         if (run.sheet >= sheets_ || run.row >= rows_ || std::uint64_t(run.first) + run.count > samples_)
             throw std::invalid_argument(which() + " with " + std::to_string(run.count) +
                                         " packets leaves the frame's " + std::to_string(sheets_) + " sheets, " +
-                                        std::to_string(rows_) + " rows and " + std::to_string(samples_) +
-                                        " samples");
+                                        std::to_string(rows_) + " rows and " + std::to_string(samples_) + " samples");
         if (key < bound)
             throw std::invalid_argument(which() + " comes too late: the worker had reached " +
                                         place(bound.sheet, bound.row, bound.first));
@@ -66,10 +64,8 @@ void SortedBuffers::push(int number, std::uint64_t batch, const unsigned char* r
     unlink(number);
     worker.bound = bound;
     worker.finished = last;
-    if (run_count)
-        worker.buffers.push_back({batch, runs, run_count, packets});
-    else
-        spent_.push_back(batch);
+    if (run_count) worker.buffers.push_back({batch, runs, run_count, packets});
+    else spent_.push_back(batch);
     link(number);
 }
 

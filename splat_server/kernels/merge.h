@@ -1,6 +1,7 @@
 // The sorted linked list of the map/shade servers' packet buffers (paper: "Parallel Implementation").
 // It knows no sockets and no Python: buffers are addresses that the caller keeps alive until they are released.
 #pragma once
+
 #include <cstdint>
 #include <deque>
 #include <vector>
@@ -56,7 +57,7 @@ private:
     };
     struct Worker {
         std::deque<Buffer> buffers;  // each with runs left
-        Key bound{0, 0, 0};  // no later run lies before it
+        Key bound{0, 0, 0};          // no later run lies before it
         bool finished = false;
         int next = -1;  // in the sorted linked list
         bool linked = false;

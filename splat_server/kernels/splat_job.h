@@ -1,7 +1,8 @@
 // Plain structs that the splat loops of every instruction set share.
 #pragma once
-#include <stddef.h>
-#include <stdint.h>
+
+#include <cstddef>
+#include <cstdint>
 
 #include "kernels/axis_visits.h"
 #include "kernels/packet_layout.h"
@@ -23,12 +24,12 @@ constexpr int kWeightMargin = 16;
 struct SpanView {  // consecutive runs of one batch; the addresses need no alignment
     const unsigned char* runs;
     const unsigned char* packets;
-    uint64_t run_count;
+    std::uint64_t run_count;
     bool whole = true;  // no packet reaches beyond the job's rows, as far as that is known or matters
 };
 
 struct RowSpan {  // pixels of a row, or rows
-    int32_t begin, end;
+    std::int32_t begin, end;
 };
 
 struct FootprintView {
@@ -46,8 +47,8 @@ struct CellAxis {
 };
 
 struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a step (protocol/rules/frame_plan.py)
-    int64_t origin[2];
-    int64_t half_step[2][3];  // of x and of y, along the sheet, row and sample axes
+    std::int64_t origin[2];
+    std::int64_t half_step[2][3];  // of x and of y, along the sheet, row and sample axes
     CellAxis axes[3];
 };
 
@@ -55,14 +56,14 @@ enum class Reach { footprint, cell, pixel };
 
 // An image as the loops see it. If it is kept by columns, its rows here are the columns on the screen.
 struct ImageView {
-    float* pixels;          // red of the top-left pixel
-    int64_t plane, pitch;   // floats from one channel to the next, and from one row to the next
+    float* pixels;              // red of the top-left pixel
+    std::int64_t plane, pitch;  // floats from one channel to the next, and from one row to the next
     int width, height;
-    uint64_t* closed_tiles;  // rows of `tile_words`, with one more word after the last
-    int64_t tile_words;
+    std::uint64_t* closed_tiles;  // rows of `tile_words`, with one more word after the last
+    std::int64_t tile_words;
     bool by_columns;
-    uint64_t* told_tiles;  // by columns: the same map by the screen's rows of `told_words`
-    int64_t told_words;
+    std::uint64_t* told_tiles;  // by columns: the same map by the screen's rows of `told_words`
+    std::int64_t told_words;
 };
 
 // All samples, into the rows row_begin <= y < row_end; these are multiples of kTileSide, or the image's end.
@@ -71,7 +72,7 @@ struct SplatJob {
     int row_begin, row_end;
     const float* opacities;  // of the 4096 codes
     const SpanView* spans;
-    size_t span_count;
+    std::size_t span_count;
     Reach reach;
     bool front_to_back;
     FootprintView footprint;
@@ -80,7 +81,7 @@ struct SplatJob {
 
 struct SplatOutcome {
     int row_begin, row_end;  // of the rows that may have changed
-    uint64_t hidden;         // packets left out as hidden whose first row lies here; the next job may still draw them
+    std::uint64_t hidden;    // packets left out as hidden whose first row lies here; the next job may still draw them
 };
 
 }  // namespace volsplat

@@ -5,6 +5,7 @@
 #include "image_publishing.h"
 
 namespace volsplat {
+
 namespace {
 
 // So many jobs may be unfinished: enough for stripes of unequal work, and little enough to be dropped soon.

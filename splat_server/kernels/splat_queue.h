@@ -1,6 +1,7 @@
 // Jobs splatted in their order, by threads that share out the stripes of an image: one stripe may be at the next job
 // while another is still at this one, so that hardly a thread ever waits. Their number changes no bits.
 #pragma once
+
 #include <chrono>
 #include <condition_variable>
 #include <cstdint>
@@ -73,9 +74,9 @@ private:
 
     std::mutex mutex_;  // guards what follows, but where nothing is unfinished
     std::condition_variable added_, done_;
-    std::deque<Job> jobs_;         // unfinished ones
-    std::uint64_t first_ = 1;      // number of the first of them
-    std::vector<RowSpan> lines_;   // of the stripes, which are made for an image's first job
+    std::deque<Job> jobs_;        // unfinished ones
+    std::uint64_t first_ = 1;     // number of the first of them
+    std::vector<RowSpan> lines_;  // of the stripes, which are made for an image's first job
     std::vector<Stripe> stripes_;
     bool dropping_ = false, closed_ = false;
     Clock::time_point busy_since_, idle_since_;

@@ -6,6 +6,7 @@
 #include "paths/splat_kernels.h"
 
 namespace volsplat {
+
 namespace {
 
 // More stripes than threads, since a volume rarely lies evenly in the image; not many more, since what lies across
@@ -57,7 +58,8 @@ StripedJob::StripedJob(const SplatJob& job, const std::vector<RowSpan>& stripes)
         SpanView run = job.spans[s];
         run.run_count = 1;
         for (std::uint64_t r = 0; r < job.spans[s].run_count; ++r, ++reached) {
-            const unsigned char* const packets_end = run.packets + std::size_t(run_at(run.runs, 0).count) * kPacketBytes;
+            const unsigned char* const packets_end =
+                run.packets + std::size_t(run_at(run.runs, 0).count) * kPacketBytes;
             auto part = std::upper_bound(parts_.begin(), parts_.end(), reached->begin, begins_before_end);
             for (; part != parts_.end() && part->lines.begin < reached->end; ++part) {
                 run.whole = reached->begin >= part->lines.begin && reached->end <= part->lines.end;
@@ -75,8 +77,7 @@ void StripedJob::Part::add(const SpanView& run, const unsigned char* run_packets
     if (last && last->whole == run.whole && last->runs + last->run_count * sizeof(RowRun) == run.runs &&
         packets_end == run.packets)
         ++spans.back().run_count;
-    else
-        spans.push_back(run);
+    else spans.push_back(run);
     packets_end = run_packets_end;
 }
 

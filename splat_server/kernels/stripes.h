@@ -1,5 +1,6 @@
 // An image cut into stripes of lines, so that threads can share it and the pixels around a run stay in the caches.
 #pragma once
+
 #include <vector>
 
 #include "splat_job.h"

@@ -37,95 +37,93 @@ using GridByteArray = nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig,
 using TileArray = nb::ndarray<const std::uint64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<ClassifiedRows>>;
 
-
-Dda dda_of(const std::array<std::int64_t, 4>& numbers) {
-  return {numbers[0], {numbers[1], numbers[2], numbers[3]}};
-}
+Dda dda_of(const std::array<std::int64_t, 4>& numbers) { return {numbers[0], {numbers[1], numbers[2], numbers[3]}}; }
 
 AxisVisits visits_of(const std::array<std::int64_t, 5>& numbers) {
-  return {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]};
+    return {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]};
 }
 
 // A writable view of a batch's bytes that keeps the batch from being reused.
 nb::object view_of(const std::shared_ptr<Batch>& batch, void* data, std::size_t bytes) {
-  nb::capsule owner(new std::shared_ptr<Batch>(batch),
-                    [](void* p) noexcept { delete static_cast<std::shared_ptr<Batch>*>(p); });
-  nb::object array = nb::cast(nb::ndarray<nb::array_api, std::uint8_t>(data, {bytes}, owner));
-  return nb::steal(PyMemoryView_FromObject(array.ptr()));
+    nb::capsule owner(new std::shared_ptr<Batch>(batch),
+                      [](void* p) noexcept { delete static_cast<std::shared_ptr<Batch>*>(p); });
+    nb::object array = nb::cast(nb::ndarray<nb::array_api, std::uint8_t>(data, {bytes}, owner));
+    return nb::steal(PyMemoryView_FromObject(array.ptr()));
 }
 
 // Batches are used again, by later walks too, once no memoryview of them is left. The GIL guards them.
 std::shared_ptr<Batch> free_batch() {
-  static std::vector<std::shared_ptr<Batch>> batches;
-  constexpr std::size_t kKept = 8;
-  for (const auto& batch : batches) {
-    if (batch.use_count() == 1) return batch;
-  }
-  const auto batch = std::make_shared<Batch>();
-  if (batches.size() < kKept) batches.push_back(batch);
-  return batch;
+    static std::vector<std::shared_ptr<Batch>> batches;
+    constexpr std::size_t kKept = 8;
+    for (const auto& batch : batches) {
+        if (batch.use_count() == 1) return batch;
+    }
+    const auto batch = std::make_shared<Batch>();
+    if (batches.size() < kKept) batches.push_back(batch);
+    return batch;
 }
 
 ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<OpacityArray>& opacity,
                         const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility) {
-  ShadingTables tables{};
-  Field* fields[4] = {&tables.emit, &tables.refl, &tables.opac, &tables.modu};
-  for (int table = 0; table < 4; ++table) {
-    if (cross_bar[table] < 0 || cross_bar[table] > static_cast<int>(Field::grid_k)) {
-      throw std::invalid_argument("the cross-bar names a field that does not exist");
+    ShadingTables tables{};
+    Field* fields[4] = {&tables.emit, &tables.refl, &tables.opac, &tables.modu};
+    for (int table = 0; table < 4; ++table) {
+        if (cross_bar[table] < 0 || cross_bar[table] > static_cast<int>(Field::grid_k)) {
+            throw std::invalid_argument("the cross-bar names a field that does not exist");
+        }
+        *fields[table] = static_cast<Field>(cross_bar[table]);
     }
-    *fields[table] = static_cast<Field>(cross_bar[table]);
-  }
-  for (const OpacityArray& codes : opacity) tables.opacity.push_back(codes.data());
-  for (int number : opacity_of_class) {
-    if (number < 0 || number >= static_cast<int>(opacity.size())) {
-      throw std::invalid_argument("a block class names an opacity table that does not exist");
+    for (const OpacityArray& codes : opacity) tables.opacity.push_back(codes.data());
+    for (int number : opacity_of_class) {
+        if (number < 0 || number >= static_cast<int>(opacity.size())) {
+            throw std::invalid_argument("a block class names an opacity table that does not exist");
+        }
     }
-  }
-  tables.opacity_of_class = opacity_of_class;
-  static_assert(sizeof(Visibility) == 64);
-  std::memcpy(&tables.visibility, visibility.data(), sizeof(Visibility));
-  return tables;
+    tables.opacity_of_class = opacity_of_class;
+    static_assert(sizeof(Visibility) == 64);
+    std::memcpy(&tables.visibility, visibility.data(), sizeof(Visibility));
+    return tables;
 }
 
 Index3 size_of(const PacketArray& packets) {
-  return {static_cast<std::int64_t>(packets.shape(2)), static_cast<std::int64_t>(packets.shape(1)),
-          static_cast<std::int64_t>(packets.shape(0))};
+    return {static_cast<std::int64_t>(packets.shape(2)), static_cast<std::int64_t>(packets.shape(1)),
+            static_cast<std::int64_t>(packets.shape(0))};
 }
 
 void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
-  if (static_cast<std::int64_t>(tiles.shape(0)) != tile_rows(plan.height) ||
-      static_cast<std::int64_t>(tiles.shape(1)) != tile_words(plan.width)) {
-    throw std::invalid_argument("the map of closed tiles is not that of the image's size");
-  }
+    if (static_cast<std::int64_t>(tiles.shape(0)) != tile_rows(plan.height) ||
+        static_cast<std::int64_t>(tiles.shape(1)) != tile_words(plan.width)) {
+        throw std::invalid_argument("the map of closed tiles is not that of the image's size");
+    }
 }
 
 // Keeps alive what the walk borrows, and hands out batches as memoryviews.
 class PythonFrameWalk {
- public:
-  PythonFrameWalk(std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
-                  const std::array<std::array<std::int64_t, 5>, 3>& visits, const std::array<std::int64_t, 4>& x,
-                  const std::array<std::int64_t, 4>& y, const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
-                  const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach,
-                  const std::array<int, 4>& cross_bar, ColourArray emit, ColourArray refl, LightArray light,
-                  std::vector<OpacityArray> opacity, const std::array<int, 27>& opacity_of_class,
-                  const VisibilityArray& visibility, GradientByteArray gradient_bytes,
-                  std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles);
+public:
+    PythonFrameWalk(std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
+                    const std::array<std::array<std::int64_t, 5>, 3>& visits, const std::array<std::int64_t, 4>& x,
+                    const std::array<std::int64_t, 4>& y,
+                    const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
+                    const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach,
+                    const std::array<int, 4>& cross_bar, ColourArray emit, ColourArray refl, LightArray light,
+                    std::vector<OpacityArray> opacity, const std::array<int, 27>& opacity_of_class,
+                    const VisibilityArray& visibility, GradientByteArray gradient_bytes,
+                    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles);
 
-  // (runs, packets, run count, packet count, (sheet, row) reached, last, voxels visited)
-  nb::tuple next_batch(std::int64_t max_packets, std::int64_t max_voxels);
+    // (runs, packets, run count, packet count, (sheet, row) reached, last, voxels visited)
+    nb::tuple next_batch(std::int64_t max_packets, std::int64_t max_voxels);
 
- private:
-  // What the walk points into
-  std::vector<PythonBox> boxes_;
-  ColourArray emit_, refl_;
-  LightArray light_;
-  std::vector<OpacityArray> opacity_;
-  GradientByteArray gradient_bytes_;
-  std::array<GridByteArray, 3> grid_bytes_;
-  std::optional<TileArray> closed_tiles_;
+private:
+    // What the walk points into
+    std::vector<PythonBox> boxes_;
+    ColourArray emit_, refl_;
+    LightArray light_;
+    std::vector<OpacityArray> opacity_;
+    GradientByteArray gradient_bytes_;
+    std::array<GridByteArray, 3> grid_bytes_;
+    std::optional<TileArray> closed_tiles_;
 
-  std::unique_ptr<FrameWalk> walk_;
+    std::unique_ptr<FrameWalk> walk_;
 };
 
 PythonFrameWalk::PythonFrameWalk(
@@ -144,71 +142,67 @@ PythonFrameWalk::PythonFrameWalk(
       gradient_bytes_(std::move(gradient_bytes)),
       grid_bytes_(std::move(grid_bytes)),
       closed_tiles_(std::move(closed_tiles)) {
-  const WalkPlan plan{axes,
-                      ascending,
-                      {visits_of(visits[0]), visits_of(visits[1]), visits_of(visits[2])},
-                      dda_of(x),
-                      dda_of(y),
-                      {dda_of(screen_index[0]), dda_of(screen_index[1]), dda_of(screen_index[2])},
-                      image[0],
-                      image[1],
-                      reach[0],
-                      reach[1]};
-  if (closed_tiles_) check_tiles(*closed_tiles_, plan);
+    const WalkPlan plan{
+        axes,      ascending, {visits_of(visits[0]), visits_of(visits[1]), visits_of(visits[2])},
+        dda_of(x), dda_of(y), {dda_of(screen_index[0]), dda_of(screen_index[1]), dda_of(screen_index[2])},
+        image[0],  image[1],  reach[0],
+        reach[1]};
+    if (closed_tiles_) check_tiles(*closed_tiles_, plan);
 
-  ShadingTables tables = tables_of(cross_bar, opacity_, opacity_of_class, visibility);
-  tables.colours = {emit_.data(), refl_.data(), light_.data()};
-  tables.gradient_bytes = gradient_bytes_.data();
-  for (int axis = 0; axis < 3; ++axis) {
-    if (static_cast<std::int64_t>(grid_bytes_[axis].size()) < plan.visits[axis].high) {
-      throw std::invalid_argument("the grid's bytes do not cover the bounds");
+    ShadingTables tables = tables_of(cross_bar, opacity_, opacity_of_class, visibility);
+    tables.colours = {emit_.data(), refl_.data(), light_.data()};
+    tables.gradient_bytes = gradient_bytes_.data();
+    for (int axis = 0; axis < 3; ++axis) {
+        if (static_cast<std::int64_t>(grid_bytes_[axis].size()) < plan.visits[axis].high) {
+            throw std::invalid_argument("the grid's bytes do not cover the bounds");
+        }
+        tables.grid_bytes[axis] = grid_bytes_[axis].data();
     }
-    tables.grid_bytes[axis] = grid_bytes_[axis].data();
-  }
 
-  std::vector<PacketBox> packet_boxes;
-  for (const auto& [packets, low, classified] : boxes_) {
-    if (!classified || classified->size() != size_of(packets)) {
-      throw std::invalid_argument("a box's classified rows are not those of its voxel packets");
+    std::vector<PacketBox> packet_boxes;
+    for (const auto& [packets, low, classified] : boxes_) {
+        if (!classified || classified->size() != size_of(packets)) {
+            throw std::invalid_argument("a box's classified rows are not those of its voxel packets");
+        }
+        packet_boxes.push_back({packets.data(), low, size_of(packets), classified});
     }
-    packet_boxes.push_back({packets.data(), low, size_of(packets), classified});
-  }
-  walk_ = std::make_unique<FrameWalk>(plan, tables, packet_boxes, closed_tiles_ ? closed_tiles_->data() : nullptr);
+    walk_ = std::make_unique<FrameWalk>(plan, tables, packet_boxes, closed_tiles_ ? closed_tiles_->data() : nullptr);
 }
 
 nb::tuple PythonFrameWalk::next_batch(std::int64_t max_packets, std::int64_t max_voxels) {
-  if (max_packets < 1 || max_voxels < 1) throw std::invalid_argument("a batch needs room for at least one packet and voxel");
-  const std::shared_ptr<Batch> batch = free_batch();
-  {
-    nb::gil_scoped_release unlocked;
-    walk_->next_batch(static_cast<std::size_t>(max_packets), max_voxels, *batch);
-  }
-  return nb::make_tuple(view_of(batch, batch->runs.data(), batch->runs.size() * sizeof(RowRun)),
-                        view_of(batch, batch->packets.data(), batch->packet_count * sizeof(std::uint64_t)),
-                        batch->runs.size(), batch->packet_count,
-                        nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last, batch->voxels_visited);
+    if (max_packets < 1 || max_voxels < 1)
+        throw std::invalid_argument("a batch needs room for at least one packet and voxel");
+    const std::shared_ptr<Batch> batch = free_batch();
+    {
+        nb::gil_scoped_release unlocked;
+        walk_->next_batch(static_cast<std::size_t>(max_packets), max_voxels, *batch);
+    }
+    return nb::make_tuple(view_of(batch, batch->runs.data(), batch->runs.size() * sizeof(RowRun)),
+                          view_of(batch, batch->packets.data(), batch->packet_count * sizeof(std::uint64_t)),
+                          batch->runs.size(), batch->packet_count,
+                          nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last, batch->voxels_visited);
 }
 
 }  // namespace
 
 void bind_frame_walk(nb::module_& m) {
-  nb::class_<ClassifiedRows>(m, "ClassifiedRows")
-      .def(nb::init<const Index3&, double>(), "size"_a, "share"_a)
-      .def_prop_ro("bytes", &ClassifiedRows::bytes)
-      .def_prop_ro("axes", &ClassifiedRows::axes);
+    nb::class_<ClassifiedRows>(m, "ClassifiedRows")
+        .def(nb::init<const Index3&, double>(), "size"_a, "share"_a)
+        .def_prop_ro("bytes", &ClassifiedRows::bytes)
+        .def_prop_ro("axes", &ClassifiedRows::axes);
 
-  nb::class_<PythonFrameWalk>(m, "FrameWalk")
-      .def(nb::init<std::vector<PythonBox>, const std::array<int, 3>&, const std::array<bool, 3>&,
-                    const std::array<std::array<std::int64_t, 5>, 3>&, const std::array<std::int64_t, 4>&,
-                    const std::array<std::int64_t, 4>&, const std::array<std::array<std::int64_t, 4>, 3>&,
-                    const std::array<std::int64_t, 2>&, const std::array<double, 2>&, const std::array<int, 4>&,
-                    ColourArray, ColourArray, LightArray, std::vector<OpacityArray>, const std::array<int, 27>&,
-                    const VisibilityArray&, GradientByteArray, std::array<GridByteArray, 3>,
-                    std::optional<TileArray>>(),
-           "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "screen_index"_a, "image"_a, "reach"_a,
-           "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a, "visibility"_a,
-           "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none())
-      .def("next_batch", &PythonFrameWalk::next_batch, "max_packets"_a, "max_voxels"_a);
+    nb::class_<PythonFrameWalk>(m, "FrameWalk")
+        .def(nb::init<std::vector<PythonBox>, const std::array<int, 3>&, const std::array<bool, 3>&,
+                      const std::array<std::array<std::int64_t, 5>, 3>&, const std::array<std::int64_t, 4>&,
+                      const std::array<std::int64_t, 4>&, const std::array<std::array<std::int64_t, 4>, 3>&,
+                      const std::array<std::int64_t, 2>&, const std::array<double, 2>&, const std::array<int, 4>&,
+                      ColourArray, ColourArray, LightArray, std::vector<OpacityArray>, const std::array<int, 27>&,
+                      const VisibilityArray&, GradientByteArray, std::array<GridByteArray, 3>,
+                      std::optional<TileArray>>(),
+             "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "screen_index"_a, "image"_a, "reach"_a,
+             "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a, "visibility"_a,
+             "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none())
+        .def("next_batch", &PythonFrameWalk::next_batch, "max_packets"_a, "max_voxels"_a);
 }
 
 }  // namespace volsplat

@@ -6,8 +6,8 @@
 #include "preprocessing.h"
 
 NB_MODULE(_kernels, m) {
-  m.doc() = "Kernels of the map/shade server.";
-  volsplat::bind_module(m);
-  volsplat::bind_preprocessing(m);
-  volsplat::bind_frame_walk(m);
+    m.doc() = "Kernels of the map/shade server.";
+    volsplat::bind_module(m);
+    volsplat::bind_preprocessing(m);
+    volsplat::bind_frame_walk(m);
 }

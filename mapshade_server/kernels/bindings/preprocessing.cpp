@@ -25,140 +25,142 @@ namespace {
 using Matrix3 = std::array<double, 9>;  // row-major
 
 Interior interior_of(const SourceVolume& source, const Index3& low, const Index3& size) {
-  for (int axis = 0; axis < 3; ++axis) {
-    if (low[axis] < 0 || size[axis] < 0 || low[axis] + size[axis] > source.size[axis]) {
-      throw std::invalid_argument("the box does not lie within the source array");
+    for (int axis = 0; axis < 3; ++axis) {
+        if (low[axis] < 0 || size[axis] < 0 || low[axis] + size[axis] > source.size[axis]) {
+            throw std::invalid_argument("the box does not lie within the source array");
+        }
     }
-  }
-  return {low, size};
+    return {low, size};
 }
 
 Blocks blocks_of(const Index3& begin, const Index3& block_size, const Index3& block_count, const Index3& size) {
-  for (int axis = 0; axis < 3; ++axis) {
-    if (begin[axis] < 0 || block_size[axis] < 1 || begin[axis] + size[axis] > block_size[axis] * block_count[axis]) {
-      throw std::invalid_argument("the box does not lie within the blocks");
+    for (int axis = 0; axis < 3; ++axis) {
+        if (begin[axis] < 0 || block_size[axis] < 1 ||
+            begin[axis] + size[axis] > block_size[axis] * block_count[axis]) {
+            throw std::invalid_argument("the box does not lie within the blocks");
+        }
     }
-  }
-  return {begin, block_size, block_count};
+    return {begin, block_size, block_count};
 }
 
 // The second scalar, which must be that of the box alone.
 std::optional<SourceVolume> second_of(const std::optional<SourceArray>& second, const Index3& size) {
-  if (!second) return std::nullopt;
-  const SourceVolume volume = source_of(*second);
-  if (volume.size != size) throw std::invalid_argument("the second scalar must have the shape of the box");
-  return volume;
+    if (!second) return std::nullopt;
+    const SourceVolume volume = source_of(*second);
+    if (volume.size != size) throw std::invalid_argument("the second scalar must have the shape of the box");
+    return volume;
 }
 
 nb::tuple python_survey(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix) {
-  const SourceVolume volume = source_of(source);
-  const Interior interior = interior_of(volume, low, size);
-  RowExtremes extremes;
-  {
-    nb::gil_scoped_release unlocked;
-    extremes = survey(volume, interior, matrix);
-  }
-  return nb::make_tuple(extremes.low, extremes.high, extremes.max_gradient, extremes.no_data);
+    const SourceVolume volume = source_of(source);
+    const Interior interior = interior_of(volume, low, size);
+    RowExtremes extremes;
+    {
+        nb::gil_scoped_release unlocked;
+        extremes = survey(volume, interior, matrix);
+    }
+    return nb::make_tuple(extremes.low, extremes.high, extremes.max_gradient, extremes.no_data);
 }
 
 nb::tuple python_histograms(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
                             const std::optional<SourceArray>& second, const std::pair<double, double>& density,
                             const std::pair<double, double>& strength, const Index3& begin, const Index3& block_size,
                             const Index3& block_count) {
-  const SourceVolume volume = source_of(source);
-  const Interior interior = interior_of(volume, low, size);
-  const std::optional<SourceVolume> other = second_of(second, size);
-  const Blocks blocks = blocks_of(begin, block_size, block_count, size);
-  Histograms counts;
-  {
-    nb::gil_scoped_release unlocked;
-    counts = histograms(volume, interior, matrix, other ? &*other : nullptr, {density.first, density.second},
-                        {strength.first, strength.second}, blocks);
-  }
-  return nb::make_tuple(owned_array(std::move(counts.density), kHistogramBins),
-                        owned_array(std::move(counts.strength), kHistogramBins),
-                        owned_array(std::move(counts.extremes), 2, block_count[2], block_count[1], block_count[0]));
+    const SourceVolume volume = source_of(source);
+    const Interior interior = interior_of(volume, low, size);
+    const std::optional<SourceVolume> other = second_of(second, size);
+    const Blocks blocks = blocks_of(begin, block_size, block_count, size);
+    Histograms counts;
+    {
+        nb::gil_scoped_release unlocked;
+        counts = histograms(volume, interior, matrix, other ? &*other : nullptr, {density.first, density.second},
+                            {strength.first, strength.second}, blocks);
+    }
+    return nb::make_tuple(owned_array(std::move(counts.density), kHistogramBins),
+                          owned_array(std::move(counts.strength), kHistogramBins),
+                          owned_array(std::move(counts.extremes), 2, block_count[2], block_count[1], block_count[0]));
 }
 
 nb::object python_empty_packets(const Index3& size) {
-  for (std::int64_t extent : size) {
-    if (extent < 0) throw std::invalid_argument("a box of voxel packets needs a size");
-  }
-  return packet_memory(size).array;
+    for (std::int64_t extent : size) {
+        if (extent < 0) throw std::invalid_argument("a box of voxel packets needs a size");
+    }
+    return packet_memory(size).array;
 }
 
 nb::object python_pack(const SourceArray& source, const Index3& low, const Index3& size, const Matrix3& matrix,
                        const std::optional<SourceArray>& second, double window_low, double density_scale,
                        double strength_low, double strength_scale, bool octahedral) {
-  const SourceVolume volume = source_of(source);
-  const Interior interior = interior_of(volume, low, size);
-  const std::optional<SourceVolume> other = second_of(second, size);
-  const PacketMemory memory = packet_memory(size);
-  {
-    nb::gil_scoped_release unlocked;
-    pack(volume, interior, matrix, other ? &*other : nullptr,
-         {window_low, density_scale, strength_low, strength_scale, octahedral}, memory.packets);
-  }
-  return memory.array;
+    const SourceVolume volume = source_of(source);
+    const Interior interior = interior_of(volume, low, size);
+    const std::optional<SourceVolume> other = second_of(second, size);
+    const PacketMemory memory = packet_memory(size);
+    {
+        nb::gil_scoped_release unlocked;
+        pack(volume, interior, matrix, other ? &*other : nullptr,
+             {window_low, density_scale, strength_low, strength_scale, octahedral}, memory.packets);
+    }
+    return memory.array;
 }
 
 nb::object python_direction_vectors(bool octahedral) {
-  const DirectionTable& directions = direction_table(octahedral);
-  std::vector<double> vectors;
-  for (int code = 0; code < kDirectionCodes; ++code) {
-    vectors.insert(vectors.end(), {directions.x[code], directions.y[code], directions.z[code]});
-  }
-  return owned_array(std::move(vectors), kDirectionCodes, 3);
+    const DirectionTable& directions = direction_table(octahedral);
+    std::vector<double> vectors;
+    for (int code = 0; code < kDirectionCodes; ++code) {
+        vectors.insert(vectors.end(), {directions.x[code], directions.y[code], directions.z[code]});
+    }
+    return owned_array(std::move(vectors), kDirectionCodes, 3);
 }
 
 nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes) {
-  return owned_array(gradient_bytes(octahedral, axes), 3, kDirectionCodes);
+    return owned_array(gradient_bytes(octahedral, axes), 3, kDirectionCodes);
 }
 
 nb::object python_light_table(bool octahedral, const Vector3& light, const Vector3& half, bool diffuse, bool specular,
                               bool two_sided, double specular_power) {
-  const Lighting lighting{{light[0], light[1], light[2]}, {half[0], half[1], half[2]}, diffuse, specular, two_sided,
-                          specular_power};
-  return owned_array(light_table(octahedral, lighting), kDirectionCodes);
+    const Lighting lighting{
+        {light[0], light[1], light[2]}, {half[0], half[1], half[2]}, diffuse, specular, two_sided, specular_power};
+    return owned_array(light_table(octahedral, lighting), kDirectionCodes);
 }
 
 nb::object python_colour_table(const std::vector<Vector3>& colours) {
-  if (colours.size() != kTableEntries) throw std::invalid_argument("a colour table needs 256 entries");
-  std::vector<float> table;
-  for (const Vector3& colour : colours) {
-    for (double channel : colour) table.push_back(static_cast<float>(channel));
-    table.push_back(0.0f);
-  }
-  return owned_array(std::move(table), kTableEntries, 4);
+    if (colours.size() != kTableEntries) throw std::invalid_argument("a colour table needs 256 entries");
+    std::vector<float> table;
+    for (const Vector3& colour : colours) {
+        for (double channel : colour) table.push_back(static_cast<float>(channel));
+        table.push_back(0.0f);
+    }
+    return owned_array(std::move(table), kTableEntries, 4);
 }
 
 nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent) {
-  if (opac.size() != kTableEntries || modu.size() != kTableEntries) {
-    throw std::invalid_argument("a scalar table needs 256 entries");
-  }
-  std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent);
-  codes.resize(codes.size() + kSpare);
-  return owned_array(std::move(codes), kTableEntries * kTableEntries);
+    if (opac.size() != kTableEntries || modu.size() != kTableEntries) {
+        throw std::invalid_argument("a scalar table needs 256 entries");
+    }
+    std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent);
+    codes.resize(codes.size() + kSpare);
+    return owned_array(std::move(codes), kTableEntries * kTableEntries);
 }
 
 }  // namespace
 
 void bind_preprocessing(nb::module_& m) {
-  m.def("give_freed_memory_back", &give_freed_memory_back);
-  m.def("survey", &python_survey, "source"_a, "low"_a, "size"_a, "matrix"_a);
-  m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "density"_a,
-        "strength"_a, "begin"_a, "block_size"_a, "block_count"_a);
-  m.def("empty_packets", &python_empty_packets, "size"_a);
-  m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "window_low"_a,
-        "density_scale"_a, "strength_low"_a, "strength_scale"_a, "octahedral"_a);
-  m.def("power", [](double base, double exponent) { return map_shade_kernels().power(base, exponent); }, "base"_a,
+    m.def("give_freed_memory_back", &give_freed_memory_back);
+    m.def("survey", &python_survey, "source"_a, "low"_a, "size"_a, "matrix"_a);
+    m.def("histograms", &python_histograms, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "density"_a,
+          "strength"_a, "begin"_a, "block_size"_a, "block_count"_a);
+    m.def("empty_packets", &python_empty_packets, "size"_a);
+    m.def("pack", &python_pack, "source"_a, "low"_a, "size"_a, "matrix"_a, "second"_a, "window_low"_a,
+          "density_scale"_a, "strength_low"_a, "strength_scale"_a, "octahedral"_a);
+    m.def(
+        "power", [](double base, double exponent) { return map_shade_kernels().power(base, exponent); }, "base"_a,
         "exponent"_a);
-  m.def("direction_vectors", &python_direction_vectors, "octahedral"_a);
-  m.def("gradient_bytes", &python_gradient_bytes, "octahedral"_a, "axes"_a);
-  m.def("light_table", &python_light_table, "octahedral"_a, "light"_a, "half"_a, "diffuse"_a, "specular"_a,
-        "two_sided"_a, "specular_power"_a);
-  m.def("colour_table", &python_colour_table, "colours"_a);
-  m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
+    m.def("direction_vectors", &python_direction_vectors, "octahedral"_a);
+    m.def("gradient_bytes", &python_gradient_bytes, "octahedral"_a, "axes"_a);
+    m.def("light_table", &python_light_table, "octahedral"_a, "light"_a, "half"_a, "diffuse"_a, "specular"_a,
+          "two_sided"_a, "specular_power"_a);
+    m.def("colour_table", &python_colour_table, "colours"_a);
+    m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
 }
 
 }  // namespace volsplat

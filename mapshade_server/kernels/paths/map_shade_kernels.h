@@ -20,168 +20,176 @@ constexpr std::int64_t kLongestRow = 65536;
 
 // The rows of source values around one row: NaN stands for a neighbour that is missing.
 struct SourceRows {
-  const double* centre;  // [-1] and [n] are the neighbours along i
-  const double* j_before;
-  const double* j_after;
-  const double* k_before;
-  const double* k_after;
+    const double* centre;  // [-1] and [n] are the neighbours along i
+    const double* j_before;
+    const double* j_after;
+    const double* k_before;
+    const double* k_after;
 };
 
 // Gradients of one row, per unit of physical length, and their lengths (0 where there is none).
 struct GradientRow {
-  double* x;
-  double* y;
-  double* z;
-  double* length;
+    double* x;
+    double* y;
+    double* z;
+    double* length;
 };
 
 struct QuantisationNumbers {
-  double window_low;
-  double density_scale;
-  double strength_low;
-  double strength_scale;
-  bool octahedral;
+    double window_low;
+    double density_scale;
+    double strength_low;
+    double strength_scale;
+    bool octahedral;
 };
 
 // Least and greatest of what a survey looks at, joined over rows.
 struct RowExtremes {
-  double low;
-  double high;
-  double max_gradient;
-  std::int64_t no_data;
+    double low;
+    double high;
+    double max_gradient;
+    std::int64_t no_data;
 };
 
 // A voxel can be seen where the bits of its density and of its strength are both set and it has data.
 struct Visibility {
-  std::uint32_t density[8];
-  std::uint32_t strength[8];
+    std::uint32_t density[8];
+    std::uint32_t strength[8];
 };
 
 // Voxels of a row that can be seen, in rising order of position: the number of their sample within the row.
 struct VisibleVoxels {
-  const std::uint16_t* positions;
-  const std::uint32_t* packets;
-  std::size_t count;
+    const std::uint16_t* positions;
+    const std::uint32_t* packets;
+    std::size_t count;
 };
 
 // Where the visible voxels of several rows are written: `pitch` apart.
 struct VoxelLanes {
-  std::uint16_t* positions;
-  std::uint32_t* packets;
-  std::size_t pitch;
+    std::uint16_t* positions;
+    std::uint32_t* packets;
+    std::size_t pitch;
 };
 
 // The bytes that index a table, one for each survivor: `spacing` bytes apart.
 struct TableIndices {
-  const std::uint8_t* bytes;
-  std::size_t spacing;
+    const std::uint8_t* bytes;
+    std::size_t spacing;
 };
 
 // Visible voxels with what colours them.
 struct SurvivingSamples {
-  VisibleVoxels voxels;
-  const std::uint16_t* opacity;  // 12-bit codes
-  TableIndices emit;
-  TableIndices refl;
+    VisibleVoxels voxels;
+    const std::uint16_t* opacity;  // 12-bit codes
+    TableIndices emit;
+    TableIndices refl;
 };
 
 struct ColourTables {
-  const float* emit;   // 256 x (r, g, b, 0)
-  const float* refl;   // likewise
-  const float* light;  // for each direction code
+    const float* emit;   // 256 x (r, g, b, 0)
+    const float* refl;   // likewise
+    const float* light;  // for each direction code
 };
 
 // Screen positions of a row's samples: value(n) = start + n * step, 2^-32 pixel.
 struct RowLine {
-  std::int64_t start_x, start_y;
-  std::int64_t step_x, step_y;
+    std::int64_t start_x, start_y;
+    std::int64_t step_x, step_y;
 };
 
 // Of an image: bit x of row y tells that a sample is hidden if its reach begins at pixel (x, y).
 struct HiddenMap {
-  const std::uint32_t* words;
-  std::int32_t words_in_row;
-  std::int32_t last_column, last_row;
+    const std::uint32_t* words;
+    std::int32_t words_in_row;
+    std::int32_t last_column, last_row;
 };
 
 // Survivors first..first+count-1 that go into one row run, whose origin is in 1/64 pixel.
 struct RunSamples {
-  std::size_t first, count;
-  std::int32_t origin_x, origin_y;
-  bool descending;  // written last to first
+    std::size_t first, count;
+    std::int32_t origin_x, origin_y;
+    bool descending;  // written last to first
 };
 
 // Unit vectors of direction codes, zeros for codes without direction.
 struct DirectionVectors {
-  const double* x;
-  const double* y;
-  const double* z;
+    const double* x;
+    const double* y;
+    const double* z;
 };
 
 struct Lighting {
-  double light[3];  // unit vector towards the light, physical axes
-  double half[3];   // between light and eye, or zero where they are opposite
-  bool diffuse, specular, two_sided;
-  double specular_power;
+    double light[3];  // unit vector towards the light, physical axes
+    double half[3];   // between light and eye, or zero where they are opposite
+    bool diffuse, specular, two_sided;
+    double specular_power;
 };
 
 // The kernels of one instruction set.
 struct MapShadeKernels {
-  // Writes the visible ones of n packets, the first of which has the position `first`; returns how many. Both
-  // outputs need n + kSpare elements.
-  Kernel<std::size_t(const std::uint32_t* row, std::size_t n, std::size_t first, const Visibility& visibility,
-                     std::uint16_t* positions, std::uint32_t* packets)> classify_row;
+    // Writes the visible ones of n packets, the first of which has the position `first`; returns how many. Both
+    // outputs need n + kSpare elements.
+    Kernel<std::size_t(const std::uint32_t* row, std::size_t n, std::size_t first, const Visibility& visibility,
+                       std::uint16_t* positions, std::uint32_t* packets)>
+        classify_row;
 
-  // The rows l < kStripLanes made of source[n * stride + l], as far as their bit in `wanted` is set.
-  Kernel<void(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
-              const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts)> classify_columns;
+    // The rows l < kStripLanes made of source[n * stride + l], as far as their bit in `wanted` is set.
+    Kernel<void(const std::uint32_t* source, std::ptrdiff_t stride, std::size_t n, std::uint64_t wanted,
+                const Visibility& visibility, const VoxelLanes& lanes, std::uint32_t* counts)>
+        classify_columns;
 
-  // Writes the voxels that are not hidden; returns how many. `line`, rounded down, is the first pixel that each of them
-  // reaches. Both outputs need voxels.count + kSpare elements.
-  Kernel<std::size_t(const VisibleVoxels& voxels, const HiddenMap& map, const RowLine& line, std::uint16_t* positions,
-                     std::uint32_t* packets)> leave_out_hidden;
+    // Writes the voxels that are not hidden; returns how many. `line`, rounded down, is the first pixel that each of
+    // them reaches. Both outputs need voxels.count + kSpare elements.
+    Kernel<std::size_t(const VisibleVoxels& voxels, const HiddenMap& map, const RowLine& line, std::uint16_t* positions,
+                       std::uint32_t* packets)>
+        leave_out_hidden;
 
-  // Opacity codes at density | strength << 8; tells whether none of them is 0. The table has spare elements.
-  Kernel<bool(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table,
-              std::uint16_t* codes)> opacity_by_packet;
+    // Opacity codes at density | strength << 8; tells whether none of them is 0. The table has spare elements.
+    Kernel<bool(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table, std::uint16_t* codes)>
+        opacity_by_packet;
 
-  // Opacity codes at opac | modu << 8; tells whether none of them is 0.
-  Kernel<bool(const TableIndices& opac, const TableIndices& modu, std::size_t n, const std::uint16_t* table,
-              std::uint16_t* codes)> opacity_by_indices;
+    // Opacity codes at opac | modu << 8; tells whether none of them is 0.
+    Kernel<bool(const TableIndices& opac, const TableIndices& modu, std::size_t n, const std::uint16_t* table,
+                std::uint16_t* codes)>
+        opacity_by_indices;
 
-  // Bytes of direction codes.
-  Kernel<void(const std::uint32_t* packets, std::size_t n, const std::uint8_t* table,
-              std::uint8_t* bytes)> direction_bytes;
+    // Bytes of direction codes.
+    Kernel<void(const std::uint32_t* packets, std::size_t n, const std::uint8_t* table, std::uint8_t* bytes)>
+        direction_bytes;
 
-  // (start + position * step) >> 32, clamped to 0..255; no value is beyond 2^52.
-  Kernel<void(const std::uint16_t* positions, std::size_t n, std::int64_t start, std::int64_t step,
-              std::uint8_t* bytes)> screen_bytes;
+    // (start + position * step) >> 32, clamped to 0..255; no value is beyond 2^52.
+    Kernel<void(const std::uint16_t* positions, std::size_t n, std::int64_t start, std::int64_t step,
+                std::uint8_t* bytes)>
+        screen_bytes;
 
-  // table[position * step].
-  Kernel<void(const std::uint16_t* positions, std::size_t n, const std::uint8_t* table, std::int64_t step,
-              std::uint8_t* bytes)> grid_bytes;
+    // table[position * step].
+    Kernel<void(const std::uint16_t* positions, std::size_t n, const std::uint8_t* table, std::int64_t step,
+                std::uint8_t* bytes)>
+        grid_bytes;
 
-  // Writes a run's shaded packets.
-  Kernel<void(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
-              std::uint64_t* out)> shade;
+    // Writes a run's shaded packets.
+    Kernel<void(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
+                std::uint64_t* out)>
+        shade;
 
-  // base^exponent for a base of 0 to 1, the same bits on every machine.
-  Kernel<double(double base, double exponent)> power;
+    // base^exponent for a base of 0 to 1, the same bits on every machine.
+    Kernel<double(double base, double exponent)> power;
 
-  // What multiplies the reflected colour, for each direction.
-  Kernel<void(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table)> light;
+    // What multiplies the reflected colour, for each direction.
+    Kernel<void(const DirectionVectors& directions, std::size_t n, const Lighting& lighting, float* table)> light;
 
-  // 12-bit codes of 1 - (1 - thin)^exponent.
-  Kernel<void(const double* thin, std::size_t n, double exponent, std::uint16_t* codes)> opacity_codes;
+    // 12-bit codes of 1 - (1 - thin)^exponent.
+    Kernel<void(const double* thin, std::size_t n, double exponent, std::uint16_t* codes)> opacity_codes;
 
-  // Differences by two steps, one-sided next to missing neighbours, turned physical by the row-major 3x3 `matrix`.
-  Kernel<void(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out)> gradient;
+    // Differences by two steps, one-sided next to missing neighbours, turned physical by the row-major 3x3 `matrix`.
+    Kernel<void(const SourceRows& rows, std::size_t n, const double* matrix, const GradientRow& out)> gradient;
 
-  Kernel<void(const double* values, const double* length, std::size_t n, RowExtremes* extremes)> survey;
+    Kernel<void(const double* values, const double* length, std::size_t n, RowExtremes* extremes)> survey;
 
-  // `strengths` are the gradient's lengths or a second scalar.
-  Kernel<void(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
-              const QuantisationNumbers& numbers, std::uint32_t* packets)> pack;
+    // `strengths` are the gradient's lengths or a second scalar.
+    Kernel<void(const double* values, const double* strengths, const GradientRow& gradient, std::size_t n,
+                const QuantisationNumbers& numbers, std::uint32_t* packets)>
+        pack;
 };
 
 // Those of the CPU path in use.

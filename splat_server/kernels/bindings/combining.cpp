@@ -23,12 +23,12 @@ namespace nb = nanobind;
 using namespace nb::literals;
 
 namespace volsplat {
+
 namespace {
 
 // The image with the blocks that it is published in.
 struct PythonImage {
-    PythonImage(int width, int height)
-        : memory(width, height), blocks(static_cast<std::size_t>(width) * height * 4) {}
+    PythonImage(int width, int height) : memory(width, height), blocks(static_cast<std::size_t>(width) * height * 4) {}
     ImageMemory memory;
     ImageBlocks blocks;
 };
@@ -86,9 +86,15 @@ public:
     void begin(bool by_columns, int first_line, int end_line) {
         without_gil([&] { queue_.begin(by_columns, {first_line, end_line}); });
     }
-    void finish() { without_gil([&] { queue_.finish(); }); }
-    void cancel() { without_gil([&] { queue_.cancel(); }); }
-    void close() { without_gil([&] { queue_.close(); }); }
+    void finish() {
+        without_gil([&] { queue_.finish(); });
+    }
+    void cancel() {
+        without_gil([&] { queue_.cancel(); });
+    }
+    void close() {
+        without_gil([&] { queue_.close(); });
+    }
 
     void splat(nb::object spans, nb::object reach, bool front_to_back, bool small, nb::object batches) {
         const SpanList& list = nb::cast<const SpanList&>(spans);
@@ -162,8 +168,7 @@ nb::object closed_tiles(nb::handle_t<PythonImage> self) {
     ImageMemory& memory = nb::cast<PythonImage&>(self).memory;
     const std::size_t shape[] = {static_cast<std::size_t>(memory.tile_rows()),
                                  static_cast<std::size_t>(memory.tile_words())};
-    return writable_view(
-        nb::cast(nb::ndarray<nb::array_api, std::uint64_t>(memory.closed_tiles(), 2, shape, self)));
+    return writable_view(nb::cast(nb::ndarray<nb::array_api, std::uint64_t>(memory.closed_tiles(), 2, shape, self)));
 }
 
 }  // namespace
@@ -173,24 +178,29 @@ void bind_combining(nb::module_& m) {
         .def(nb::init<const std::string&, double, double>(), "kernel"_a, "parameter"_a, "radius"_a)
         .def("at_square", &KernelProjection::at_square, "rho_square"_a);
     nb::class_<Ellipse>(m, "Ellipse")
-        .def("__init__", [](Ellipse* self, double amplitude, double qxx, double qxy, double qyy, double half_width,
-                            double half_height) {
-            new (self) Ellipse{amplitude, qxx, qxy, qyy, half_width, half_height};
-        }, "amplitude"_a, "qxx"_a, "qxy"_a, "qyy"_a, "half_width"_a, "half_height"_a);
+        .def(
+            "__init__",
+            [](Ellipse* self, double amplitude, double qxx, double qxy, double qyy, double half_width,
+               double half_height) { new (self) Ellipse{amplitude, qxx, qxy, qyy, half_width, half_height}; },
+            "amplitude"_a, "qxx"_a, "qxy"_a, "qyy"_a, "half_width"_a, "half_height"_a);
     nb::class_<FootprintTable>(m, "FootprintTable")
         .def(nb::init<const KernelProjection&, const Ellipse&, int>(), "projection"_a, "ellipse"_a, "offset_bits"_a,
              nb::call_guard<nb::gil_scoped_release>())
         .def_static("bytes_needed", &FootprintTable::bytes_needed, "ellipse"_a, "offset_bits"_a)
-        .def("weights_at", [](const FootprintTable& self, int fx, int fy) { return self.weights_at(fx, fy); },
-             "fx"_a, "fy"_a)
+        .def(
+            "weights_at", [](const FootprintTable& self, int fx, int fy) { return self.weights_at(fx, fy); }, "fx"_a,
+            "fy"_a)
         .def_prop_ro("offset_bits", &FootprintTable::offset_bits)
         .def_prop_ro("width", &FootprintTable::width)
         .def_prop_ro("height", &FootprintTable::height)
         .def_prop_ro("bytes", &FootprintTable::bytes);
     nb::class_<CellView>(m, "CellMap")
-        .def("__init__", [](CellView* self, const Map& x, const Map& y, const std::array<Axis, 3>& axes) {
-            new (self) CellView(cell_view(x, y, axes));
-        }, "x"_a, "y"_a, "axes"_a);
+        .def(
+            "__init__",
+            [](CellView* self, const Map& x, const Map& y, const std::array<Axis, 3>& axes) {
+                new (self) CellView(cell_view(x, y, axes));
+            },
+            "x"_a, "y"_a, "axes"_a);
     nb::class_<PythonQueue>(m, "SplatQueue")
         .def(nb::init<nb::object, int>(), "image"_a, "threads"_a)
         .def("begin", &PythonQueue::begin, "by_columns"_a, "first_line"_a, "end_line"_a)

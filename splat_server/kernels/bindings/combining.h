@@ -1,5 +1,6 @@
 // Footprint table, image, edges and splatting as Python sees them.
 #pragma once
+
 #include <nanobind/nanobind.h>
 
 namespace volsplat {

@@ -10,6 +10,7 @@ namespace nb = nanobind;
 using namespace nb::literals;
 
 namespace volsplat {
+
 namespace {
 
 std::size_t bytes_of(const Bytes& array) { return array.size() * array.itemsize(); }
@@ -22,8 +23,8 @@ BatchMemory batch_memory(Bytes runs, Bytes packets) {
     return {std::move(runs), std::move(packets)};
 }
 
-void push(SortedBuffers& merge, int worker, std::uint64_t batch, const BatchMemory& memory,
-          std::uint64_t reached_sheet, std::uint64_t reached_row, bool last) {
+void push(SortedBuffers& merge, int worker, std::uint64_t batch, const BatchMemory& memory, std::uint64_t reached_sheet,
+          std::uint64_t reached_row, bool last) {
     merge.push(worker, batch, static_cast<const unsigned char*>(memory.runs.data()),
                bytes_of(memory.runs) / sizeof(RowRun), static_cast<const unsigned char*>(memory.packets.data()),
                bytes_of(memory.packets) / kPacketBytes, reached_sheet, reached_row, last);
@@ -52,9 +53,12 @@ std::vector<std::tuple<std::uint64_t, std::uint64_t, std::uint64_t, std::uint64_
 
 void bind_merge(nb::module_& m) {
     nb::class_<BatchMemory>(m, "BatchMemory")
-        .def("__init__", [](BatchMemory* self, Bytes runs, Bytes packets) {
-            new (self) BatchMemory(batch_memory(std::move(runs), std::move(packets)));
-        }, "runs"_a, "packets"_a)
+        .def(
+            "__init__",
+            [](BatchMemory* self, Bytes runs, Bytes packets) {
+                new (self) BatchMemory(batch_memory(std::move(runs), std::move(packets)));
+            },
+            "runs"_a, "packets"_a)
         .def_prop_ro("bytes", [](const BatchMemory& self) { return bytes_of(self.runs) + bytes_of(self.packets); })
         .def_prop_ro("packet_count", [](const BatchMemory& self) { return bytes_of(self.packets) / kPacketBytes; })
         .def_prop_ro("run_count", [](const BatchMemory& self) { return bytes_of(self.runs) / sizeof(RowRun); });

@@ -1,5 +1,6 @@
 // The merge as Python sees it.
 #pragma once
+
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
 

@@ -1,13 +1,14 @@
 // Splats cells: of each row of the image that a cell touches the pixels inside. Narrow cells of samples that follow
 // each other in a row are painted together, each of their pixels with the sample in whose cell it lies.
 #pragma once
+
 #include "closed_tiles.h"
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
 #include "sheet_cells.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 template <bool kFrontToBack>
@@ -18,16 +19,16 @@ public:
           cells_(job),
           way_(job.cell.axes[2].ascending ? 1 : -1),
           most_together_(cells_.pixels_across() < kWideCell ? kMostTogether : 1),
-          worth_looking_(int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)) {}
+          worth_looking_(std::int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)) {}
 
     void run() {
         if (cells_.empty()) return;
-        for (size_t s = 0; s < job_.span_count; ++s) {
+        for (std::size_t s = 0; s < job_.span_count; ++s) {
             const unsigned char* packets = job_.spans[s].packets;
-            for (uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
+            for (std::uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
                 const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
                 splat_run(run, packets);
-                packets += uint64_t(run.count) * kPacketBytes;
+                packets += std::uint64_t(run.count) * kPacketBytes;
                 if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();
             }
         }
@@ -35,8 +36,8 @@ public:
     }
 
 private:
-    static constexpr int kMostTogether = 64;  // which fit into the first cache many times
-    static constexpr int kWideCell = 6;       // pixels: from here on a cell alone keeps a vector busy
+    static constexpr int kMostTogether = 64;   // which fit into the first cache many times
+    static constexpr int kWideCell = 6;        // pixels: from here on a cell alone keeps a vector busy
     static constexpr int kPixels = kSpanRows;  // at once
     static constexpr int kThirds = SheetCells::kThirds;
     // For so many times the pixels of the job's rows it is worth to look for tiles that have become closed.
@@ -47,9 +48,9 @@ private:
     void splat_run(const RowRun& run, const unsigned char* packets) {
         cells_.enter_row(run.sheet, run.row);
         const int most_together = cells_.tells_ordinals() ? most_together_ : 1;
-        for (uint32_t n = 0; n < run.count; ++n, packets += kPacketBytes) {
+        for (std::uint32_t n = 0; n < run.count; ++n, packets += kPacketBytes) {
             const ShadedSample sample = sample_at(packets, run, job_);
-            const int64_t ordinal = cells_.ordinal_at(sample.x, sample.y);
+            const std::int64_t ordinal = cells_.ordinal_at(sample.x, sample.y);
             if (count_ == most_together || ordinal != first_ + way_ * count_) {
                 paint_together();
                 first_ = ordinal;
@@ -63,10 +64,10 @@ private:
 
     void paint_together() {
         if (count_ == 0) return;
-        const int64_t last = first_ + way_ * (count_ - 1);
-        const int64_t least = way_ > 0 ? first_ : last, greatest = way_ > 0 ? last : first_;
+        const std::int64_t last = first_ + way_ * (count_ - 1);
+        const std::int64_t least = way_ > 0 ? first_ : last, greatest = way_ > 0 ? last : first_;
         const RowSpan rows = cells_.enter_cells(least, greatest);
-        for (int64_t top = rows.begin; top < rows.end; top += kSpanRows) {
+        for (std::int64_t top = rows.begin; top < rows.end; top += kSpanRows) {
             RowSpans thirds[kThirds];
             cells_.spans(top, thirds);
             for (int n = 0; n < kSpanRows && top + n < rows.end; ++n) {
@@ -101,15 +102,16 @@ private:
     }
 
     // What is written beyond the thirds of a row stays as it was.
-    void paint_one(int64_t y, const RowSpan (&thirds)[kThirds]) {
+    void paint_one(std::int64_t y, const RowSpan (&thirds)[kThirds]) {
         const Point<Lanes> point = in_all_lanes<Lanes>(opacities_[0], reds_[0], greens_[0], blues_[0]);
         const RowSpan all = around(thirds);
         float* place = pixel(all.begin, y);
         if (kFrontToBack && all.end > all.begin) unseen_pixels_ += all.end - all.begin + kLanes;
-        for (int x = all.begin; x < all.end; x += kLanes, place += kLanes) combine_thirds(place, x, thirds, point, point);
+        for (int x = all.begin; x < all.end; x += kLanes, place += kLanes)
+            combine_thirds(place, x, thirds, point, point);
     }
 
-    void paint(int64_t y, const RowSpan (&thirds)[kThirds], int64_t least, int64_t greatest) {
+    void paint(std::int64_t y, const RowSpan (&thirds)[kThirds], std::int64_t least, std::int64_t greatest) {
         const RowSpan all = around(thirds);
         float* place = pixel(all.begin, y);
         if (kFrontToBack && all.end > all.begin) unseen_pixels_ += all.end - all.begin + kPixels;
@@ -120,7 +122,7 @@ private:
                 combine_thirds(place, x, thirds, points_at(far), points_at(near));
                 place += kLanes;
             } else {
-                int32_t numbers[2][kPixels];
+                std::int32_t numbers[2][kPixels];
                 __builtin_memcpy(numbers[0], &far, sizeof far);
                 __builtin_memcpy(numbers[1], &near, sizeof near);
                 for (int n = 0; n < kPixels; n += kLanes, place += kLanes)
@@ -130,14 +132,14 @@ private:
     }
 
     // Where among these the samples are in whose cells eight pixels lie on a face.
-    RowInts places(int face, int x, int64_t y, int64_t least, int64_t greatest) const {
-        return way_ * (cells_.ordinals(face, x, y, least, greatest) - static_cast<int32_t>(first_));
+    RowInts places(int face, int x, std::int64_t y, std::int64_t least, std::int64_t greatest) const {
+        return way_ * (cells_.ordinals(face, x, y, least, greatest) - static_cast<std::int32_t>(first_));
     }
 
     // From the first to the last third of the rays' way, or front to back.
     __attribute__((always_inline)) void combine_thirds(float* place, int x, const RowSpan (&thirds)[kThirds],
                                                        const Point<Lanes>& far, const Point<Lanes>& near) const {
-        const int64_t plane = job_.image.plane;
+        const std::int64_t plane = job_.image.plane;
         Pixels<Lanes> pixels = load_pixels<Lanes>(place, plane);
         if constexpr (kFrontToBack) {
             combine<true>(pixels, within(near.opacity, thirds[2], x), near);
@@ -156,10 +158,10 @@ private:
         ClosedTiles(job_.image).look(job_.row_begin, job_.row_end);
     }
 
-    float* pixel(int64_t x, int64_t y) const { return job_.image.pixels + y * job_.image.pitch + x; }
+    float* pixel(std::int64_t x, std::int64_t y) const { return job_.image.pixels + y * job_.image.pitch + x; }
 
     // The samples at these places, which rise or fall.
-    Point<Lanes> points_at(const int32_t* places) const {
+    Point<Lanes> points_at(const std::int32_t* places) const {
         float channels[4][kLanes];
         for (int n = 0; n < kLanes; ++n) {
             channels[0][n] = opacities_[places[n]], channels[1][n] = reds_[places[n]];
@@ -170,10 +172,10 @@ private:
 
 #ifdef __AVX2__
     Point<Eight> points_at(const RowInts& places) const {
-        const int32_t first = places[0] < places[kPixels - 1] ? places[0] : places[kPixels - 1];
+        const std::int32_t first = places[0] < places[kPixels - 1] ? places[0] : places[kPixels - 1];
         const RowInts from_there = places - first;
         if (from_there[0] >= kPixels || from_there[kPixels - 1] >= kPixels) {
-            int32_t numbers[kPixels];
+            std::int32_t numbers[kPixels];
             __builtin_memcpy(numbers, &places, sizeof numbers);
             return points_at(numbers);
         }
@@ -182,21 +184,21 @@ private:
     }
 #endif
 
-    static constexpr int32_t kCounts[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
+    static constexpr std::int32_t kCounts[] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
     static_assert(sizeof(Lanes) <= sizeof kCounts);
 
     const SplatJob& job_;
     SheetCells cells_;
     const int way_;  // from one sample's ordinal to the next one's
     const int most_together_;
-    const int64_t worth_looking_;
-    int64_t unseen_pixels_ = 0;  // painted since tiles were looked at
-    int64_t first_ = 0;
+    const std::int64_t worth_looking_;
+    std::int64_t unseen_pixels_ = 0;  // painted since tiles were looked at
+    std::int64_t first_ = 0;
     int count_ = 0;
     float opacities_[kMostTogether + kPixels], reds_[kMostTogether + kPixels];  // with room to load whole vectors
     float greens_[kMostTogether + kPixels], blues_[kMostTogether + kPixels];
 };
 
 }  // namespace
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+
+}  // namespace volsplat::VOLSPLAT_PATH

@@ -1,9 +1,11 @@
-// The map of closed tiles (protocol/rules/closed_tiles.py): which samples are hidden, and which tiles have become closed.
+// The map of closed tiles (protocol/rules/closed_tiles.py): which samples are hidden, and which tiles have become
+// closed.
 #pragma once
+
 #include "pixel_vectors.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 struct PixelBox {  // within the image, not empty
@@ -27,7 +29,7 @@ public:
         for (int top = row_begin; top < row_end; top += kTileSide) {
             const int middle = top + (image_.height - top < kTileSide ? 0 : kTileSide / 2);
             const float* const alphas = image_.pixels + middle * image_.pitch + 3 * image_.plane;
-            const uint64_t* const words = image_.closed_tiles + top / kTileSide * image_.tile_words;
+            const std::uint64_t* const words = image_.closed_tiles + top / kTileSide * image_.tile_words;
             for (int column = 0; column * kTileSide < image_.width; column += kTilesAtOnce) {
                 if ((words[column / 64] >> column % 64 & kAllAtOnce) == kAllAtOnce) continue;  // closed already
                 if (any(load<Widest>(alphas + column * kTileSide) >= kFrozenAlpha))
@@ -38,15 +40,15 @@ public:
 
 private:
     static constexpr int kTilesAtOnce = kWidest / kTileSide;
-    static constexpr uint64_t kAllAtOnce = (1 << kTilesAtOnce) - 1;
+    static constexpr std::uint64_t kAllAtOnce = (1 << kTilesAtOnce) - 1;
 
     // As many tiles as begin in one vector.
     __attribute__((noinline)) void look_at_some(int row, int column) const {
         const int tiles = (image_.width + kTileSide - 1) / kTileSide;
         const int end = column + kTilesAtOnce < tiles ? column + kTilesAtOnce : tiles;
         for (; column < end; ++column) {
-            uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
-            const uint64_t bit = uint64_t(1) << column % 64;
+            std::uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
+            const std::uint64_t bit = std::uint64_t(1) << column % 64;
             // Others may read the map meanwhile; only this stripe's thread writes to its rows.
             if (!(word & bit) && frozen(column, row)) {
                 __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
@@ -57,12 +59,14 @@ private:
 
     // By the screen's rows and columns. Other stripes' threads may be writing to the same word.
     void tell(int column, int row) const {
-        uint64_t& word = image_.told_tiles[row * image_.told_words + column / 64];
-        __atomic_fetch_or(&word, uint64_t(1) << column % 64, __ATOMIC_RELAXED);
+        std::uint64_t& word = image_.told_tiles[row * image_.told_words + column / 64];
+        __atomic_fetch_or(&word, std::uint64_t(1) << column % 64, __ATOMIC_RELAXED);
     }
 
     // Another stripe's thread may be writing it.
-    uint64_t word_at(int64_t place) const { return __atomic_load_n(&image_.closed_tiles[place], __ATOMIC_RELAXED); }
+    std::uint64_t word_at(std::int64_t place) const {
+        return __atomic_load_n(&image_.closed_tiles[place], __ATOMIC_RELAXED);
+    }
 
     bool frozen(int column, int row) const {
         const int x_begin = column * kTileSide, y_begin = row * kTileSide;
@@ -95,13 +99,13 @@ public:
           tiles_(reinterpret_cast<const unsigned char*>(image.closed_tiles)),
           row_bytes_(image.tile_words * 8),
           rows_(most_tiles(height)),
-          all_(most_tiles(width) <= kMostColumns ? (uint64_t(1) << most_tiles(width)) - 1 : 0) {}
+          all_(most_tiles(width) <= kMostColumns ? (std::uint64_t(1) << most_tiles(width)) - 1 : 0) {}
 
     // Of a box at 0..last_left, 0..last_top.
-    bool hide(uint32_t left, uint32_t top) const {
-        int64_t place = top / kTileSide * row_bytes_ + left / (8 * kTileSide);
+    bool hide(std::uint32_t left, std::uint32_t top) const {
+        std::int64_t place = top / kTileSide * row_bytes_ + left / (8 * kTileSide);
         const int shift = left / kTileSide % 8;
-        uint64_t closed = word_at(place);
+        std::uint64_t closed = word_at(place);
         for (int row = 1; row < rows_; ++row) closed &= word_at(place += row_bytes_);
         return (closed >> shift & all_) == all_;
     }
@@ -113,18 +117,18 @@ private:
 
     // No atomic load, as it lies across words, while another stripe's thread may be writing them. Bits only rise, and
     // each byte holds them as they were at some time: a read that is torn misses some that have just risen, no more.
-    uint64_t word_at(int64_t place) const {
-        uint64_t word;
+    std::uint64_t word_at(std::int64_t place) const {
+        std::uint64_t word;
         __builtin_memcpy(&word, tiles_ + place, sizeof word);
         return word;
     }
 
     const unsigned char* const tiles_;
-    const int64_t row_bytes_;
+    const std::int64_t row_bytes_;
     const int rows_;
-    const uint64_t all_;
+    const std::uint64_t all_;
 };
 
 }  // namespace
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+
+}  // namespace volsplat::VOLSPLAT_PATH

@@ -1,23 +1,24 @@
 // Splats footprints: decode some packets, then for each find its box of pixels and their weights, and combine.
 #pragma once
+
 #include "closed_tiles.h"
 #include "joined_boxes.h"
 #include "kernels/compiler.h"
 #include "pixel_vectors.h"
 #include "shaded_sample.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 // Some samples at once: where they go, and what.
 struct Samples {
-    Integers left, top;      // pixels of the footprint's box
-    Integers entry;          // its first weight in the table
-    Integers inside;         // all bits where the box and its tiles lie within the image
-    Integers whole;          // and the box within the job's rows
-    Integers window;         // of a few neighbours the lesser `left` of the first and the last, as they lie on a line
-    Integers together;       // all bits where the box shares its rows with the first of them, and lies in the window
+    Integers left, top;  // pixels of the footprint's box
+    Integers entry;      // its first weight in the table
+    Integers inside;     // all bits where the box and its tiles lie within the image
+    Integers whole;      // and the box within the job's rows
+    Integers window;     // of a few neighbours the lesser `left` of the first and the last, as they lie on a line
+    Integers together;   // all bits where the box shares its rows with the first of them, and lies in the window
     Numbers opacity, red, green, blue;
 };
 
@@ -34,25 +35,24 @@ public:
           closed_windows_(job.image, Together::kWindow, table_.height),
           x_shift_(x_shift(job.image)),
           y_shift_(y_shift(job.image)),
-          worth_looking_(int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
+          worth_looking_(std::int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
           least_top_(Integers{} + job.row_end),
           greatest_top_(Integers{} + job.row_begin - table_.height) {}
 
     SplatOutcome run() {
-        for (size_t s = 0; s < job_.span_count; ++s) {
+        for (std::size_t s = 0; s < job_.span_count; ++s) {
             const SpanView& span = job_.spans[s];
             const unsigned char* packets = span.packets;
-            for (uint64_t r = 0; r < span.run_count; ++r) {
+            for (std::uint64_t r = 0; r < span.run_count; ++r) {
                 const RowRun run = run_at(job_.image, span.runs, r);
                 if (near(run)) {
-                    const PacketRange range = span.whole
-                                                  ? PacketRange{0, run.count}
-                                                  : packets_in_rows(job_, run, packets, table_.height / 2 + 2);
+                    const PacketRange range = span.whole ? PacketRange{0, run.count}
+                                                         : packets_in_rows(job_, run, packets, table_.height / 2 + 2);
                     splat_packets(run, packets + range.begin * kPacketBytes, range.end - range.begin);
-                    unseen_pixels_ += int64_t(range.end - range.begin) * table_.width * table_.height;
+                    unseen_pixels_ += std::int64_t(range.end - range.begin) * table_.width * table_.height;
                     if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();
                 }
-                packets += uint64_t(run.count) * kPacketBytes;
+                packets += std::uint64_t(run.count) * kPacketBytes;
             }
         }
         if (kFrontToBack && unseen_pixels_ >= worth_looking_ / 4) look_for_closed_tiles();  // for the next job
@@ -68,13 +68,13 @@ private:
     static constexpr int kLanes = sizeof(Lanes) / sizeof(float);
 
     bool near(const RowRun& run) const {
-        const int64_t left = (int64_t(run.x0) >> kSubpixelBits) - table_.width - 2;
-        const int64_t top = (int64_t(run.y0) >> kSubpixelBits) - table_.height - 2;
+        const std::int64_t left = (std::int64_t(run.x0) >> kSubpixelBits) - table_.width - 2;
+        const std::int64_t top = (std::int64_t(run.y0) >> kSubpixelBits) - table_.height - 2;
         return left < image_.width && left + kRunPixels + 2 * (table_.width + 2) > 0 && top < job_.row_end &&
                top + kRunPixels + 2 * (table_.height + 2) > job_.row_begin;
     }
 
-    void splat_packets(const RowRun& run, const unsigned char* packets, uint64_t count) {
+    void splat_packets(const RowRun& run, const unsigned char* packets, std::uint64_t count) {
         for (; count >= kAtOnce; count -= kAtOnce, packets += kAtOnce * kPacketBytes)
             splat_samples(decoded(packets_at(packets), run), kAtOnce);
         if (count == 0) return;
@@ -141,7 +141,7 @@ private:
     }
 
     static bool stand_together(const Samples& samples, int n) {
-        const int32_t* const together = reinterpret_cast<const int32_t*>(&samples.together) + n;
+        const std::int32_t* const together = reinterpret_cast<const std::int32_t*>(&samples.together) + n;
         if constexpr (Together::kSamples == 2) {
             return (together[0] & together[1]) != 0;
         } else {
@@ -188,7 +188,7 @@ private:
             return;
         }
         const RowSpan rows = {box.y_begin - top, box.y_end - top};
-        const float* const weights = table_.weights + samples.entry[n] + int64_t(rows.begin) * table_.pitch;
+        const float* const weights = table_.weights + samples.entry[n] + std::int64_t(rows.begin) * table_.pitch;
         const Point<Lanes> point = point_of<Lanes>(samples, n);
         if (kFours > 0) combine_box(pixel(left, box.y_begin), weights, rows, point);
         else combine_rows(left, top, box, weights, point);
@@ -216,22 +216,20 @@ private:
     // Rows as long for every sample, so that hardly a branch is mispredicted.
     __attribute__((always_inline)) void combine_box(float* pixels, const float* weights, RowSpan rows,
                                                     const Point<Lanes>& point) const {
-        const int64_t plane = image_.plane, pitch = image_.pitch;  // kept in registers, whatever is written meanwhile
+        const std::int64_t plane = image_.plane,
+                           pitch = image_.pitch;  // kept in registers, whatever is written meanwhile
         const auto combine_row = [&](int row) __attribute__((always_inline)) {
-            if constexpr (4 * kFours > kNarrowBox)
-                combine_reached(pixels, plane, weights, table_.spans[row], point);
-            else
-                combine_pixels<kFrontToBack, kClamped, 4 * kFours>(pixels, plane, weights, point);
+            if constexpr (4 * kFours > kNarrowBox) combine_reached(pixels, plane, weights, table_.spans[row], point);
+            else combine_pixels<kFrontToBack, kClamped, 4 * kFours>(pixels, plane, weights, point);
             pixels += pitch, weights += 4 * kFours;
         };
-        for (; rows.end - rows.begin >= 4; rows.begin += 4)
-VOLSPLAT_UNROLL(4)
-            for (int row = 0; row < 4; ++row) combine_row(rows.begin + row);
+        for (; rows.end - rows.begin >= 4; rows.begin += 4) VOLSPLAT_UNROLL(4)
+        for (int row = 0; row < 4; ++row) combine_row(rows.begin + row);
         for (; rows.begin < rows.end; ++rows.begin) combine_row(rows.begin);
     }
 
     // Without the corners of the box that the footprint never reaches.
-    __attribute__((always_inline)) static void combine_reached(float* pixels, int64_t plane, const float* weights,
+    __attribute__((always_inline)) static void combine_reached(float* pixels, std::int64_t plane, const float* weights,
                                                                RowSpan span, const Point<Lanes>& point) {
         int vectors = (span.end - span.begin + kLanes - 1) / kLanes;
         const int last_begin = 4 * kFours - vectors * kLanes;
@@ -241,7 +239,7 @@ VOLSPLAT_UNROLL(4)
 
     // Of each row what the footprint reaches, within the image.
     void combine_rows(int left, int top, const PixelBox& box, const float* weights, const Point<Lanes>& point) const {
-        const int64_t plane = image_.plane;
+        const std::int64_t plane = image_.plane;
         for (int y = box.y_begin; y < box.y_end; ++y, weights += table_.pitch) {
             const RowSpan span = table_.spans[y - top];
             int x = (box.x_begin - left > span.begin ? box.x_begin - left : span.begin) & -4;
@@ -249,8 +247,7 @@ VOLSPLAT_UNROLL(4)
             float* const pixels = pixel(left, y);
             for (; end - x > kLanes - 4; x += kLanes)
                 combine<kFrontToBack, kClamped, Lanes>(pixels + x, plane, weights + x, point);
-            for (; x < end; x += 4)
-                combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point);
+            for (; x < end; x += 4) combine<kFrontToBack, kClamped, Four>(pixels + x, plane, weights + x, point);
         }
     }
 
@@ -270,24 +267,29 @@ VOLSPLAT_UNROLL(4)
     const ClosedTiles closed_;
     const ClosedBoxes closed_boxes_, closed_windows_;
     const int x_shift_, y_shift_;
-    const int64_t worth_looking_;
+    const std::int64_t worth_looking_;
     Integers least_top_, greatest_top_;
-    int64_t unseen_pixels_ = 0;  // splatted to since tiles were looked at
-    uint64_t hidden_ = 0;
+    std::int64_t unseen_pixels_ = 0;  // splatted to since tiles were looked at
+    std::uint64_t hidden_ = 0;
 };
 
 template <bool kFrontToBack, bool kClamped>
 SplatOutcome splat_footprints(const SplatJob& job) {
     if (job.footprint.width > kWideBox) return FootprintLoop<kFrontToBack, kClamped, 0>(job).run();
     switch (job.footprint.pitch) {
-        case 4: return FootprintLoop<kFrontToBack, kClamped, 1>(job).run();
-        case 8: return FootprintLoop<kFrontToBack, kClamped, 2>(job).run();
-        case 12: return FootprintLoop<kFrontToBack, kClamped, 3>(job).run();
-        case 16: return FootprintLoop<kFrontToBack, kClamped, 4>(job).run();
-        default: return FootprintLoop<kFrontToBack, kClamped, 8>(job).run();
+        case 4:
+            return FootprintLoop<kFrontToBack, kClamped, 1>(job).run();
+        case 8:
+            return FootprintLoop<kFrontToBack, kClamped, 2>(job).run();
+        case 12:
+            return FootprintLoop<kFrontToBack, kClamped, 3>(job).run();
+        case 16:
+            return FootprintLoop<kFrontToBack, kClamped, 4>(job).run();
+        default:
+            return FootprintLoop<kFrontToBack, kClamped, 8>(job).run();
     }
 }
 
 }  // namespace
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+
+}  // namespace volsplat::VOLSPLAT_PATH

@@ -1,8 +1,7 @@
 // Fills a footprint table; the same bits on every path, so that a table may be kept when the path changes.
 #include "splat_kernels.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
 
 void fill_footprints(const FootprintBox& box, float* weights) {
     const float offset_step = 1.0f / static_cast<float>(box.offsets);
@@ -19,7 +18,7 @@ void fill_footprints(const FootprintBox& box, float* weights) {
                     const float square = box.radius_square - (along_y + (twice_xy + box.qxx * dx) * dx);
                     const float place = __builtin_sqrtf(square > 0.0f ? square : 0.0f) * box.intervals_per_chord;
                     const float within = place < last ? place : last;
-                    const int32_t cell = static_cast<int32_t>(within);
+                    const std::int32_t cell = static_cast<std::int32_t>(within);
                     const float low = box.over_half_chord[cell], high = box.over_half_chord[cell + 1];
                     weights[x] = low + (within - static_cast<float>(cell)) * (high - low);
                 }
@@ -27,5 +26,4 @@ void fill_footprints(const FootprintBox& box, float* weights) {
         }
 }
 
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+}  // namespace volsplat::VOLSPLAT_PATH

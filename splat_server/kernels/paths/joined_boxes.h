@@ -1,9 +1,10 @@
 // Combines neighbouring samples whose boxes overlap in the same rows: every pixel is loaded and stored once for all.
 #pragma once
+
 #include "pixel_vectors.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 // The lanes first..first+count-1 of a vector, and what they hold with zeros around it.
@@ -16,7 +17,7 @@ inline Eight chosen(LaneChoice lanes, Eight values) {
 }
 inline Sixteen chosen(LaneChoice lanes, Sixteen values) { return _mm512_maskz_mov_ps(lanes, values); }
 #else
-typedef int32_t LaneChoice __attribute__((vector_size(sizeof(Widest))));
+typedef std::int32_t LaneChoice __attribute__((vector_size(sizeof(Widest))));
 
 inline LaneChoice lanes_from(int first, int count) {
     LaneChoice place;
@@ -47,8 +48,9 @@ public:
     }
 
     // Into so many rows of pixels, from the window's first one on.
-    __attribute__((always_inline)) void combine_rows(float* address, int64_t plane, int64_t pitch, int rows) const {
-        for (int64_t weight = 0; rows > 0; --rows, address += pitch, weight += kPixels) {
+    __attribute__((always_inline)) void combine_rows(float* address, std::int64_t plane, std::int64_t pitch,
+                                                     int rows) const {
+        for (std::int64_t weight = 0; rows > 0; --rows, address += pitch, weight += kPixels) {
             Pixels<Lanes> pixels = load_pixels<Lanes>(address, plane);
             for (int n = 0; n < kSamples; ++n) {
                 const Lanes opacity = opacity_at<kClamped>(weights_[n] + weight, points_[n]);
@@ -65,5 +67,5 @@ private:
 };
 
 }  // namespace
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+
+}  // namespace volsplat::VOLSPLAT_PATH

@@ -2,11 +2,12 @@
 // Every pixel sees the same operations in the same order whatever its neighbours, the stripe and its place in the
 // vector are. A path with fused multiply-add rounds less often than the baseline.
 #pragma once
+
 #include "kernels/vectors.h"
 #include "splat_server/kernels/splat_job.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 // a * b + c
@@ -52,16 +53,25 @@ inline Sixteen behind(Sixteen opacity, Sixteen alpha) {
 }
 #endif
 
-// The widest vectors worth their while for rows of so many pixels, 0 for any number. Where vectors of sixteen are about,
-// the machine adds and multiplies shorter ones at two thirds of their rate.
+// The widest vectors worth their while for rows of so many pixels, 0 for any number. Where vectors of sixteen are
+// about, the machine adds and multiplies shorter ones at two thirds of their rate.
 template <int kPixels>
 struct Fitting {
     typedef Widest Lanes;
 };
-template <> struct Fitting<4> { typedef Four Lanes; };
+template <>
+struct Fitting<4> {
+    typedef Four Lanes;
+};
 #ifdef __AVX512F__
-template <> struct Fitting<8> { typedef Eight Lanes; };
-template <> struct Fitting<12> { typedef Eight Lanes; };
+template <>
+struct Fitting<8> {
+    typedef Eight Lanes;
+};
+template <>
+struct Fitting<12> {
+    typedef Eight Lanes;
+};
 #endif
 
 // As `load`, once for all uses: the compiler would rather load again for each.
@@ -98,13 +108,14 @@ struct Pixels {
 };
 
 template <class Lanes>
-__attribute__((always_inline)) inline Pixels<Lanes> load_pixels(const float* address, int64_t plane) {
+__attribute__((always_inline)) inline Pixels<Lanes> load_pixels(const float* address, std::int64_t plane) {
     return {load_once<Lanes>(address), load_once<Lanes>(address + plane), load_once<Lanes>(address + 2 * plane),
             load_once<Lanes>(address + 3 * plane)};
 }
 
 template <class Lanes>
-__attribute__((always_inline)) inline void store_pixels(const Pixels<Lanes>& pixels, float* address, int64_t plane) {
+__attribute__((always_inline)) inline void store_pixels(const Pixels<Lanes>& pixels, float* address,
+                                                        std::int64_t plane) {
     store(address, pixels.red), store(address + plane, pixels.green), store(address + 2 * plane, pixels.blue);
     store(address + 3 * plane, pixels.alpha);
 }
@@ -136,7 +147,7 @@ __attribute__((always_inline)) inline Lanes opacity_at(const float* weights, con
 
 // Combines a point with as many pixels as Lanes has, in the four planes of a row.
 template <bool kFrontToBack, bool kClamped, class Lanes, class AllLanes>
-__attribute__((always_inline)) inline void combine(float* address, int64_t plane, const float* weights,
+__attribute__((always_inline)) inline void combine(float* address, std::int64_t plane, const float* weights,
                                                    const Point<AllLanes>& point) {
     const Point<Lanes> part = first_of<Lanes>(point);
     Pixels<Lanes> pixels = load_pixels<Lanes>(address, plane);
@@ -146,7 +157,7 @@ __attribute__((always_inline)) inline void combine(float* address, int64_t plane
 
 // The same for so many pixels of a row, a multiple of 4, in the widest vectors that they fill.
 template <bool kFrontToBack, bool kClamped, int kPixels, class AllLanes>
-__attribute__((always_inline)) inline void combine_pixels(float* pixels, int64_t plane, const float* weights,
+__attribute__((always_inline)) inline void combine_pixels(float* pixels, std::int64_t plane, const float* weights,
                                                           const Point<AllLanes>& point) {
 #ifdef __AVX512F__
     if constexpr (kPixels >= 16) {
@@ -155,17 +166,17 @@ __attribute__((always_inline)) inline void combine_pixels(float* pixels, int64_t
     } else
 #endif
 #ifdef __AVX2__
-    if constexpr (kPixels >= 8) {
+        if constexpr (kPixels >= 8) {
         combine<kFrontToBack, kClamped, Eight>(pixels, plane, weights, point);
         combine_pixels<kFrontToBack, kClamped, kPixels - 8>(pixels + 8, plane, weights + 8, point);
     } else
 #endif
-    if constexpr (kPixels >= 4) {
+        if constexpr (kPixels >= 4) {
         combine<kFrontToBack, kClamped, Four>(pixels, plane, weights, point);
         combine_pixels<kFrontToBack, kClamped, kPixels - 4>(pixels + 4, plane, weights + 4, point);
     }
 }
 
 }  // namespace
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+
+}  // namespace volsplat::VOLSPLAT_PATH

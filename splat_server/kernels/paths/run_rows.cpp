@@ -3,59 +3,59 @@
 #include "sheet_cells.h"
 #include "splat_kernels.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
-constexpr int64_t kFarthest = int64_t(1) << 32;  // pixels: any position reaches all of the image
+constexpr std::int64_t kFarthest = std::int64_t(1) << 32;  // pixels: any position reaches all of the image
 
 // Least and greatest y of a run's packets, in 1/64 pixel from its origin: those of its ends.
 struct Extent {
-    int64_t least, greatest;
+    std::int64_t least, greatest;
 };
 
-int64_t position_of(const unsigned char* packet, int shift) {
-    uint64_t bits;
+std::int64_t position_of(const unsigned char* packet, int shift) {
+    std::uint64_t bits;
     __builtin_memcpy(&bits, packet, sizeof bits);
-    return static_cast<int64_t>(bits >> shift & kPositionMask);
+    return static_cast<std::int64_t>(bits >> shift & kPositionMask);
 }
 
-Extent extent_of(const unsigned char* packets, uint64_t count, int shift) {
-    const int64_t first = position_of(packets, shift), last = position_of(packets + (count - 1) * kPacketBytes, shift);
+Extent extent_of(const unsigned char* packets, std::uint64_t count, int shift) {
+    const std::int64_t first = position_of(packets, shift),
+                       last = position_of(packets + (count - 1) * kPacketBytes, shift);
     return first < last ? Extent{first, last} : Extent{last, first};
 }
 
 // How many rows a sample reaches up and down from its position.
-int64_t reach_of(const SplatJob& job) {
+std::int64_t reach_of(const SplatJob& job) {
     if (job.reach == Reach::pixel) return 1;
     if (job.reach == Reach::footprint) return job.footprint.height / 2 + 2;
     // A cell ends no further from its middle than the next samples are, and where a ray enters or leaves the sheet it
     // is no further from the sample
     double rows = 2;
     for (int axis = 1; axis < 3; ++axis) rows += 2 * pixels_apart(job.cell, 1, axis);
-    return rows < kFarthest ? static_cast<int64_t>(rows) : kFarthest;
+    return rows < kFarthest ? static_cast<std::int64_t>(rows) : kFarthest;
 }
 
-int32_t limited(int64_t row, int height) {
-    return static_cast<int32_t>(row < 0 ? 0 : row < height ? row : height);
+std::int32_t limited(std::int64_t row, int height) {
+    return static_cast<std::int32_t>(row < 0 ? 0 : row < height ? row : height);
 }
 
 }  // namespace
 
 void find_run_rows(const SplatJob& job, RowSpan* rows) {
     const int shift = y_shift(job.image);
-    const int64_t around = reach_of(job);
-    for (size_t s = 0; s < job.span_count; ++s) {
+    const std::int64_t around = reach_of(job);
+    for (std::size_t s = 0; s < job.span_count; ++s) {
         const unsigned char* packets = job.spans[s].packets;
-        for (uint64_t r = 0; r < job.spans[s].run_count; ++r, ++rows) {
+        for (std::uint64_t r = 0; r < job.spans[s].run_count; ++r, ++rows) {
             const RowRun run = run_at(job.image, job.spans[s].runs, r);
             const Extent extent = extent_of(packets, run.count, shift);
             *rows = {limited(((run.y0 + extent.least) >> kSubpixelBits) - around, job.image.height),
                      limited(((run.y0 + extent.greatest) >> kSubpixelBits) + around + 1, job.image.height)};
-            packets += uint64_t(run.count) * kPacketBytes;
+            packets += std::uint64_t(run.count) * kPacketBytes;
         }
     }
 }
 
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+}  // namespace volsplat::VOLSPLAT_PATH

@@ -1,9 +1,10 @@
 // Shaded packets and row runs decoded (protocol/rules/packet_layout.py).
 #pragma once
+
 #include "splat_server/kernels/splat_job.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 // Where a packet has its position on the image's axes.
@@ -11,10 +12,10 @@ inline int x_shift(const ImageView& image) { return image.by_columns ? kPosition
 inline int y_shift(const ImageView& image) { return image.by_columns ? 0 : kPositionBits; }
 
 // A run with its origin on the image's axes.
-inline RowRun run_at(const ImageView& image, const unsigned char* runs, uint64_t n) {
+inline RowRun run_at(const ImageView& image, const unsigned char* runs, std::uint64_t n) {
     RowRun run = volsplat::run_at(runs, n);
     if (image.by_columns) {
-        const int32_t x0 = run.x0;
+        const std::int32_t x0 = run.x0;
         run.x0 = run.y0, run.y0 = x0;
     }
     return run;
@@ -23,55 +24,58 @@ inline RowRun run_at(const ImageView& image, const unsigned char* runs, uint64_t
 // The packets of a run that may reach the job's rows, where each reaches so many rows up and down. The samples of a run
 // lie on a line, in order, so they are found by halving; of a run that is no line, it is some of them.
 struct PacketRange {
-    uint64_t begin, end;
+    std::uint64_t begin, end;
 };
 
 inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const unsigned char* packets,
-                                   int64_t reach) {
+                                   std::int64_t reach) {
     const int shift = y_shift(job.image);
-    const auto y_at = [&](uint64_t n) {
-        uint64_t packet;
+    const auto y_at = [&](std::uint64_t n) {
+        std::uint64_t packet;
         __builtin_memcpy(&packet, packets + n * kPacketBytes, sizeof packet);
-        return int64_t(run.y0) + static_cast<int64_t>(packet >> shift & kPositionMask);
+        return std::int64_t(run.y0) + static_cast<std::int64_t>(packet >> shift & kPositionMask);
     };
-    const int64_t least = (int64_t(job.row_begin) - reach) * (1 << kSubpixelBits);
-    const int64_t greatest = (int64_t(job.row_end) + reach) * (1 << kSubpixelBits);
+    const std::int64_t least = (std::int64_t(job.row_begin) - reach) * (1 << kSubpixelBits);
+    const std::int64_t greatest = (std::int64_t(job.row_end) + reach) * (1 << kSubpixelBits);
     const bool rises = y_at(run.count - 1) >= y_at(0);
     // The first packet that is not before the rows, and the first that is behind them
-    const auto first = [&](uint64_t begin, int64_t bound, bool of_bound) {
-        uint64_t end = run.count;
+    const auto first = [&](std::uint64_t begin, std::int64_t bound, bool of_bound) {
+        std::uint64_t end = run.count;
         while (begin < end) {
-            const uint64_t middle = begin + (end - begin) / 2;
-            const int64_t y = y_at(middle);
+            const std::uint64_t middle = begin + (end - begin) / 2;
+            const std::int64_t y = y_at(middle);
             if (rises ? y > bound || (of_bound && y == bound) : y < bound || (of_bound && y == bound)) end = middle;
             else begin = middle + 1;
         }
         return begin;
     };
-    const uint64_t begin = first(0, rises ? least : greatest, true);
+    const std::uint64_t begin = first(0, rises ? least : greatest, true);
     return {begin, first(begin, rises ? greatest : least, false)};
 }
 
 struct ShadedSample {
-    int64_t x, y;  // 1/64 pixel
+    std::int64_t x, y;  // 1/64 pixel
     float opacity, red, green, blue;
 };
 
 inline ShadedSample sample_at(const unsigned char* address, const RowRun& run, const SplatJob& job) {
-    uint64_t packet;
+    std::uint64_t packet;
     __builtin_memcpy(&packet, address, sizeof packet);
     const auto channel = [&](int n) {
         return static_cast<float>(static_cast<int>(packet >> (kColourShift + 8 * n) & 255)) / 255.0f;
     };
-    return {int64_t(run.x0) + static_cast<int64_t>(packet >> x_shift(job.image) & kPositionMask),
-            int64_t(run.y0) + static_cast<int64_t>(packet >> y_shift(job.image) & kPositionMask),
-            job.opacities[packet >> kOpacityShift & kOpacityMask], channel(0), channel(1), channel(2)};
+    return {std::int64_t(run.x0) + static_cast<std::int64_t>(packet >> x_shift(job.image) & kPositionMask),
+            std::int64_t(run.y0) + static_cast<std::int64_t>(packet >> y_shift(job.image) & kPositionMask),
+            job.opacities[packet >> kOpacityShift & kOpacityMask],
+            channel(0),
+            channel(1),
+            channel(2)};
 }
 
 // Eight packets at once, each as two words of 32 bits.
 constexpr int kAtOnce = 8;
-typedef int32_t Integers __attribute__((vector_size(kAtOnce * 4)));
-typedef uint32_t Words __attribute__((vector_size(kAtOnce * 4)));
+typedef std::int32_t Integers __attribute__((vector_size(kAtOnce * 4)));
+typedef std::uint32_t Words __attribute__((vector_size(kAtOnce * 4)));
 typedef float Numbers __attribute__((vector_size(kAtOnce * 4)));
 
 struct Packets {
@@ -114,5 +118,5 @@ inline Packets last_packets_at(const unsigned char* address, int count) {
 }
 
 }  // namespace
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+
+}  // namespace volsplat::VOLSPLAT_PATH

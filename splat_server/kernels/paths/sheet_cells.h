@@ -2,16 +2,17 @@
 // voxel). The cells of a sheet tile the image with no hole and no overlap: what floating point cannot tell for certain
 // is decided in integers, from the indices.
 //
-// A ray is in up to three cells of a sheet, and each has a third of its path: that in which it enters the sheet, that in
-// which it leaves it, and between them the one that shares a side with both, in the row where it leaves. From sheet to
-// sheet it stays in its row and place. So whatever a ray passes through shares a side with what comes next, and a closed
-// shell one voxel thin lets no ray through.
+// A ray is in up to three cells of a sheet, and each has a third of its path: that in which it enters the sheet, that
+// in which it leaves it, and between them the one that shares a side with both, in the row where it leaves. From sheet
+// to sheet it stays in its row and place. So whatever a ray passes through shares a side with what comes next, and a
+// closed shell one voxel thin lets no ray through.
 #pragma once
-#include "splat_server/kernels/splat_job.h"
-#include "cell_coordinate.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+#include "cell_coordinate.h"
+#include "splat_server/kernels/splat_job.h"
+
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 // Pixels along one coordinate from a sample to the next on an axis.
@@ -29,13 +30,13 @@ public:
         row_x_ = view_.half_step[0][1], row_y_ = view_.half_step[1][1];
         sample_x_ = view_.half_step[0][2], sample_y_ = view_.half_step[1][2];
         area_ = Wide(row_x_) * sample_y_ - Wide(row_y_) * sample_x_;
-        const int64_t sign = area_ < 0 ? -1 : 1;
+        const std::int64_t sign = area_ < 0 ? -1 : 1;
         for (int face = 0; face < kFaces && area_ != 0; ++face) {
             rows_at_[face].set_slopes(sign * sample_y_, -sign * sample_x_, area_ * sign);
             samples_at_[face].set_slopes(-sign * row_y_, sign * row_x_, area_ * sign);
             samples_at_[face].set_blocks(samples().block_start(0), samples().stride);
         }
-        const int64_t sheet_x = view_.half_step[0][0], sheet_y = view_.half_step[1][0];
+        const std::int64_t sheet_x = view_.half_step[0][0], sheet_y = view_.half_step[1][0];
         row_aside_ = aside(Wide(sheet_x) * sample_y_ - Wide(sheet_y) * sample_x_, view_.axes[1]);
         sample_aside_ = aside(Wide(sheet_y) * row_x_ - Wide(sheet_x) * row_y_, view_.axes[2]);
         const double dx = static_cast<double>(sample_x_), dy = static_cast<double>(sample_y_);
@@ -50,8 +51,8 @@ public:
     // How far along an image row it is from one sample of a row to the next.
     double pixels_across() const { return pixels_apart(view_, 0, 2); }
 
-    void enter_row(uint32_t sheet, uint32_t row) {
-        int64_t low, high;
+    void enter_row(std::uint32_t sheet, std::uint32_t row) {
+        std::int64_t low, high;
         if (sheet != sheet_) enter_sheet(sheet);
         block(view_.axes[1].visits, ordinal(view_.axes[1], row), low, high);
         u_low_ = 2 * low - 1, u_high_ = 2 * high - 1;
@@ -59,11 +60,12 @@ public:
             middle_[c] = static_cast<double>(origin_[c] + (low + high - 1) * view_.half_step[c][1]);
         half_rows_ = static_cast<double>(high - low) * size_of(static_cast<double>(row_y_));
         if (rows_at_[0].level())
-            for (int face = 0; face < kFaces; ++face) level_rows_[face] = rows_at_[face].rows_between(u_low_, u_high_, all_rows());
+            for (int face = 0; face < kFaces; ++face)
+                level_rows_[face] = rows_at_[face].rows_between(u_low_, u_high_, all_rows());
     }
 
     // The ordinal of the sample of this row that is nearest to a position in 1/64 pixel.
-    int64_t ordinal_at(int64_t x64, int64_t y64) const {
+    std::int64_t ordinal_at(std::int64_t x64, std::int64_t y64) const {
         const double from_x = static_cast<double>(x64) * (kFixedOne / 64) - middle_[0];
         const double from_y = static_cast<double>(y64) * (kFixedOne / 64) - middle_[1];
         const double middle = from_x * along_x_ + from_y * along_y_;
@@ -71,14 +73,14 @@ public:
         const double place =
             (middle + 0.5 - static_cast<double>(samples().block_start(0))) / static_cast<double>(samples().stride);
         if (place >= static_cast<double>(samples().count)) return samples().count - 1;
-        return place > 0 ? static_cast<int64_t>(place) : 0;
+        return place > 0 ? static_cast<std::int64_t>(place) : 0;
     }
 
     // Whether `ordinals` can be asked for on this sheet.
     bool tells_ordinals() const { return samples_at_[0].tells_blocks() && samples_at_[1].tells_blocks(); }
 
     // Of eight pixels from (x, y) on the ordinals of the cells that they lie in on a face, within these bounds.
-    RowInts ordinals(int face, int64_t x, int64_t y, int64_t least, int64_t greatest) const {
+    RowInts ordinals(int face, std::int64_t x, std::int64_t y, std::int64_t least, std::int64_t greatest) const {
         return samples_at_[face].block_numbers(x, y, least, greatest);
     }
 
@@ -87,8 +89,8 @@ public:
 
     // From now on it is about the cells of some samples of the row that follow each other. The image rows that they may
     // touch, within the job's.
-    RowSpan enter_cells(int64_t least, int64_t greatest) {
-        int64_t low, high, unused;
+    RowSpan enter_cells(std::int64_t least, std::int64_t greatest) {
+        std::int64_t low, high, unused;
         block(samples(), least, low, unused);
         block(samples(), greatest, unused, high);
         v_low_ = 2 * low - 1, v_high_ = 2 * high - 1;
@@ -102,7 +104,7 @@ public:
     }
 
     // Of the image rows from `y` on the pixels whose rays are in these cells in each third of their way to the viewer.
-    void spans(int64_t y, RowSpans (&thirds)[kThirds]) const {
+    void spans(std::int64_t y, RowSpans (&thirds)[kThirds]) const {
         RowSpans in_row[kFaces], in_samples[kFaces];
         within(rows_at_, row_aside_, y, u_low_, u_high_, in_row);
         within(samples_at_, sample_aside_, y, v_low_, v_high_, in_samples);
@@ -123,15 +125,15 @@ private:
         const double least = (middle - reach) / kFixedOne - kSpare + 1;
         const double greatest = (middle + reach) / kFixedOne + kSpare + 1;
         const auto limited = [&](double row) {
-            return static_cast<int32_t>(
+            return static_cast<std::int32_t>(
                 floor_of(row > job_.row_begin ? (row < job_.row_end ? row : job_.row_end) : job_.row_begin));
         };
         return {limited(least), limited(greatest)};
     }
 
     // Of the rows from `y` on the pixels with low <= coordinate < high on each face.
-    void within(const CellCoordinate (&coordinate)[kFaces], double aside, int64_t y, int64_t low, int64_t high,
-                RowSpans (&spans)[kFaces]) const {
+    void within(const CellCoordinate (&coordinate)[kFaces], double aside, std::int64_t y, std::int64_t low,
+                std::int64_t high, RowSpans (&spans)[kFaces]) const {
         for (int face = 0; face < kFaces; ++face) {
             if (face > 0 && aside == 0) {
                 spans[face] = spans[0];
@@ -142,7 +144,7 @@ private:
                 coordinate[face].narrow(y, low, high, spans[face]);
                 continue;
             }
-            const RowInts rows = RowInts{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<int32_t>(y);
+            const RowInts rows = RowInts{0, 1, 2, 3, 4, 5, 6, 7} + static_cast<std::int32_t>(y);
             spans[face].end &= (rows >= level_rows_[face].begin) & (rows < level_rows_[face].end);
         }
     }
@@ -151,8 +153,8 @@ private:
         return {a.begin > b.begin ? a.begin : b.begin, a.end < b.end ? a.end : b.end};
     }
 
-    // How far along an axis of its own a sheet is shifted on the screen for each half voxel that it lies deeper; 0 where
-    // rounding alone shifts it against the order of traversal, for a pixel's samples must come in that order.
+    // How far along an axis of its own a sheet is shifted on the screen for each half voxel that it lies deeper; 0
+    // where rounding alone shifts it against the order of traversal, for a pixel's samples must come in that order.
     double aside(Wide numerator, const CellAxis& axis) const {
         if (area_ < 0) numerator = -numerator;
         const bool rises = (numerator < 0) == view_.axes[0].ascending;  // in the order of the sheets
@@ -160,57 +162,56 @@ private:
         return static_cast<double>(numerator) / static_cast<double>(area_ < 0 ? -area_ : area_);
     }
 
-    void enter_sheet(uint32_t sheet) {
+    void enter_sheet(std::uint32_t sheet) {
         sheet_ = sheet;
-        int64_t low, high;
+        std::int64_t low, high;
         block(view_.axes[0].visits, ordinal(view_.axes[0], sheet), low, high);
-        const int64_t middle = low + high - 1;
+        const std::int64_t middle = low + high - 1;
         const bool far_is_low = view_.axes[0].ascending != job_.front_to_back;
         for (int face = 0; face < kFaces; ++face) {
-            const int64_t away = (face == 0) == far_is_low ? low - high : high - low;
-            const int64_t at_rows = middle + (row_aside_ == 0 ? 0 : away);
-            const int64_t at_samples = middle + (sample_aside_ == 0 ? 0 : away);
+            const std::int64_t away = (face == 0) == far_is_low ? low - high : high - low;
+            const std::int64_t at_rows = middle + (row_aside_ == 0 ? 0 : away);
+            const std::int64_t at_samples = middle + (sample_aside_ == 0 ? 0 : away);
             enter_face(rows_at_[face], at_rows);
             enter_face(samples_at_[face], at_samples);
         }
         for (int c = 0; c < 2; ++c) origin_[c] = view_.origin[c] + middle * view_.half_step[c][0];
-        aside_y_ = static_cast<double>(high - low) *
-                   (size_of(row_aside_ * static_cast<double>(row_y_)) + size_of(sample_aside_ * static_cast<double>(sample_y_)));
+        aside_y_ = static_cast<double>(high - low) * (size_of(row_aside_ * static_cast<double>(row_y_)) +
+                                                      size_of(sample_aside_ * static_cast<double>(sample_y_)));
     }
 
-    void enter_face(CellCoordinate& coordinate, int64_t doubled) const {
+    void enter_face(CellCoordinate& coordinate, std::int64_t doubled) const {
         coordinate.enter_sheet(view_.origin[0] + doubled * view_.half_step[0][0],
-                               view_.origin[1] + doubled * view_.half_step[1][0], job_.image.width,
-                               job_.image.height);
+                               view_.origin[1] + doubled * view_.half_step[1][0], job_.image.width, job_.image.height);
     }
 
     const AxisVisits& samples() const { return view_.axes[2].visits; }
 
-    static int64_t ordinal(const CellAxis& axis, uint32_t visited) {
-        return axis.ascending ? int64_t(visited) : axis.visits.count - 1 - int64_t(visited);
+    static std::int64_t ordinal(const CellAxis& axis, std::uint32_t visited) {
+        return axis.ascending ? std::int64_t(visited) : axis.visits.count - 1 - std::int64_t(visited);
     }
 
-    static void block(const AxisVisits& visits, int64_t o, int64_t& low, int64_t& high) {
+    static void block(const AxisVisits& visits, std::int64_t o, std::int64_t& low, std::int64_t& high) {
         low = visits.block_low(o), high = visits.block_high(o);
     }
 
     const SplatJob& job_;
     const CellView& view_;
     CellCoordinate rows_at_[kFaces], samples_at_[kFaces];
-    int64_t row_x_, row_y_, sample_x_, sample_y_;
+    std::int64_t row_x_, row_y_, sample_x_, sample_y_;
     Wide area_;
     double along_x_, along_y_;  // doubled samples for 2^-32 pixel
     double row_aside_, sample_aside_;
-    uint32_t sheet_ = ~uint32_t(0);
-    int64_t origin_[2] = {0, 0};  // of the sheet's middle
-    double aside_y_ = 0;          // how far up and down from there rays enter and leave it
-    double middle_[2] = {0, 0};   // of the row of samples, where v is 0
-    double half_rows_ = 0;        // how far its cells reach up and down from there
+    std::uint32_t sheet_ = ~std::uint32_t(0);
+    std::int64_t origin_[2] = {0, 0};                // of the sheet's middle
+    double aside_y_ = 0;                             // how far up and down from there rays enter and leave it
+    double middle_[2] = {0, 0};                      // of the row of samples, where v is 0
+    double half_rows_ = 0;                           // how far its cells reach up and down from there
     RowSpan level_rows_[kFaces] = {{0, 0}, {0, 0}};  // that the cells lie in, where a coordinate is level
     double half_sample_y_;
-    int64_t u_low_ = 0, u_high_ = 0, v_low_ = 0, v_high_ = 0;
+    std::int64_t u_low_ = 0, u_high_ = 0, v_low_ = 0, v_high_ = 0;
 };
 
 }  // namespace
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+
+}  // namespace volsplat::VOLSPLAT_PATH

@@ -4,13 +4,13 @@
 #include "cell_loop.h"
 #include "footprint_loop.h"
 
-namespace volsplat {
-namespace VOLSPLAT_PATH {
+namespace volsplat::VOLSPLAT_PATH {
+
 namespace {
 
 // One pixel, weight 1.
 template <bool kFrontToBack>
-inline void combine_whole(const ImageView& image, int64_t x, int64_t y, const ShadedSample& sample) {
+inline void combine_whole(const ImageView& image, std::int64_t x, std::int64_t y, const ShadedSample& sample) {
     float* const pixel = image.pixels + y * image.pitch + x;
     float& alpha = pixel[3 * image.plane];
     const float intensity[] = {sample.red, sample.green, sample.blue};
@@ -29,15 +29,15 @@ inline void combine_whole(const ImageView& image, int64_t x, int64_t y, const Sh
 
 template <bool kFrontToBack>
 void splat_nearest_pixels(const SplatJob& job) {
-    for (size_t s = 0; s < job.span_count; ++s) {
+    for (std::size_t s = 0; s < job.span_count; ++s) {
         const unsigned char* packets = job.spans[s].packets;
-        for (uint64_t r = 0; r < job.spans[s].run_count; ++r) {
+        for (std::uint64_t r = 0; r < job.spans[s].run_count; ++r) {
             const RowRun run = run_at(job.image, job.spans[s].runs, r);
-            const unsigned char* const end = packets + uint64_t(run.count) * kPacketBytes;
+            const unsigned char* const end = packets + std::uint64_t(run.count) * kPacketBytes;
             for (; packets != end; packets += kPacketBytes) {
                 const ShadedSample sample = sample_at(packets, run, job);
-                const int64_t half = 1 << (kSubpixelBits - 1);
-                const int64_t x = (sample.x + half) >> kSubpixelBits, y = (sample.y + half) >> kSubpixelBits;
+                const std::int64_t half = 1 << (kSubpixelBits - 1);
+                const std::int64_t x = (sample.x + half) >> kSubpixelBits, y = (sample.y + half) >> kSubpixelBits;
                 if (x < 0 || x >= job.image.width || y < job.row_begin || y >= job.row_end) continue;
                 combine_whole<kFrontToBack>(job.image, x, y, sample);
             }
@@ -50,10 +50,8 @@ SplatOutcome splat_in_order(const SplatJob& job) {
     if (job.reach == Reach::footprint)
         return job.footprint.clamped ? splat_footprints<kFrontToBack, true>(job)
                                      : splat_footprints<kFrontToBack, false>(job);
-    if (job.reach == Reach::cell)
-        CellLoop<kFrontToBack>(job).run();
-    else
-        splat_nearest_pixels<kFrontToBack>(job);
+    if (job.reach == Reach::cell) CellLoop<kFrontToBack>(job).run();
+    else splat_nearest_pixels<kFrontToBack>(job);
     return {job.row_begin, job.row_end, 0};
 }
 
@@ -63,5 +61,4 @@ SplatOutcome splat(const SplatJob& job) {
     return job.front_to_back ? splat_in_order<true>(job) : splat_in_order<false>(job);
 }
 
-}  // namespace VOLSPLAT_PATH
-}  // namespace volsplat
+}  // namespace volsplat::VOLSPLAT_PATH
