@@ -7,13 +7,15 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
-BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(wildcard kernels/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
+SHARED_NUMBERS := $(addprefix protocol/rules/,closed_tiles.py index_rules.py packet_layout.py)
+BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(SHARED_NUMBERS) \
+	$(wildcard kernels/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test bench clean
+.PHONY: help install demo test clang aarch64 bench clean
 
 help: ## list the targets
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
 # torch comes first: packaging/cpu_torch.py finds its CPU build, where pip alone would load gigabytes of CUDA.
 $(VENV)/bin/python:
@@ -33,9 +35,17 @@ $(INSTALLED): $(BUILD_INPUTS) $(TORCH)
 	$(PIP) install -c constraints.txt '.[torch,ui,formats]'
 	@touch $@
 
-$(READY): $(BUILD_INPUTS) $(TORCH)
+# With build tools that stay where they are, only what has changed is compiled again: pip would load them into a new
+# folder each time.
+BUILD_TOOLS := $(VENV)/.build_tools
+$(BUILD_TOOLS): pyproject.toml | $(VENV)/bin/python
+	$(PIP) install $$($(BIN)/python -c "import tomllib; \
+		print(*tomllib.load(open('pyproject.toml', 'rb'))['project']['optional-dependencies']['build'])")
+	@touch $@
+
+$(READY): $(BUILD_INPUTS) $(TORCH) $(BUILD_TOOLS)
 	@echo "$(COMPILING)"
-	$(PIP) install -c constraints.txt --editable '.[dev]'
+	$(PIP) install -c constraints.txt --no-build-isolation --editable '.[dev]'
 	@touch $@
 
 # A .venv that is set up for work serves for use as well.
@@ -61,12 +71,46 @@ tools:
 		apt-get update -qq && apt-get install -qq -y --no-install-recommends $$missing > /dev/null; \
 	else echo "not found:$$missing; tests that need them will be skipped"; fi
 
+CPP := $(foreach room,kernels */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))
+
 test: $(READY) tools ## lint, type-check and test, the properties on the baseline CPU path as well
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
+	$(BIN)/clang-format --dry-run -Werror $(CPP)
 	$(BIN)/mypy
 	$(BIN)/pytest -n auto --dist worksteal
 	VOLSPLAT_CPU_PATH=baseline $(BIN)/pytest -n auto --dist worksteal $(PROPERTIES)
+
+# What each compiler must give: the kernels' own tests, and that all instruction sets agree.
+KERNEL_TESTS := $(addprefix tests/,mapshade_server/test_kernel_map_shade.py mapshade_server/test_kernel_voxel_packets.py \
+	splat_server/test_kernel_merge.py splat_server/test_kernel_splat.py splat_server/test_tile_maps.py \
+	protocol/test_kernel_constants.py bench/test_bench_floors.py exactness/test_order_independence.py)
+CLANG := build/clang
+CLANG_CC ?= clang
+CLANG_CXX ?= clang++
+
+clang: $(READY) ## compile the kernels with Clang, beside .venv, and test them
+	$(PYTHON) -m venv $(CLANG)
+	$(BIN)/python -c "import sysconfig; print(sysconfig.get_path('purelib'))" > $(CLANG)/borrowed
+	cp $(CLANG)/borrowed $$($(CLANG)/bin/python -c "import sysconfig; print(sysconfig.get_path('purelib'))")/borrowed.pth
+	CC=$(CLANG_CC) CXX=$(CLANG_CXX) $(CLANG)/bin/python -m pip --disable-pip-version-check install --no-build-isolation --no-deps \
+		-C build-dir=$(CLANG)/objects -C cmake.define.VOLSPLAT_STRICT=ON .
+	$(CLANG)/bin/python -m pytest -n auto $(KERNEL_TESTS)
+
+# Needs g++-aarch64-linux-gnu and qemu-user, as Debian calls them.
+SAME_BITS := build/same_bits
+aarch64: ## compile the baseline kernels for another processor, and run them there: the bits must be the same
+	mkdir -p $(SAME_BITS)
+	$(PYTHON) kernels/write_constants.py $(SAME_BITS)/kernels/constants.h $(SHARED_NUMBERS)
+	for machine in $$(uname -m) aarch64; do \
+		$$machine-linux-gnu-g++ -std=c++20 -O2 -static -ffp-contract=off -Wno-psabi -DVOLSPLAT_PATH=baseline -I. -I$(SAME_BITS) \
+			-o $(SAME_BITS)/$$machine kernels/tests/same_bits.cpp mapshade_server/kernels/paths/*.cpp \
+			splat_server/kernels/paths/*.cpp || exit 1; \
+	done
+	$(SAME_BITS)/$$(uname -m) > $(SAME_BITS)/here
+	qemu-aarch64 $(SAME_BITS)/aarch64 > $(SAME_BITS)/there
+	cat $(SAME_BITS)/there
+	cmp $(SAME_BITS)/here $(SAME_BITS)/there
 
 bench: $(READY) ## print the kernels' speeds beside their floors, the paper's table and the peers' times
 	$(BIN)/volsplat bench kernels
