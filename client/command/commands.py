@@ -5,7 +5,6 @@ import os
 import resource
 import sys
 from importlib import import_module
-from importlib.metadata import version
 from typing import NamedTuple
 
 import click
@@ -94,7 +93,7 @@ def _becoming(name: str, program: str) -> click.Command:
 
 
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(version("volsplat"), prog_name="volsplat")
+@click.version_option(package_name="volsplat", prog_name="volsplat")
 @click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for everything.")
 def volsplat(verbose: int) -> None:
     """Distributed, interactive volume rendering by splatting."""

@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable, Iterable
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -88,6 +87,8 @@ class FrameReport(msgspec.Struct, frozen=True):
 
 def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutcome]) -> FrameReport:
     """The report of the steps drawn of a volume."""
+    from importlib.metadata import version  # brings the library for e-mail, which only reports need
+
     description, drawn = volume.description, list(outcomes)
     return FrameReport(
         volsplat=version("volsplat"),

@@ -8,6 +8,9 @@ packed in the same way: an eighth of the voxels on disk, instead of sheets carri
 volume's width. A source that is compressed as a whole is unpacked once, into such a raw file too (level_source.py),
 since three readings by blocks would unpack it from its beginning again and again; so is what comes from a URL.
 
+It is a room of the map/shade server, top floor: it reads, surveys and packs by the server's own modules, and none of
+them knows it. It starts nothing and talks to nobody.
+
 What is finished stands in a journal (journal.py). Killed at any moment, the same command goes on from there, and ends
 with the same bytes as if nothing had happened.
 """

@@ -4,7 +4,6 @@ Zarr asks for many chunks at a time and gives up at the first failure. The other
 pages of traces about each when it finds that nobody waits for them.
 """
 
-import asyncio
 import json
 import logging
 import os
@@ -82,6 +81,8 @@ def end_requests() -> None:
 
 
 async def _cancel() -> None:
+    import asyncio  # slow to import: a server that reads no Zarr starts without it
+
     others = asyncio.all_tasks() - {asyncio.current_task()}
     for task in others:
         task.cancel()

@@ -4,7 +4,6 @@ Codecs of version 3 get their own bound with each chunk. Those of version 2 know
 A codec that is not in the list is not used at all: some of them run programs that are stored in the chunk (pickle).
 """
 
-import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -146,6 +145,8 @@ def _of_version_2() -> list[Any]:
 @cache
 def _of_version_3() -> dict[str, Any]:
     """Zarr's own codecs, each with the bound of its chunk."""
+    import asyncio  # slow to import: a server that reads no Zarr starts without it
+
     codecs = library("zarr.codecs", "Zarr")
 
     def bounded(name: str, base: Any) -> Any:
