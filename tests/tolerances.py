@@ -111,7 +111,7 @@ BETWEEN_CPU_PATHS = 1e-5
 """What the splat kernel may differ by between instruction sets (design, section 3.5)."""
 
 ONE_BYTE = 1
-"""A histogram's peak lies in one of two neighbouring bytes where the true value falls between them."""
+"""A histogram's peak lies in one of two neighbouring bytes if the true value falls between them."""
 
 EDGE_ANGLE = 1e-9
 """Relative: a face whose normal turns less than this to or from the viewer is seen edge on."""
@@ -144,7 +144,7 @@ CAMERA_PIXELS = 1e-3
 """What the page draws over a picture, in pixels: far below what is seen, far above float64 at zooms up to 256."""
 
 HALF_A_CSS_PIXEL = 0.5
-"""A mark's place as the browser tells it, its box rounded outwards to whole pixels."""
+"""A mark's place as the browser reports it, its box rounded outwards to whole pixels."""
 
 ONE_PIXEL_OF_A_TABLE = 0.02
 """Positions and values set by the mouse: a table is drawn at least 60 pixels high, and the mouse goes by whole ones."""

@@ -94,7 +94,7 @@ def test_a_page_that_vanishes_is_no_word_worth(volume: Path) -> None:
             with view.viewport(tab) as viewport:
                 viewport.says("size", width=64, height=64)
                 viewport.message("scene")
-                socket_of(viewport).shutdown(socket.SHUT_RDWR)  # as where a laptop is closed
+                socket_of(viewport).shutdown(socket.SHUT_RDWR)  # as if a laptop is closed
         with view.viewport("bytes") as viewport:
             viewport._socket.send(b"\0")
             with pytest.raises(ConnectionClosed, match="1003"):

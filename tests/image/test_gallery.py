@@ -1,4 +1,4 @@
-"""The gallery: sixteen images from scene files, on four plates, of measured volumes where there are some."""
+"""The gallery: sixteen images from scene files, on four plates, of measured volumes if there are some."""
 
 import os
 import subprocess

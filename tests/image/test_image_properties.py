@@ -1,4 +1,4 @@
-"""What a saved image tells of the volume."""
+"""What a saved image says of the volume."""
 
 from pathlib import Path
 

@@ -190,7 +190,7 @@ def test_frames_that_others_push_aside_are_drawn_again(single: SingleProcess, he
         assert (read_image(image) - shown).abs().max() <= HALF_A_LEVEL["uint8"]
 
 
-# -- what is left where it ends early
+# -- what is left if it ends early
 
 
 @kinds

@@ -16,8 +16,8 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.program.plain_console import PlainConsole, task_words
 
-PROGRAMS = ("client", "deploy", "protocol", "mapshade_server", "splat_server", "bench")
-THE_CONSOLE = ROOT / "protocol" / "plain_console.py"
+PROGRAMS = ("client", "deploy", "program", "protocol", "mapshade_server", "splat_server", "bench")
+THE_CONSOLE = ROOT / "program" / "plain_console.py"
 
 HARMLESS = "a[red]b[/c]:smile:[link=x]"
 STEERING = "e\x1b[31mvil\x07\n\u202ename"
@@ -25,7 +25,7 @@ STEERING_SHOWN = re.compile(r"e\?\[31mvil\?[ ?]\?name")
 
 
 def on_a_terminal(console: PlainConsole) -> PlainConsole:
-    """As it is in front of a person, where a bar and a status are drawn."""
+    """As it is in front of a person, who sees a bar and a status."""
     console._force_terminal = True
     return console
 

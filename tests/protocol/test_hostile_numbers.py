@@ -76,7 +76,7 @@ def replaced(value: Any, at: Place, number: float) -> Any:
 
 @st.composite
 def spoilt(draw: st.DrawFn, message: Spoilable) -> Spoilable | None:
-    """The message with one to three of its numbers changed; None where it is refused as it is decoded."""
+    """The message with one to three of its numbers changed; None if it is refused as it is decoded."""
     builtins = msgspec.to_builtins(message)
     places = list(numbers_in(builtins))
     for _ in range(draw(st.integers(1, 3))):

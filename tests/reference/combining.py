@@ -23,7 +23,7 @@ def back_to_front(buffer: Tensor, opacity: Tensor, colour: Tensor) -> Tensor:
 
 
 def front_to_back(buffer: Tensor, opacity: Tensor, colour: Tensor) -> Tensor:
-    """I_o = I_c + (1 - A_c) I_n A_n and A_o = A_c + (1 - A_c) A_n, except where the pixel is frozen."""
+    """I_o = I_c + (1 - A_c) I_n A_n and A_o = A_c + (1 - A_c) A_n, unless the pixel is frozen."""
     through = 1 - buffer[:, 3:]
     combined = buffer + through * (opacity[:, None] * _with_one(colour))
     return torch.where(buffer[:, 3:] >= FROZEN_ALPHA, buffer, combined)

@@ -99,7 +99,7 @@ def shade(
     exponent: Tensor,
     directions: Tensor,
 ) -> tuple[Tensor, Tensor]:
-    """Colour (n, 3) and opacity (n,) of samples, float64 0..1, unrounded; opacity is 0 where there is no data.
+    """Colour (n, 3) and opacity (n,) of samples, float64 0..1, unrounded; opacity is 0 if there is no data.
 
     `packets` int64 (n,); `fields` their bytes; `exponent` float64 (n,); `directions` (32768, 3) unit vectors.
     """

@@ -28,7 +28,7 @@ def with_no_data_as_nan(values: Tensor) -> Tensor:
 def gradients(values: Tensor, geometry: Geometry) -> Tensor:
     """The gradient per unit of physical length, float64 (k, j, i, 3) with components along the physical axes.
 
-    Central differences by two steps; one-sided by one step where a neighbour is outside or no data; 0 where both are.
+    Central differences by two steps; one-sided by one step if a neighbour is outside or no data; 0 if both are.
     """
     values = with_no_data_as_nan(values)
     per_step = torch.stack([_difference(values, dim) for dim in (2, 1, 0)], dim=-1)
@@ -52,7 +52,7 @@ def _difference(values: Tensor, dim: int) -> Tensor:
 
 
 def strengths(gradient: Tensor) -> Tensor:
-    """|gradient| of (…, 3); 0 where it is not finite."""
+    """|gradient| of (…, 3); 0 if it is not finite."""
     x, y, z = gradient.unbind(-1)
     size = torch.sqrt(x * x + y * y + z * z)
     return torch.where(torch.isfinite(size), size, 0.0)

@@ -1,4 +1,4 @@
-"""What a script hands to a session: converted where it means something, refused for the caller where it does not."""
+"""What a script hands to a session: converted if it means something, refused for the caller if not."""
 
 from collections.abc import Callable, Iterator
 from fractions import Fraction

@@ -96,7 +96,7 @@ def splatted(
     threads: int = 1,
     by_columns: bool = False,
 ) -> Tensor:
-    """By the kernel, in stripes where there are several threads."""
+    """By the kernel, in stripes if there are several threads."""
     image = ImageBuffer(width, height, threads, by_columns)
     pinned = spans_of(runs)
     image.splat(pinned.spans, reach, order, pixels_per_packet=THREADED_FROM_PIXELS)

@@ -134,16 +134,16 @@ def test_a_frame_without_samples_is_empty_whatever_was_drawn_before(size: tuple[
     image.close()
 
 
-def test_what_is_undone_at_a_new_frame_leaves_nothing_behind() -> None:
+def test_what_is_unfinished_at_a_new_frame_leaves_nothing_behind() -> None:
     image = ImageBuffer(*LARGE, threads=2)
     drawn = sheets_of_dots(3, 4, *LARGE)
     expected = one_after_the_other(drawn, Order.FRONT_TO_BACK, *LARGE)
-    undone = long_job(*LARGE)
+    unfinished = long_job(*LARGE)
     for by_columns in (False, True, False, False, True):
         with everything_threaded():
             image.clear(by_columns)
             for _ in range(3):
-                image.splat(undone.spans, TABLE, Order.FRONT_TO_BACK, batches=undone)
+                image.splat(unfinished.spans, TABLE, Order.FRONT_TO_BACK, batches=unfinished)
             image.clear(False)
             for runs in drawn:
                 splat(image, runs, Order.FRONT_TO_BACK)
@@ -171,7 +171,7 @@ def test_a_batch_is_kept_until_it_is_splatted_or_dropped(end: str) -> None:
     kept = weakref.ref(memory)
     with everything_threaded():
         image.splat(pinned.spans, TABLE, Order.BACK_TO_FRONT, batches=memory)
-    del memory  # the job may be over already, where this thread was held up
+    del memory  # the job may be over already, if this thread was held up
     assert kept() is not None or not image.busy
     ENDS[end](image)
     assert kept() is None
@@ -180,10 +180,10 @@ def test_a_batch_is_kept_until_it_is_splatted_or_dropped(end: str) -> None:
 
 def test_a_cancelled_job_is_not_drawn_on() -> None:
     image = ImageBuffer(*LARGE, threads=2)
-    undone = long_job(*LARGE)
+    unfinished = long_job(*LARGE)
     with everything_threaded():
         for _ in range(3):
-            image.splat(undone.spans, TABLE, Order.BACK_TO_FRONT, batches=undone)
+            image.splat(unfinished.spans, TABLE, Order.BACK_TO_FRONT, batches=unfinished)
     image.cancel()
     busy, at_first = image.busy_seconds, bytes(image.snapshot())
     image.finish()

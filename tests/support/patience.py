@@ -7,7 +7,7 @@ PATIENCE = 120.0  # seconds, after which what never comes fails its test
 
 
 def wait_until(holds: Callable[[], object], what: str) -> None:
-    """Look again and again. Fails the test where it never holds, in the words of `what`."""
+    """Look again and again. Fails the test if it never holds, in the words of `what`."""
     deadline = time.monotonic() + PATIENCE
     while not holds():
         assert time.monotonic() < deadline, f"never {what}"

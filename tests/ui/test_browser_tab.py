@@ -1,4 +1,4 @@
-"""The person's browser where there is no room for the file that would lead it to the page."""
+"""The person's browser if there is no room for the file that would lead it to the page."""
 
 import socket
 import tempfile

@@ -1,4 +1,4 @@
-"""The page's scene model: what is undone, what is told."""
+"""The page's scene model: what is taken back, what is reported."""
 
 import msgspec
 import pytest

@@ -29,7 +29,7 @@ Header = dict[int, int]
 
 
 def amplitude(inline: int, crossline: int) -> Voxels:
-    """A trace that tells where it belongs, small enough for each sample format."""
+    """A trace that says where it belongs, small enough for each sample format."""
     return (inline - 12) * 9 + (crossline - 305) + np.arange(SAMPLES, dtype=np.float32)
 
 

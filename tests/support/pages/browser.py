@@ -40,7 +40,7 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def browser_page(browser: Browser) -> Iterator[Page]:
-    """An empty tab of 1280x800. The test fails where a script of the page fails, or breaks the page's own policy."""
+    """An empty tab of 1280x800. The test fails if a script of the page fails, or breaks the page's own policy."""
     failures: list[str] = []
     with patient_context(browser, viewport={"width": 1280, "height": 800}) as context:
         page = context.new_page()

@@ -184,7 +184,7 @@ def test_number_keys_look_from_a_side(shown: ShownViewport, key: str, name: str)
     shown.page.keyboard.press(key)
     view = shown.wait_for_the_last_to_settle()
     assert view["rotation"] == pytest.approx(named_view(name), abs=ROUNDING)
-    assert shown.process.heard_of("view")[0]["settled"] is False  # the arrow's; it settles where the number is late
+    assert shown.process.heard_of("view")[0]["settled"] is False  # the arrow's; it settles if the number is late
 
 
 @pytest.mark.parametrize(
