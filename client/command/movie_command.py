@@ -11,7 +11,7 @@ import click
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.opened_volume import memory_option, opened_quietly, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
-from volsplat.client.command.render_options import SceneOptions, size_from_option, up_from_option, up_option
+from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.presets import PRESETS
@@ -45,9 +45,9 @@ from volsplat.protocol.text.errors import BadInput
 )
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
-@click.option("--size", metavar="WxH", help="Image size in pixels (512x512).")
-@click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
-@up_option
+@scene_option("--size")
+@scene_option("--rotate")
+@scene_option("--up")
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
 @click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
 @memory_option
@@ -61,13 +61,11 @@ def movie(
     keys: tuple[Path, ...],
     scene: Path | None,
     preset: str | None,
-    size: str | None,
-    rotate: str | None,
-    up: str | None,
     step: str,
     workers: int,
     memory: str | None,
     single: bool,
+    **settings: str | float | None,
 ) -> None:
     """Turn VOLUME once around, or move through key scenes, into a movie.
 
@@ -76,13 +74,7 @@ def movie(
     is taken from that scene, and the other options hold for every key. A turn can be looped. Until the movie is
     whole, nothing lies at its name.
     """
-    options = SceneOptions(
-        scene=scene,
-        preset=preset,
-        size=size_from_option(size) if size else None,
-        rotate=rotate,
-        up=up_from_option(up),
-    )
+    options = SceneOptions(scene, preset, scene_changes(settings))
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
     check_is_there(volume)

@@ -7,14 +7,7 @@ from pathlib import Path
 import click
 
 from volsplat.client.command.opened_volume import memory_option, opened, servers_from_options
-from volsplat.client.command.render_options import (
-    SceneOptions,
-    bounds_from_option,
-    size_from_option,
-    triple_from_option,
-    up_from_option,
-    up_option,
-)
+from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.render_outputs import Outputs, step_image_path
 from volsplat.client.image.empty_image import why_empty
 from volsplat.client.image.image_properties import image_properties
@@ -23,7 +16,7 @@ from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
-from volsplat.protocol.description.scene import Order, Scene, Step
+from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
 
@@ -34,20 +27,18 @@ IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers s
 @click.argument("volume")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr.")
 @click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
-@click.option("--size", metavar="WxH", help="Image size in pixels (512x512).")
+@scene_option("--size")
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
 @click.option("--steps-dir", type=click.Path(path_type=Path), help="Write every step up to --step into this folder.")
-@click.option(
-    "--order", type=click.Choice([order.value for order in Order]), help="Back-to-front or front-to-back (fastest)."
-)
-@click.option("--rotate", metavar="VIEW", help="x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…")
-@up_option
-@click.option("--zoom", type=float, metavar="PIXELS", help="Pixels a voxel; else what is visible fits the image.")
-@click.option("--center", metavar="I,J,K", help="Grid point at the image's centre.")
-@click.option("--bounds", metavar="I0:I1,J0:J1,K0:K1", help="Draw only this part of the grid.")
-@click.option("--edges/--no-edges", default=None, help="Draw the volume's boundary as white edges.")
+@scene_option("--order")
+@scene_option("--rotate")
+@scene_option("--up")
+@scene_option("--zoom")
+@scene_option("--center")
+@scene_option("--bounds")
+@scene_option("--edges")
 @memory_option
 @click.option("--single", is_flag=True, help="One process on all cores, no servers: the same image.")
 @click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
@@ -60,42 +51,24 @@ def render(
     volume: str,
     output: Path | None,
     workers: int,
-    size: str | None,
     scene: Path | None,
     preset: str | None,
     step: str,
     steps_dir: Path | None,
-    order: str | None,
-    rotate: str | None,
-    up: str | None,
-    zoom: float | None,
-    center: str | None,
-    bounds: str | None,
-    edges: bool | None,
     memory: str | None,
     single: bool,
     report: Path | None,
     listen: str | None,
     spawn: str | None,
     token_file: Path | None,
+    **settings: str | float | None,
 ) -> None:
     """Draw VOLUME into an image.
 
     VOLUME is a file or folder in any of the formats of docs/formats.md; what follows a # names a part of it, as in
     run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
     """
-    scene_options = SceneOptions(
-        scene=scene,
-        preset=preset,
-        size=size_from_option(size) if size else None,
-        order=Order(order) if order else None,
-        rotate=rotate,
-        up=up_from_option(up),
-        zoom=zoom,
-        center=triple_from_option("--center", center, float) if center else None,
-        bounds=bounds_from_option(bounds) if bounds else None,
-        edges=edges,
-    )
+    scene_options = SceneOptions(scene, preset, scene_changes(settings))
     outputs = Outputs(output, steps_dir, report)
     spawns = spawn == "local" or (spawn is None and listen is None)
     if not spawns and listen is None:

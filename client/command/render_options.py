@@ -1,12 +1,12 @@
-"""What the render command takes on its command line, read into scenes and numbers."""
+"""What commands that draw take on their command line for the scene, read into scenes and numbers."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import click
 import msgspec
@@ -14,35 +14,60 @@ import msgspec
 from volsplat.client.image.image_formats import DEPTHS
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import read_scene_file
+from volsplat.client.scene.scene_keys import KEYS
 from volsplat.client.scene.view_rotation import rotation_from_option
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Bounds, Order, Scene
-from volsplat.protocol.geometry.upright import UPS, Up
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.geometry.upright import UPS
 from volsplat.protocol.text.errors import BadInput
 
-up_option = click.option(
-    "--up",
-    type=click.Choice(UPS),
-    help="The axis of the volume's space that is up (as its file tells, or by a guess; see volsplat info).",
-)
-
+Command = TypeVar("Command", bound=Callable[..., Any])
 Number = TypeVar("Number", int, float)
+
+
+class SceneOption(NamedTuple):
+    """An option that sets keys of the scene. `read` makes their values of its text; without it the key's type does."""
+
+    keys: tuple[str, ...]
+    help: str
+    metavar: str | None = None
+    read: Callable[[str], tuple[Any, ...]] | None = None
+    choices: tuple[str, ...] | None = None  # if not all that the key allows
+
+
+def scene_option(flag: str) -> Callable[[Command], Command]:
+    """The option as a decorator for a command that takes it, and gives it to `scene_changes`."""
+    option = SCENE_OPTIONS[flag]
+    key = KEYS[option.keys[0]]
+    if key.declared.kind is bool:
+        return click.option(f"{flag}/--no-{flag[2:]}", default=None, help=option.help)
+    kind: click.ParamType[Any] | type = str
+    if option.read is None:
+        kind = click.FLOAT if float in key.declared.kinds else click.Choice(option.choices or key.declared.words)
+    return click.option(flag, type=kind, metavar=option.metavar, help=option.help)
+
+
+def scene_changes(given: Mapping[str, Any]) -> dict[str, Any]:
+    """What a command's scene options, by their names, change: values by the place of their key. Raises BadInput."""
+    changes: dict[str, Any] = {}
+    for flag, option in SCENE_OPTIONS.items():
+        value = given.get(flag[2:])
+        if value is not None and option.read is not None:
+            changes |= zip(option.keys, option.read(value), strict=True)
+        elif value is not None:
+            (place,) = option.keys
+            changes[place] = msgspec.convert(value, KEYS[place].declared.kind)
+    return changes
 
 
 @dataclass(frozen=True)
 class SceneOptions:
-    """Where the scene comes from, and what the command line changes in it. None: not given."""
+    """Where the scene comes from, and what the command line changes in it: values by the place of their key."""
 
     scene: Path | None = None
     preset: str | None = None
-    size: tuple[int, int] | None = None
-    order: Order | None = None
-    rotate: str | None = None
-    up: Up | None = None
-    zoom: float | None = None
-    center: tuple[float, float, float] | None = None
-    bounds: Bounds | None = None
-    edges: bool | None = None
+    changes: Mapping[str, Any] = field(default_factory=dict)
 
     def scene_of(self, volume: SurveyedVolume | None) -> Scene:
         """The scene to draw: preset or default, under the scene file, under the options. Raises BadInput.
@@ -69,29 +94,12 @@ class SceneOptions:
         return preset_scene(self.preset, volume.subject())
 
     def _changed(self, scene: Scene) -> Scene:
-        view, image = scene.view, scene.image
         try:
-            if self.rotate is not None:
-                view = msgspec.structs.replace(view, rotation=rotation_from_option(self.rotate))
-            if self.up is not None:
-                view = msgspec.structs.replace(view, up=self.up)
-            if self.zoom is not None:
-                view = msgspec.structs.replace(view, zoom=self.zoom)
-            if self.center is not None:
-                view = msgspec.structs.replace(view, center=self.center)
-            if self.size is not None:
-                image = msgspec.structs.replace(image, width=self.size[0], height=self.size[1])
-            if self.edges is not None:
-                image = msgspec.structs.replace(image, edges=self.edges)
+            for place, value in self.changes.items():
+                scene = KEYS[place].put(scene, value)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        return msgspec.structs.replace(
-            scene,
-            view=view,
-            image=image,
-            bounds=self.bounds or scene.bounds,
-            order=self.order or scene.order,
-        )
+        return scene
 
 
 def _scene_in(path: Path, base: Scene) -> Scene:
@@ -113,11 +121,6 @@ def size_from_option(text: str) -> tuple[int, int]:
     return int(match[1]), int(match[2])
 
 
-def up_from_option(text: str | None) -> Up | None:
-    """What --up, which is one of UPS, says."""
-    return next((up for up in UPS if up == text), None)
-
-
 def triple_from_option(option: str, text: str, kind: Callable[[str], Number]) -> tuple[Number, Number, Number]:
     """Three numbers from I,J,K. Raises BadInput."""
     try:
@@ -127,11 +130,40 @@ def triple_from_option(option: str, text: str, kind: Callable[[str], Number]) ->
     return i, j, k
 
 
-def bounds_from_option(text: str) -> Bounds:
+def _bounds_from_option(text: str) -> tuple[Index, Index]:
     """Half-open bounds from I0:I1,J0:J1,K0:K1; an empty side reaches to the volume's face. Raises BadInput."""
     match = re.fullmatch(r"(\d*):(\d*),(\d*):(\d*),(\d*):(\d*)", text)
     if match is None:
         raise BadInput(f"--bounds {text}: give LOW:HIGH for i, j and k, as in 0:48,:,10:100; HIGH is left out")
     low = [int(match[n] or 0) for n in (1, 3, 5)]
     high = [int(match[n] or -1) for n in (2, 4, 6)]
-    return Bounds(low=(low[0], low[1], low[2]), high=(high[0], high[1], high[2]))
+    return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+
+
+SCENE_OPTIONS = {
+    "--size": SceneOption(("image.width", "image.height"), "Image size in pixels (512x512).", "WxH", size_from_option),
+    "--order": SceneOption(("order",), "Back-to-front or front-to-back (fastest)."),
+    "--rotate": SceneOption(
+        ("view.rotation",),
+        "x,y,z,w or azimuth,elevation[,roll] or front, back, left, right, top…",
+        "VIEW",
+        lambda text: (rotation_from_option(text),),
+    ),
+    "--up": SceneOption(
+        ("view.up",),
+        "The axis of the volume's space that is up (as its file tells, or by a guess; see volsplat info).",
+        choices=UPS,
+    ),
+    "--zoom": SceneOption(("view.zoom",), "Pixels a voxel; else what is visible fits the image.", "PIXELS"),
+    "--center": SceneOption(
+        ("view.center",),
+        "Grid point at the image's centre.",
+        "I,J,K",
+        lambda text: (triple_from_option("--center", text, float),),
+    ),
+    "--bounds": SceneOption(
+        ("bounds.low", "bounds.high"), "Draw only this part of the grid.", "I0:I1,J0:J1,K0:K1", _bounds_from_option
+    ),
+    "--edges": SceneOption(("image.edges",), "Draw the volume's boundary as white edges."),
+}
+"""All options that set keys of the scene; each command names those that it takes."""

@@ -12,7 +12,7 @@ import msgspec
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.opened_volume import ignored, memory_option, opened, servers_from_options
-from volsplat.client.command.render_options import SceneOptions, up_from_option, up_option
+from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.terminal_watch import ended_with_its_reader
 from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.session import Session
@@ -37,7 +37,7 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
 @click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
-@up_option
+@scene_option("--up")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine (any free).")
 @click.option("--no-browser", is_flag=True, help="Print the page's address only.")
 @click.option(
@@ -57,13 +57,13 @@ def view(
     workers: int,
     scene: Path | None,
     preset: str | None,
-    up: str | None,
     port: int,
     no_browser: bool,
     grace: float,
     memory: str | None,
     listen: str | None,
     token_file: Path | None,
+    **settings: str | float | None,
 ) -> None:
     """Show VOLUME in the browser: turn, cut and re-colour it while it refines.
 
@@ -73,7 +73,7 @@ def view(
     """
     for package in ("nicegui", "PIL"):
         need(package, "the page", "ui")
-    options = SceneOptions(scene=scene, preset=preset, up=up_from_option(up))
+    options = SceneOptions(scene, preset, scene_changes(settings))
     options.scene_of(None)
     if listen is None:
         check_is_there(volume)

@@ -264,7 +264,7 @@ def test_a_key_file_lies_over_the_scene_and_under_the_options(tmp_path: Path) ->
     (tmp_path / "scene.toml").write_text("[image]\nedges = true\nwidth = 99\n[view]\nzoom = 3.0\n")
     (tmp_path / "near.toml").write_text("[view]\nzoom = 9.0\n[image]\nwidth = 77\n")
     (tmp_path / "far.toml").write_text("")
-    options = SceneOptions(scene=tmp_path / "scene.toml", size=(40, 30))
+    options = SceneOptions(tmp_path / "scene.toml", changes={"image.width": 40, "image.height": 30})
     near, far = options.key_scenes(None, [tmp_path / "near.toml", tmp_path / "far.toml"])
     assert (near.view.zoom, far.view.zoom) == (9.0, 3.0)
     assert all((key.image.width, key.image.height, key.image.edges) == (40, 30, True) for key in (near, far))

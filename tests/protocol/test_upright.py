@@ -169,7 +169,7 @@ def test_what_is_set_wins_over_guess_and_file(stacks: dict[str, str], tmp_path: 
         with SingleProcess(name) as single:
             assert single.volume.settled(single.volume.default_scene()).view.up == own
             for up in UPS:
-                scene = SceneOptions(up=up).scene_of(single.volume)
+                scene = SceneOptions(changes={"view.up": up}).scene_of(single.volume)
                 assert scene.view.up == single.volume.settled(scene).view.up == up
                 turned = looking(named_view("front"), zoom=1.0, up=up)
                 by_hand = msgspec.structs.replace(
