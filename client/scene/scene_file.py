@@ -67,7 +67,7 @@ def scene_toml(scene: Scene, title: str = "A volsplat scene") -> str:
         for key in KEYS.values():
             if key.section == section:
                 lines += ["", *_comment(key.meaning)] if key.meaning else []
-                default = _default_of(key)
+                default = default_toml(key)
                 lines += _comment(f"Allowed: {key.allowed}." + (f" Default: {default}." if default else ""))
                 lines.append(f"{key.name} = {toml_value(key.of(scene), key.place)}")
     return "\n".join(lines) + "\n"
@@ -81,7 +81,7 @@ def _comment(text: str) -> list[str]:
     return [f"# {line}" for paragraph in text.splitlines() for line in textwrap.wrap(paragraph, _COMMENT_WIDTH)]
 
 
-def _default_of(key: SceneKey) -> str:
+def default_toml(key: SceneKey) -> str:
     """The TOML of a key's default, or nothing if the default depends on the volume or is a table."""
     return "" if key.section.startswith("tables") else toml_value(key.declared.default, key.place)
 

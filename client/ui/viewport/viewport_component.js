@@ -7,12 +7,13 @@ export default {
   template: '<div class="vs-viewport-host"></div>',
   props: { tab: String, home: Array },
   mounted() {
-    const url = new URL(`${window.path_prefix ?? ""}/viewport`, window.location.href);
+    const page = /** @type {any} */ (window); // of which NiceGUI tells where it lies
+    const url = new URL(`${page.path_prefix ?? ""}/viewport`, window.location.href);
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.searchParams.set("tab", this.tab);
     this.socket = new ViewportSocket(url);
     this.viewport = new Viewport(this.$el, this.socket, { home: this.home });
-    window.volsplatViewport = this.viewport; // for tests, and for measuring latency
+    page.volsplatViewport = this.viewport; // for tests, and for measuring latency
     this.socket.open();
   },
   unmounted() {

@@ -1,9 +1,7 @@
-"""What a viewport and the client's process say to each other, as JSON (docs/page.md)."""
+"""What a viewport and the client's process say to each other, as JSON (docs/page.md).
 
-from __future__ import annotations
-
-import json
-from typing import Any
+static/viewport/viewport_messages.d.ts has the same for the page, made from this file.
+"""
 
 import msgspec
 
@@ -12,10 +10,12 @@ from volsplat.client.scene.view_sides import sides
 from volsplat.client.ui.viewing.pacing import StepPacing
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
-from volsplat.protocol.description.scene import Scene, Step, View
-from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.geometry.upright import Up, upright
+from volsplat.protocol.messages.frame_messages import ProbedVoxel
 from volsplat.protocol.rules.refinement import finer
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, resolved_zoom
 
@@ -23,15 +23,22 @@ HEADER_LENGTH_BYTES = 4  # little-endian, before a picture's header
 
 
 class Said(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
-    """Base of what the page says."""
+    """Base of what is said, either way."""
+
+
+# -- by the page
 
 
 class Size(Said, tag="size"):
+    """The image that is wanted, in the display's pixels."""
+
     width: int
     height: int
 
 
 class ViewTurned(Said, tag="view"):
+    """The whole view; `event` counts the tab's pointer events."""
+
     rotation: tuple[float, float, float, float]
     zoom: float
     center: tuple[float, float, float]
@@ -40,6 +47,8 @@ class ViewTurned(Said, tag="view"):
 
 
 class BoundsMoved(Said, tag="bounds"):
+    """Half-open grid ranges."""
+
     low: Index
     high: Index
     settled: bool
@@ -47,24 +56,30 @@ class BoundsMoved(Said, tag="bounds"):
 
 
 class ProbeAsked(Said, tag="probe"):
+    """What lies under this pixel?"""
+
     x: float
     y: float
 
 
 class CenterAsked(Said, tag="center"):
+    """What lies under this pixel becomes the centre."""
+
     x: float
     y: float
 
 
 class UndoAsked(Said, tag="undo"):
-    pass
+    """Take the last change back."""
 
 
 class RedoAsked(Said, tag="redo"):
-    pass
+    """Make it again."""
 
 
 class PictureShown(Said, tag="shown"):
+    """The picture of this number is on the canvas, or dropped."""
+
     number: int
 
 
@@ -78,65 +93,156 @@ def page_message(text: str) -> PageMessage:
     return message
 
 
-def volume_message(description: VolumeDescription, up: Up) -> dict[str, Any]:
+# -- by the process
+
+
+class VolumeTold(Said, tag="volume"):
+    """The volume as it stands: its grid in upright axes, and what lies on its six sides."""
+
+    name: str
+    dims: Index
+    index_to_upright: Matrix
+    reference_spacing: float
+    unit: str
+    sides: dict[str, str]  # a mark for each, by the name of the view from there
+    density_name: str
+    strength_name: str
+    value_unit: str
+    axes: tuple[GridAxis, GridAxis, GridAxis] | None
+
+
+class ViewShown(msgspec.Struct):
+    """A view in numbers."""
+
+    rotation: tuple[float, float, float, float]
+    zoom: float
+    center: tuple[float, float, float]
+
+
+class Fit(msgspec.Struct):
+    """Zoom and centre at which what is visible fits."""
+
+    zoom: float
+    center: tuple[float, float, float]
+
+
+class BoundsShown(msgspec.Struct):
+    """Bounds in numbers."""
+
+    low: Index
+    high: Index
+
+
+class SceneTold(Said, tag="scene"):
+    """View and bounds in numbers, and once the scene is settled its fit."""
+
+    revision: int
+    by: str
+    settled: bool
+    view: ViewShown
+    fit: Fit | None  # None: as told before
+    bounds: BoundsShown
+    edges: bool
+    width: int
+    height: int
+
+
+class ProbeAnswered(Said, tag="probe"):
+    """What lies under the pixel that was asked about."""
+
+    x: float
+    y: float
+    found: ProbedVoxel | None
+
+
+class TroubleTold(Said, tag="trouble"):
+    """A line for the person."""
+
+    text: str
+    lasting: bool = False
+
+
+ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | TroubleTold
+
+
+class NextStep(msgspec.Struct):
+    """What is drawn while the picture is looked at."""
+
+    step: Step
+    expected: float | None  # seconds
+
+
+class PictureHeader(msgspec.Struct):
+    """What goes before a picture: JPEG while things move or refine, PNG for the last."""
+
+    number: int
+    revision: int
+    event: int  # the tab's last that is in it
+    step: Step
+    complete: bool
+    last: bool
+    seconds: float | None
+    next: NextStep | None
+    width: int
+    height: int
+    view: ViewShown
+    notice: str  # why there is nothing to be seen
+    missing: tuple[Box, ...]
+
+
+def volume_told(description: VolumeDescription, up: Up) -> VolumeTold:
     """The volume as it stands with this physical axis up."""
     geometry = description.geometry
-    return {
-        "type": "volume",
-        "name": description.name,
-        "dims": geometry.dims,
-        "index_to_upright": matrices.product(upright(up), geometry.index_to_physical),
-        "reference_spacing": geometry.reference_spacing,
-        "unit": description.unit,
-        "sides": {name: side.mark for name, side in sides(description, up).items()},
-        "density_name": description.density_name,
-        "strength_name": description.strength_name,
-        "value_unit": description.value_unit,
-        "axes": msgspec.to_builtins(description.axes),
-    }
+    return VolumeTold(
+        name=description.name,
+        dims=geometry.dims,
+        index_to_upright=matrices.product(upright(up), geometry.index_to_physical),
+        reference_spacing=geometry.reference_spacing,
+        unit=description.unit,
+        sides={name: side.mark for name, side in sides(description, up).items()},
+        density_name=description.density_name,
+        strength_name=description.strength_name,
+        value_unit=description.value_unit,
+        axes=description.axes,
+    )
 
 
-def scene_message(state: SceneState, geometry: Geometry, fit: View | None) -> dict[str, Any]:
-    """`fit` is the view at which what is visible fits; None where it is the one that was told before."""
+def scene_told(state: SceneState, geometry: Geometry, fit: Fit | None) -> SceneTold:
+    """Raises ValueError for bounds or a centre that the volume does not have."""
     scene = state.scene
     bounds = resolved_bounds(scene, geometry)
-    return {
-        "type": "scene",
-        "revision": state.revision,
-        "by": state.by,
-        "settled": state.settled,
-        "view": _view(scene, geometry),
-        "fit": {"zoom": fit.zoom, "center": fit.center} if fit is not None else None,
-        "bounds": {"low": bounds.low, "high": bounds.high},
-        "edges": scene.image.edges,
-        "width": scene.image.width,
-        "height": scene.image.height,
-    }
-
-
-def trouble_message(text: str, lasting: bool = False) -> dict[str, Any]:
-    return {"type": "trouble", "text": text, "lasting": lasting}
+    return SceneTold(
+        revision=state.revision,
+        by=state.by,
+        settled=state.settled,
+        view=_view(scene, geometry),
+        fit=fit,
+        bounds=BoundsShown(bounds.low, bounds.high),
+        edges=scene.image.edges,
+        width=scene.image.width,
+        height=scene.image.height,
+    )
 
 
 def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: StepPacing) -> bytes:
     """A picture for one tab: its header's length, its header, its image."""
     following = _following(picture)
-    header = {
-        "number": picture.number,
-        "revision": picture.state.revision,
-        "event": picture.state.events.get(tab, 0),
-        "step": picture.step,
-        "complete": picture.complete,
-        "last": picture.last,
-        "seconds": picture.outcome.wall_seconds if picture.outcome else None,
-        "next": {"step": following, "expected": pacing.expected(following)} if following else None,
-        "width": picture.published.width,
-        "height": picture.published.height,
-        "view": _view(picture.state.scene, geometry),
-        "notice": why_empty(picture.published.pixels, picture.state.scene) if picture.last else "",
-        "missing": picture.outcome.servers.missing if picture.outcome else [],
-    }
-    encoded = json.dumps(header).encode()
+    header = PictureHeader(
+        number=picture.number,
+        revision=picture.state.revision,
+        event=picture.state.events.get(tab, 0),
+        step=picture.step,
+        complete=picture.complete,
+        last=picture.last,
+        seconds=picture.outcome.wall_seconds if picture.outcome else None,
+        next=NextStep(following, pacing.expected(following)) if following else None,
+        width=picture.published.width,
+        height=picture.published.height,
+        view=_view(picture.state.scene, geometry),
+        notice=why_empty(picture.published.pixels, picture.state.scene) if picture.last else "",
+        missing=tuple(picture.outcome.servers.missing) if picture.outcome else (),
+    )
+    encoded = msgspec.json.encode(header)
     return len(encoded).to_bytes(HEADER_LENGTH_BYTES, "little") + encoded + picture.data
 
 
@@ -147,9 +253,5 @@ def _following(picture: Picture) -> Step | None:
     return finer(picture.step) if picture.state.settled else None
 
 
-def _view(scene: Scene, geometry: Geometry) -> dict[str, Any]:
-    return {
-        "rotation": scene.view.rotation,
-        "zoom": resolved_zoom(scene, geometry),
-        "center": resolved_center(scene, geometry),
-    }
+def _view(scene: Scene, geometry: Geometry) -> ViewShown:
+    return ViewShown(scene.view.rotation, resolved_zoom(scene, geometry), resolved_center(scene, geometry))

@@ -8,10 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import logging
 from collections.abc import Callable, Coroutine
-from typing import Any
+from typing import Any, assert_never
 
 import msgspec
 
@@ -62,8 +61,8 @@ class ViewportTalk:
 
     # -- to the page
 
-    def _say(self, message: dict[str, Any]) -> None:
-        self._send(json.dumps(message))
+    def _say(self, message: said.ProcessMessage) -> None:
+        self._send(msgspec.json.encode(message).decode())
 
     def _on_scene(self, state: SceneState) -> None:
         """Tell of the scene, and before it of the volume where that stands otherwise than was told."""
@@ -71,16 +70,23 @@ class ViewportTalk:
         up = volume.up_in(state.scene)
         if up != self._up:
             self._up = up
-            self._say(said.volume_message(volume.description, up))
-        # Found out anew at every movement of the hand, the fit would delay the picture.
-        fit = volume.fitted(asking_for_fit(state.scene)).view if state.settled else None
+            self._say(said.volume_told(volume.description, up))
         try:
-            self._say(said.scene_message(state, self._geometry, fit))
+            self._say(said.scene_told(state, self._geometry, self._fit(state)))
         except ValueError as error:  # bounds or a centre that the volume does not have
-            self._say(said.trouble_message(str(error)))
+            self._say(said.TroubleTold(str(error)))
+
+    def _fit(self, state: SceneState) -> said.Fit | None:
+        """Found out anew at every movement of the hand, it would delay the picture."""
+        if not state.settled:
+            return None
+        view = self._viewing.volume.fitted(asking_for_fit(state.scene)).view
+        if isinstance(view.zoom, str) or isinstance(view.center, str):  # the volume has no such bounds
+            return None
+        return said.Fit(view.zoom, view.center)
 
     def _on_trouble(self, trouble: VolsplatError) -> None:
-        self._say(said.trouble_message(str(trouble), lasting=isinstance(trouble, PeerLost)))
+        self._say(said.TroubleTold(str(trouble), lasting=isinstance(trouble, PeerLost)))
 
     def _give_picture(self) -> None:
         picture: Picture | None = self._viewing.pictures.newest
@@ -96,9 +102,9 @@ class ViewportTalk:
         try:
             self._obey(said.page_message(text))
         except msgspec.MsgspecError as error:
-            self._say(said.trouble_message(f"the page said what cannot be understood: {error}"))
+            self._say(said.TroubleTold(f"the page said what cannot be understood: {error}"))
         except ValueError as error:
-            self._say(said.trouble_message(str(error)))
+            self._say(said.TroubleTold(str(error)))
 
     def _obey(self, message: said.PageMessage) -> None:
         model, replace = self._viewing.model, msgspec.structs.replace
@@ -130,6 +136,8 @@ class ViewportTalk:
                 self._in_background(self._probe(x, y))
             case said.CenterAsked(x=x, y=y):
                 self._in_background(self._center(x, y))
+            case _:
+                assert_never(message)
 
     def _cut(self, scene: Scene, bounds: Bounds) -> Scene:
         """Raises ValueError where the volume has no such bounds."""
@@ -149,15 +157,14 @@ class ViewportTalk:
         except VolsplatError as error:
             log.info("no value under the pointer: %s", error)
             return
-        value = {"index": None} if found is None else msgspec.to_builtins(found)
-        self._say({"type": "probe", "x": x, "y": y, **value})
+        self._say(said.ProbeAnswered(x, y, found))
 
     async def _center(self, x: float, y: float) -> None:
         scene = self._viewing.model.scene
         try:
             found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
         except VolsplatError as error:
-            self._say(said.trouble_message(str(error)))
+            self._say(said.TroubleTold(str(error)))
             return
         if found is None:
             return

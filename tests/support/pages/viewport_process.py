@@ -9,6 +9,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 from PIL import Image
 from playwright.sync_api import Locator, Page
 from starlette.applications import Starlette
@@ -20,6 +21,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from support.patience import PATIENCE
 from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.viewport.viewport_messages import PictureHeader, ProcessMessage
 
 Message = dict[str, Any]
 Colour = tuple[int, int, int]
@@ -105,7 +107,8 @@ class ViewportProcess:
             self.heard.clear()
 
     def say(self, message: Message) -> None:
-        self._in_loop(self._open().send_text(json.dumps(message)))
+        """Raises ValidationError for what the process never says."""
+        self._in_loop(self._open().send_text(_encoded(message, ProcessMessage).decode()))
 
     def say_scene(self, *, by: str = "t1", settled: bool = True, view: Message | None = None, **others: Any) -> None:
         bounds = others.pop("bounds", {"low": [0, 0, 0], "high": VOLUME["dims"]})
@@ -133,7 +136,7 @@ class ViewportProcess:
             "missing": [],
             **header,
         }
-        text = json.dumps(told).encode()
+        text = _encoded(told, PictureHeader)
         data = len(text).to_bytes(4, "little") + text + (picture or plain((40, 80, 120)))
         self._in_loop(self._open().send_bytes(data))
         return self._number
@@ -174,6 +177,10 @@ class ViewportProcess:
                     self._changed.notify_all()
         except WebSocketDisconnect:
             return
+
+
+def _encoded(message: Message, kind: Any) -> bytes:
+    return msgspec.json.encode(msgspec.convert(message, kind))
 
 
 def plain(colour: Colour, size: tuple[int, int] = SIZE) -> bytes:

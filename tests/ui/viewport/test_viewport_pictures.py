@@ -276,11 +276,12 @@ def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> 
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
     assert (asked["x"], asked["y"]) == (199.5, 149.5)
-    found = {"type": "probe", "x": asked["x"], "y": asked["y"]}
-    shown.process.say({**found, "x": 1.0, "index": [1, 2, 3], "density": 5.0, "strength": 6.0})  # of another place
-    shown.process.say({**found, "index": [48, 60, 20], "density": 1124.2, "strength": 31.21})
+    answer = {"type": "probe", "x": asked["x"], "y": asked["y"]}
+    elsewhere = {"index": [1, 2, 3], "density": 5.0, "strength": 6.0}
+    shown.process.say({**answer, "x": 1.0, "found": elsewhere})
+    shown.process.say({**answer, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
     expect(value).to_have_text("density 1124 · gradient strength 31.2 at (48, 60, 20)")
-    shown.process.say({**found, "index": None})
+    shown.process.say({**answer, "found": None})
     expect(value).to_be_hidden()
 
 
@@ -294,8 +295,8 @@ def test_a_value_is_told_in_its_unit_and_at_what_its_indices_stand_for(shown: Sh
     shown.show_and_wait()
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
-    found = {"type": "probe", "x": asked["x"], "y": asked["y"], "index": [9, 5, 2], "density": -3.5, "strength": 31.21}
-    shown.process.say(found)
+    found = {"index": [9, 5, 2], "density": -3.5, "strength": 31.21}
+    shown.process.say({"type": "probe", "x": asked["x"], "y": asked["y"], "found": found})
     expect(shown.page.locator(".vs-value")).to_have_text(
         "density -3.5 mV · gradient strength 31.2 at time 40 ms, crossline 880, RA 309.0557 deg"
     )
@@ -310,7 +311,7 @@ def test_the_document_hears_of_the_value_until_the_pointer_leaves(shown: ShownVi
     )
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
-    shown.process.say({**asked, "index": [48, 60, 20], "density": 1124.2, "strength": 31.21})
+    shown.process.say({**asked, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
     shown.page.locator(".vs-value").wait_for()
     value = {"density": 1124.2, "strength": 31.21, "grid-i": 48, "grid-j": 60, "grid-k": 20}
     assert shown.page.evaluate("window.told") == [value]
@@ -333,8 +334,7 @@ def test_a_value_is_asked_for_anew_when_the_picture_has_changed(shown: ShownView
     value = shown.page.locator(".vs-value")
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
-    found = {**asked, "index": [48, 60, 20], "density": 1124.2, "strength": 31.21}
-    shown.process.say(found)
+    shown.process.say({**asked, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
     value.wait_for()
     shown.show_and_wait(revision=2, last=False)
     expect(value).to_be_hidden()

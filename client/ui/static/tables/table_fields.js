@@ -74,7 +74,6 @@ export class TableFields {
     return /** @type {HTMLInputElement} */ (this.row.querySelector(`input[name=${name}]`));
   }
 
-  /** @param {string} name */
   _listen() {
     this._typed(this.position, () => {
       const typed = numberOf(this.position.value);

@@ -3,7 +3,7 @@
 import { ENTRIES, barHeights, channels, dataText, endText, hexOf, ticks, valueAt, within } from "./table_numbers.js";
 
 /** @typedef {import("./table_numbers.js").Point} Point */
-/** @typedef {import("./value_event.js").Values} Values */
+/** @typedef {import("../viewport/value_event.js").Values} Values */
 /** @typedef {{field: string, label: string, low: number, high: number, unit: string}} Axis */
 /** @typedef {{points: Point[], selected: number, pencil: boolean, hover: number | null}} State */
 

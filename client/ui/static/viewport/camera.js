@@ -115,8 +115,8 @@ export function zoomed(view, grid, size, at, factor) {
  * @param {View} view @param {Grid} grid @param {Size} size @param {Point[]} from @param {Point[]} to @returns {View}
  */
 export function pinched(view, grid, size, from, to) {
-  const middle = ([a, b]) => /** @type {Point} */ ([(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]);
-  const span = ([a, b]) => Math.max(1, Math.hypot(a[0] - b[0], a[1] - b[1]));
+  const middle = (/** @type {Point[]} */ [a, b]) => /** @type {Point} */ ([(a[0] + b[0]) / 2, (a[1] + b[1]) / 2]);
+  const span = (/** @type {Point[]} */ [a, b]) => Math.max(1, Math.hypot(a[0] - b[0], a[1] - b[1]));
   return zoomed(panned(view, grid, middle(from), middle(to)), grid, size, middle(to), span(to) / span(from));
 }
 

@@ -12,7 +12,7 @@ import { ValueReadout } from "./value_readout.js";
 
 export class Marks {
   /**
-   * @param {any} volume its message
+   * @param {import("./viewport_messages.d.ts").VolumeTold} volume
    * @param {{
    *   moveBounds: (bounds: Bounds, settled: boolean, at: number) => void,
    *   probe: (at: Point) => void,
@@ -38,7 +38,7 @@ export class Marks {
     for (const element of this.elements) element.remove();
   }
 
-  /** Put them where a picture has them. @param {any} picture its header @param {import("./frame.js").Frame} frame */
+  /** Put them where a picture has them. @param {import("./viewport_messages.d.ts").PictureHeader} picture @param {import("./frame.js").Frame} frame */
   place(picture, frame) {
     const projection = new Projection(picture.view, this.grid, picture);
     this.box.place(projection, frame);

@@ -17,7 +17,7 @@ class WidgetTransport {
   constructor(model) {
     this.model = model;
     this.view = crypto.randomUUID();
-    this.listeners = { message: () => {}, picture: () => {}, state: () => {} };
+    this.listeners = { message: (_message) => {}, picture: (_header, _bytes) => {}, state: (_state) => {} };
     this.received = (content, buffers) => {
       if (content.view !== this.view) return;
       if (content.text !== null) this.listeners.message(JSON.parse(content.text));

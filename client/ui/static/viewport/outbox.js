@@ -2,12 +2,17 @@
 
 const MOST_REMEMBERED = 4096;
 
+/** @typedef {import("./viewport_messages.d.ts").ViewTurned} ViewTurned */
+/** @typedef {import("./viewport_messages.d.ts").BoundsMoved} BoundsMoved */
+/** @typedef {ViewTurned | BoundsMoved} Counted */
+/** @typedef {Omit<ViewTurned, "event"> | Omit<BoundsMoved, "event">} Uncounted */
+
 export class Outbox {
   #send;
   #waiting = new Map();
   #frame = 0;
 
-  /** @param {(message: object) => void} send */
+  /** @param {(message: Counted) => void} send */
   constructor(send) {
     this.#send = send;
     /** Number of the newest event. */
@@ -16,7 +21,7 @@ export class Outbox {
     this.sent = [];
   }
 
-  /** Say what an event at time `at` has made of things. @param {{type: string}} message @param {number} at */
+  /** Say what an event at time `at` has made of things. @param {Uncounted} message @param {number} at */
   post(message, at) {
     this.event += 1;
     remember(this.sent, { event: this.event, at });

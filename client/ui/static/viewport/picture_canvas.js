@@ -1,5 +1,7 @@
 // The canvas of a viewport: shows pictures as they come, never an older one after a newer one, and never blinks.
 
+/** @typedef {import("./viewport_messages.d.ts").PictureHeader} PictureHeader */
+
 export class PictureCanvas {
   #context;
   #newest = 0; // number of the newest picture that is drawn
@@ -8,7 +10,7 @@ export class PictureCanvas {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {(number: number) => void} acknowledge called for every picture, drawn or dropped
-   * @param {(header: any) => void} drawn called right after one is on the canvas
+   * @param {(header: PictureHeader) => void} drawn called right after one is on the canvas
    * @param {(text: string) => void} tell
    */
   constructor(canvas, acknowledge, drawn, tell) {
@@ -25,7 +27,7 @@ export class PictureCanvas {
     this.#newest = 0;
   }
 
-  /** @param {any} header @param {Uint8Array} bytes JPEG or PNG */
+  /** @param {PictureHeader} header @param {Uint8Array} bytes JPEG or PNG */
   async show(header, bytes) {
     const connection = this.#connection;
     if (header.number > this.#newest) {
@@ -49,7 +51,7 @@ export class PictureCanvas {
   }
 }
 
-/** @param {Uint8Array} bytes */
+/** @param {Uint8Array<any>} bytes */
 function decoded(bytes) {
   return createImageBitmap(new Blob([bytes]), { colorSpaceConversion: "none", premultiplyAlpha: "none" });
 }

@@ -5,7 +5,7 @@ import { tellValues } from "./value_event.js";
 const REST = 60; // milliseconds
 
 /** @typedef {import("./camera.js").Point} Point */
-/** @typedef {{name: string, unit: string, first: number, step: number}} Axis index n stands for first + n * step */
+/** @typedef {import("./viewport_messages.d.ts").VolumeTold} VolumeTold an axis' index n stands for first + n * step */
 
 export class ValueReadout {
   #ask;
@@ -16,7 +16,7 @@ export class ValueReadout {
   #asked = /** @type {Point | null} */ (null);
 
   /**
-   * @param {{density_name: string, strength_name: string, value_unit: string, axes: Axis[] | null}} volume its message
+   * @param {VolumeTold} volume
    * @param {(at: Point) => void} ask for the value at a picture pixel
    */
   constructor({ density_name, strength_name, value_unit, axes }, ask) {
@@ -46,10 +46,11 @@ export class ValueReadout {
     this.#hide();
   }
 
-  /** @param {{x: number, y: number, index: number[] | null, density?: number, strength?: number}} found */
-  answer({ x, y, index, density, strength }) {
+  /** @param {import("./viewport_messages.d.ts").ProbeAnswered} answer */
+  answer({ x, y, found }) {
     if (this.#asked === null || this.#asked[0] !== x || this.#asked[1] !== y) return;
-    if (index === null) return this.#hide();
+    if (found === null) return this.#hide();
+    const { index, density, strength } = found;
     this.element.hidden = false;
     const [first, second] = [density, strength].map((value, n) => `${this.#names[n]} ${shortNumber(value)}`);
     this.element.textContent = `${first}${this.#valueUnit} · ${second} at ${this.#place(index)}`;

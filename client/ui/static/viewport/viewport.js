@@ -21,11 +21,17 @@ const LABEL = "The volume. Drag or use the arrow keys to turn it; press ? for al
 /** @typedef {import("./camera.js").View} View */
 /** @typedef {import("./rotation.js").Quaternion} Quaternion */
 
+/** @typedef {import("./viewport_messages.d.ts").PageMessage} PageMessage */
+/** @typedef {import("./viewport_messages.d.ts").ProcessMessage} ProcessMessage */
+/** @typedef {import("./viewport_messages.d.ts").PictureHeader} PictureHeader */
+/** @typedef {import("./viewport_messages.d.ts").SceneTold} SceneTold */
+/** @typedef {import("./viewport_messages.d.ts").VolumeTold} VolumeTold */
+
 /**
  * @typedef {Object} Transport
- * @property {(message: object) => void} send
- * @property {(listener: (message: any) => void) => void} onmessage
- * @property {(listener: (header: any, bytes: Uint8Array) => void) => void} onpicture
+ * @property {(message: PageMessage) => void} send
+ * @property {(listener: (message: ProcessMessage) => void) => void} onmessage
+ * @property {(listener: (header: PictureHeader, bytes: Uint8Array) => void) => void} onpicture
  * @property {(listener: (state: {connected: boolean, text: string}) => void) => void} onstate
  */
 
@@ -33,8 +39,8 @@ export class Viewport {
   #transport;
   #outbox;
   #pictures;
-  #picture = /** @type {any} */ (null); // header of what is on the canvas
-  #scene = /** @type {any} */ (null);
+  #picture = /** @type {PictureHeader | null} */ (null); // header of what is on the canvas
+  #scene = /** @type {SceneTold | null} */ (null);
   #fit = /** @type {Partial<View>} */ ({});
   #marks = /** @type {Marks | null} */ (null); // once the volume is known
   #pointer = /** @type {Point | null} */ (null); // where it rests or moves, in the element
@@ -178,13 +184,23 @@ export class Viewport {
     this.#sendSize();
   }
 
+  /** @param {ProcessMessage} message */
   #onMessage(message) {
-    if (message.type === "volume") this.#onVolume(message);
-    else if (message.type === "scene") this.#onScene(message);
-    else if (message.type === "probe") this.#marks?.value.answer(message);
-    else if (message.type === "trouble") this.#trouble.ofProcess(message.text, message.lasting);
+    switch (message.type) {
+      case "volume":
+        return this.#onVolume(message);
+      case "scene":
+        return this.#onScene(message);
+      case "probe":
+        return this.#marks?.value.answer(message);
+      case "trouble":
+        return this.#trouble.ofProcess(message.text, message.lasting);
+    }
+    /** @type {never} */ const unknown = message; // a message without a case is found by its type
+    return unknown;
   }
 
+  /** @param {VolumeTold} volume */
   #onVolume(volume) {
     this.#marks?.remove();
     this.#marks = new Marks(volume, {
@@ -197,12 +213,14 @@ export class Viewport {
     this.#place();
   }
 
+  /** @param {SceneTold} scene */
   #onScene(scene) {
     this.#scene = scene;
     if (scene.fit !== null) this.#fit = scene.fit;
     this.#takeOver();
   }
 
+  /** @param {PictureHeader} header */
   #onDrawn(header) {
     if (header.revision !== this.#picture?.revision) this.#marks?.value.clear();
     this.#picture = header;

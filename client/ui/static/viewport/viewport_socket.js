@@ -10,6 +10,9 @@ const REFUSED = 1008; // close code of a missing token
 const LOST = "No connection to volsplat's process. The picture stays as it was; trying again…";
 const TOKEN_MISSING = "This page may no longer see the volume: open the whole address that `volsplat view` printed.";
 
+/** @typedef {import("./viewport_messages.d.ts").PageMessage} PageMessage */
+/** @typedef {import("./viewport_messages.d.ts").ProcessMessage} ProcessMessage */
+/** @typedef {import("./viewport_messages.d.ts").PictureHeader} PictureHeader */
 /** @typedef {{connected: boolean, text: string}} TransportState `text`: what to tell the person, "" if nothing new */
 
 export class ViewportSocket {
@@ -20,9 +23,9 @@ export class ViewportSocket {
   #telling = 0; // the timer that will say it, or has
   #lastTick = Date.now();
   #ticking = 0;
-  #message = (_) => {};
-  #picture = (_header, _bytes) => {};
-  #state = (_) => {};
+  #message = /** @type {(message: ProcessMessage) => void} */ (() => {});
+  #picture = /** @type {(header: PictureHeader, bytes: Uint8Array) => void} */ (() => {});
+  #state = /** @type {(state: TransportState) => void} */ (() => {});
   #onVisible = () => this.#woken();
   #onOnline = () => this.#again();
 
@@ -46,12 +49,12 @@ export class ViewportSocket {
     this.#drop();
   }
 
-  /** @param {(message: any) => void} listener */
+  /** @param {(message: ProcessMessage) => void} listener */
   onmessage(listener) {
     this.#message = listener;
   }
 
-  /** @param {(header: any, bytes: Uint8Array) => void} listener */
+  /** @param {(header: PictureHeader, bytes: Uint8Array) => void} listener */
   onpicture(listener) {
     this.#picture = listener;
   }
@@ -61,7 +64,7 @@ export class ViewportSocket {
     this.#state = listener;
   }
 
-  /** Nothing is sent while there is no connection: all that is said is said anew after it. @param {object} message */
+  /** Nothing is sent while there is no connection: all that is said is said anew after it. @param {PageMessage} message */
   send(message) {
     if (this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(message));
   }
@@ -134,7 +137,7 @@ export class ViewportSocket {
   }
 }
 
-/** A binary message's header and image. @param {ArrayBuffer} data @returns {[any, Uint8Array]} */
+/** A binary message's header and image. @param {ArrayBuffer} data @returns {[PictureHeader, Uint8Array]} */
 export function pictureParts(data) {
   const length = new DataView(data).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));

@@ -1,0 +1,69 @@
+"""The tables of docs/scene.md and docs/page.md, made from what is declared; in tests/:
+
+    python -m support.pages.declared_tables
+
+They stand between "<!-- table: name -->" and "<!-- end -->", so that pages and code cannot drift.
+"""
+
+import inspect
+import re
+from collections.abc import Callable
+from typing import Any, get_args
+
+import msgspec
+
+from support.checkout import ROOT
+from volsplat.client.scene.scene_file import default_toml
+from volsplat.client.scene.scene_keys import KEYS, SECTIONS
+from volsplat.client.ui.viewport.viewport_messages import PageMessage, ProcessMessage
+
+PAGES = (ROOT / "docs" / "scene.md", ROOT / "docs" / "page.md")
+
+
+def scene_tables() -> str:
+    """A table for each section of the scene."""
+    lines = []
+    for section, meaning in SECTIONS.items():
+        keys = [key for key in KEYS.values() if key.section == section]
+        if section:
+            lines += [f"## [{section}]", "", _one_line(meaning), ""]
+        if keys:
+            lines += ["| key | allowed | default | meaning |", "|---|---|---|---|"]
+            for key in keys:
+                default = default_toml(key)
+                cells = (f"`{key.name}`", key.allowed, default and f"`{default}`", key.meaning)
+                lines.append(f"| {' | '.join(_one_line(cell) for cell in cells)} |".replace("  ", " "))
+            lines.append("")
+    return "\n".join(lines[:-1])
+
+
+def message_table(union: Any) -> str:
+    """What one side says to the other."""
+    lines = ["| message | holds | says |", "|---|---|---|"]
+    for kind in get_args(union):
+        holds = ", ".join(field.encode_name for field in msgspec.structs.fields(kind))
+        lines.append(f"| `{kind.__struct_config__.tag}` | {holds} | {_one_line(inspect.getdoc(kind) or '')} |")
+    return "\n".join(lines)
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|")
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "scene": scene_tables,
+    "page": lambda: message_table(PageMessage),
+    "process": lambda: message_table(ProcessMessage),
+}
+
+_PLACE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def remade(page: str) -> str:
+    """The page with all of its tables made anew. Raises KeyError for one that does not exist."""
+    return _PLACE.sub(lambda place: f"{place[1]}{TABLES[place[2]]()}\n{place[3]}", page)
+
+
+if __name__ == "__main__":
+    for path in PAGES:
+        path.write_text(remade(path.read_text(encoding="utf-8")), encoding="utf-8")
