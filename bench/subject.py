@@ -73,7 +73,7 @@ def subject_of(
     preset: str | None,
     here: bool = True,
 ) -> Subject:
-    """What the options ask for. Raises BadInput; also where the volume should be `here` and is not."""
+    """What the options ask for. Raises BadInput; also if the volume should be `here` and is not."""
     if (volume is None) == (phantom is None):
         raise BadInput("give a VOLUME, or --phantom NAME:SIZE in its place")
     if volume is not None and here:
@@ -85,7 +85,7 @@ def subject_of(
         TableName.SHELLS if made is not None and made.name == "shells" and not (scene or preset) else TableName.PRESET
     )
     options = SceneOptions(scene=scene, preset=preset)
-    options.scene_of(None)  # a bad scene file is told before anything is started
+    options.scene_of(None)  # a bad scene file is reported before anything is started
     return Subject(volume, made, TableName(tables) if tables else usual, options)
 
 
@@ -127,7 +127,7 @@ class Shares:
 
 
 def shares(renderer: Renderer, scene: Scene) -> Shares:
-    """Counted by drawing: back to front every visible sample is sent, front to back the hidden ones are told."""
+    """Counted by drawing: back to front every visible sample is sent, front to back the hidden ones are reported."""
     voxels = 1
     for count in renderer.volume.description.geometry.dims:
         voxels *= count

@@ -78,7 +78,7 @@ def _machine_facts(records: Sequence[Record]) -> dict[str, str]:
 
 
 def comparison(old: Record, new: Record) -> TextTable:
-    """A row for each figure in both. Raises BadInput where there is none."""
+    """A row for each figure in both. Raises BadInput if there is none."""
     before = {figure.name: figure for figure in old.figures}
     shared = [(before[figure.name], figure) for figure in new.figures if _same_kind(before.get(figure.name), figure)]
     if not shared:
@@ -94,7 +94,7 @@ def comparison(old: Record, new: Record) -> TextTable:
 
 
 def moved(old: Figure, new: Figure) -> bool:
-    """Whether two figures differ by more than either's spread; not so where neither has one."""
+    """Whether two figures differ by more than either's spread; not so if neither has one."""
     return not (_single(old, new) or old.low <= new.median <= old.high or new.low <= old.median <= new.high)
 
 

@@ -23,7 +23,7 @@ from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 
-# Rows of the paper whose ratio tells what more machines brought: above, below.
+# Rows of the paper whose ratio says what more machines brought: above, below.
 PAPER_SPEED_UPS = (("4 Sun-3", "1 Sun-3"), ("4 Sun-4", "1 Sun-4"), ("TAAC-1", "1 Sun-3"))
 CAPTION = (
     "Seconds from asking for a step's image to having it, each image by itself and none added up; so are the paper's "

@@ -104,7 +104,7 @@ def volume_property(scene: Scene, quantisation: Quantisation, geometry: Geometry
     """Tables over density as functions of the data's values; the reflected colour is VTK's colour.
 
     What VTK has as numbers and we as tables, emitted light and the strength of highlights, is matched in the mean
-    over the visible entries. Raises BadInput where a table is looked up by another field.
+    over the visible entries. Raises BadInput if a table is looked up by another field.
     """
     _check_convertible(scene)
     tables, shading = scene.tables, scene.shading

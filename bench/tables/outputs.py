@@ -29,7 +29,7 @@ class Outputs:
     plot: Path | None = None
 
     def check(self) -> None:
-        """Raise BadInput before any work where a file could not be written."""
+        """Raise BadInput before any work if a file could not be written."""
         if self.plot is not None:
             check_plot(self.plot)
         for path in (self.json, self.markdown, self.plot):

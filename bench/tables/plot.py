@@ -34,7 +34,7 @@ class Panel:
 
 
 def check_plot(path: Path) -> None:
-    """Raise BadInput where write_plot could not."""
+    """Raise BadInput if write_plot could not."""
     need("matplotlib", "--plot", "bench")
     if path.suffix.lower() != ".png":
         raise BadInput(f"{path}: a plot is a PNG file; end its name in .png")

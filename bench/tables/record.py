@@ -51,7 +51,7 @@ def record(command: str, facts: dict[str, str], figures: Sequence[Figure]) -> Re
 
 
 def write_record(path: Path, written: Record) -> None:
-    """Write as JSON, whole or not at all. Raises BadInput where the file cannot be written."""
+    """Write as JSON, whole or not at all. Raises BadInput if the file cannot be written."""
     write_text(path, msgspec.json.format(msgspec.json.encode(written), indent=2).decode() + "\n")
 
 

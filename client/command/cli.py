@@ -24,7 +24,7 @@ def main() -> NoReturn:
 
 
 def _status() -> int:
-    """Of the sub-command, once it has ended in whatever way, and told why."""
+    """Of the sub-command, once it has ended in whatever way, with its cause printed."""
     import click
 
     from volsplat.client.command.commands import volsplat

@@ -1,4 +1,4 @@
-"""`volsplat info`: what a volume is, as a map/shade server tells it."""
+"""`volsplat info`: what a volume is, as a map/shade server reports it."""
 
 import click
 

@@ -25,7 +25,7 @@ class Outputs:
     report: Path | None
 
     def check(self, volume: Path) -> None:
-        """Raise BadInput before any work where a file could not be written, or would replace the volume."""
+        """Raise BadInput before any work if a file could not be written, or would replace the volume."""
         if self.image is None and self.steps_dir is None:
             raise BadInput("nothing to write: give -o IMAGE, --steps-dir FOLDER, or both")
         if self.image is not None:

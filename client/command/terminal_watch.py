@@ -40,7 +40,7 @@ def ended_with_its_reader() -> Iterator[None]:
 def _watch(outputs: list[int], over: threading.Event) -> None:
     polling = select.poll()
     for output in outputs:
-        polling.register(output, 0)  # that it hangs up is always told
+        polling.register(output, 0)  # that it hangs up is always reported
     while not over.is_set():
         if polling.poll(_LOOK_MILLISECONDS):
             nowhere = os.open(os.devnull, os.O_WRONLY)

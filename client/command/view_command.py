@@ -120,7 +120,7 @@ def _serve(
 
 
 def _bound(port: int) -> socket.socket:
-    """A socket at the port, or at any free one for 0; nobody is answered yet. Raises BadInput where it is taken."""
+    """A socket at the port, or at any free one for 0; nobody is answered yet. Raises BadInput if it is taken."""
     bound = socket.socket()
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -47,7 +47,7 @@ def image_path(folder: Path, image: PlateImage) -> Path:
 
 
 def check_places(folder: Path, data: Path | None) -> None:
-    """Make the folder, and raise BadInput where it, an image in it or the folder of data cannot be used."""
+    """Make the folder, and raise BadInput if it, an image in it or the folder of data cannot be used."""
     if data is not None and not data.is_dir():
         raise BadInput(f"{data}: there is no such folder; --data names the one with the measured volumes")
     try:

@@ -155,7 +155,7 @@ def ct_scale(histogram: DensityHistogram | None) -> CtScale:
 def recognised_ct(histogram: DensityHistogram | None) -> CtScale | None:
     """The scale of what is certainly a CT of a body: a crowd at air, a narrow soft-tissue peak, some bone.
 
-    None for anything else, and where there is no histogram.
+    None for anything else, and if there is no histogram.
     """
     if histogram is None or histogram.voxels == 0:
         return None

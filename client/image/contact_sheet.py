@@ -32,7 +32,7 @@ class StepPicture(NamedTuple):
 def write_contact_sheet(
     path: Path, pictures: Sequence[StepPicture], background: Colour = (0.0, 0.0, 0.0), title: str = ""
 ) -> None:
-    """Write the pictures, three to a row, with captions. Raises BadInput where the file cannot be written."""
+    """Write the pictures, three to a row, with captions. Raises BadInput if the file cannot be written."""
     write_pixels(path, contact_sheet(pictures, background, title))
 
 

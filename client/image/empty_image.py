@@ -1,4 +1,4 @@
-"""An image on which nothing is to be seen is told of in words: it may be meant, or be a table or a view gone wrong."""
+"""What explains an image that shows nothing: it may be meant, or a table or a view may have gone wrong."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 
 def why_empty(image: NDArray[np.float32], scene: Scene) -> str:
-    """One line for the person; "" where something is visible. `image` is (H, W, 4), associated, without background."""
+    """One line for the person; "" if something is visible. `image` is (H, W, 4), associated, without background."""
     if image[..., 3].any():
         return ""
     if scene.tables.opac.greatest == 0:

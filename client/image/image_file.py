@@ -49,7 +49,7 @@ def write_image(
     """Write an (H, W, 4) float32 image with associated alpha; equal images give equal bytes.
 
     The scene's background is put under the image, except in EXR, which keeps alpha. `properties` are stored beside
-    the scene. Raises BadInput where the file cannot be written; an older file of that name then stays as it was.
+    the scene. Raises BadInput if the file cannot be written; an older file of that name then stays as it was.
     """
     scene = checked_scene(scene)
     background = None if path.suffix.lower() == ".exr" else scene.image.background
@@ -155,7 +155,7 @@ def _store(spec: "oiio.ImageSpec", path: Path, properties: Mapping[str, str]) ->
 
 
 def _from_description(text: str) -> dict[str, str]:
-    """The properties in a JPEG's or TIFF's text; none where another program wrote it."""
+    """The properties in a JPEG's or TIFF's text; none if another program wrote it."""
     try:
         if text.startswith(_PACKED):
             text = zlib.decompress(base64.b64decode(text.removeprefix(_PACKED))).decode()
@@ -208,7 +208,7 @@ def _written_by_library(path: Path) -> Iterator[str]:
 
 
 def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[Any]]) -> str | None:
-    """None where it went well, else what the library says of it."""
+    """None if it went well, else what the library says of it."""
     output = oiio.ImageOutput.create(str(path))
     if output is None:
         return _one_line(oiio.geterror())
@@ -222,7 +222,7 @@ def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[N
 
 
 def _system_s_reason(path: Path) -> str:
-    """Why nothing more can be written into this file, "" where something can: libraries tell of places in it."""
+    """Why nothing more can be written into this file, "" if something can: libraries name places in it."""
     try:
         with path.open("ab") as file:
             file.write(bytes(_TRIAL_BYTES))
@@ -234,7 +234,7 @@ def _system_s_reason(path: Path) -> str:
 
 
 def _is_ended(path: Path, suffix: str) -> bool:
-    """Whether a file that OpenImageIO is content with is whole: of a full disk it tells, but not for PNG."""
+    """Whether a file that OpenImageIO is content with is whole: it reports a full disk, but not for PNG."""
     if suffix != ".png":
         return True
     with path.open("rb") as file:

@@ -21,14 +21,14 @@ DEPTHS: dict[str, tuple[Depth, ...]] = {
 
 
 def check_writable(path: Path) -> None:
-    """Raise BadInput, in one line, where no image could be written to `path`. Nothing is left behind."""
+    """Raise BadInput, in one line, if no image could be written to `path`. Nothing is left behind."""
     if path.suffix.lower() not in DEPTHS:
         raise BadInput(f"{path}: cannot write this kind of image; end the name in one of {', '.join(DEPTHS)}")
     check_place(path)
 
 
 def check_place(path: Path) -> None:
-    """Raise BadInput, in one line, where no file of any kind could be written to `path`. Nothing is left behind."""
+    """Raise BadInput, in one line, if no file of any kind could be written to `path`. Nothing is left behind."""
     if path.is_dir():
         raise BadInput(f"{path}: is a folder; give the name of a file")
     if path.exists() and not os.access(path, os.W_OK):

@@ -1,4 +1,4 @@
-"""What a saved image tells of the volume beside its scene: whoever finds it knows what it shows, and how large."""
+"""What a saved image says of the volume beside its scene: whoever finds it knows what it shows, and how large."""
 
 from __future__ import annotations
 

@@ -20,7 +20,7 @@ LEAST_LABEL = 9  # pixels
 
 
 def wheel_colours(description: VolumeDescription, scene: Scene) -> tuple[Colour, ...] | None:
-    """The colours of equal sectors of phase, from 0 degrees up; None where the scene does not colour by phase."""
+    """The colours of equal sectors of phase, from 0 degrees up; None if the scene does not colour by phase."""
     if not scene.shading.emitted:
         return None
     emitted, field = scene.tables.emit.entries(), scene.cross_bar.emit
@@ -32,7 +32,7 @@ def wheel_colours(description: VolumeDescription, scene: Scene) -> tuple[Colour,
 
 
 def _of_bands(description: VolumeDescription, emitted: list[Colour]) -> tuple[Colour, ...] | None:
-    """The one colour of each band; None where a band has several, or all have the same."""
+    """The one colour of each band; None if a band has several, or all have the same."""
     within = [{emitted[n] for n in range(int(band.low), min(int(band.high), LAST) + 1)} for band in description.bands]
     if any(len(colours) != 1 for colours in within) or len(set.union(*within)) == 1:
         return None

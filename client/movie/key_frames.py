@@ -48,7 +48,7 @@ def key_framed(keys: Sequence[Scene], geometry: Geometry, frames: int) -> list[S
 
     Rotation goes the shortest way at an even rate, zoom by even factors, centre, bounds, light direction and the
     points of tables that have equally many go in straight lines; all else is the earlier key's until the later one
-    is reached. Raises BadInput where that cannot be.
+    is reached. Raises BadInput if that cannot be.
     """
     check_key_count(len(keys), frames)
     places = [Fraction(n * (len(keys) - 1), frames - 1) for n in range(frames)]
@@ -59,7 +59,7 @@ def key_framed(keys: Sequence[Scene], geometry: Geometry, frames: int) -> list[S
 
 
 def check_key_count(keys: int, frames: int) -> None:
-    """Raise BadInput where so many frames cannot pass through so many keys."""
+    """Raise BadInput if so many frames cannot pass through so many keys."""
     if not 2 <= keys <= frames:
         raise BadInput(
             f"{frames} frames cannot pass through {keys} key scenes; give 2 keys or more, and as many frames"

@@ -52,8 +52,8 @@ def write_movie(
 ) -> None:
     """Draw each scene at one step into an .mp4 or .webm of `rate` frames a second, or into a folder of PNG images.
 
-    `on_progress` gets the number of frames that are done. Raises BadInput where the movie cannot be written or a
-    scene does not fit the volume, VolsplatError where ffmpeg or the servers fail, and MovieCancelled at most one
+    `on_progress` gets the number of frames that are done. Raises BadInput if the movie cannot be written or a
+    scene does not fit the volume, VolsplatError if ffmpeg or the servers fail, and MovieCancelled at most one
     frame after `cancelled` says so; nothing is left behind then.
     """
     scenes = [checked_scene(scene) for scene in scenes]
@@ -131,7 +131,7 @@ def _video(
     with tempfile.TemporaryFile() as complaints:  # never full, as a pipe that nobody reads would be
         try:
             with interrupts_held():
-                # A session of its own: Ctrl-C ends it by way of this process, which knows what to tell.
+                # A session of its own: Ctrl-C ends it by way of this process, which knows what to say.
                 ffmpeg = subprocess.Popen(
                     command,
                     stdin=subprocess.PIPE,

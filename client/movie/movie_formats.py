@@ -19,12 +19,12 @@ def frame_image_path(folder: Path, number: int) -> Path:
 
 
 def video_encoder(path: Path) -> tuple[str, ...] | None:
-    """What ffmpeg is told of the file; None where `path` is a folder of images, or is to be one."""
+    """What ffmpeg is told of the file; None if `path` is a folder of images, or is to be one."""
     return None if path.is_dir() else VIDEO_ENCODERS.get(path.suffix.lower())
 
 
 def check_movie_writable(path: Path) -> None:
-    """Raise BadInput, in one line, where no movie could be written to `path`. Nothing is left behind."""
+    """Raise BadInput, in one line, if no movie could be written to `path`. Nothing is left behind."""
     if video_encoder(path) is None:
         _check_folder(path)
         return

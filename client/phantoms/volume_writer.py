@@ -31,7 +31,7 @@ COMPRESSED = {
 }
 NRRD = ".nrrd"
 TRIED_BYTES = 1 << 16  # more than a disk has left that has just filled up, but for what compression holds back
-NIFTI_GZ, NIFTI_HEADER = ".nii.gz", 352  # bytes; SimpleITK says nothing where the disk is full
+NIFTI_GZ, NIFTI_HEADER = ".nii.gz", 352  # bytes; SimpleITK says nothing if the disk is full
 NRRD_TYPES = {
     torch.uint8: "uchar",
     torch.int8: "signed char",
@@ -50,7 +50,7 @@ SHEAR_TOLERANCE = 1e-5  # of the cosine between two grid axes
 
 
 def check_volume_writable(path: Path) -> None:
-    """Raises BadInput where `path` has no extension of a volume or cannot be written. Leaves nothing behind."""
+    """Raises BadInput if `path` has no extension of a volume or cannot be written. Leaves nothing behind."""
     extension_of(path)
     folder = path.parent
     if not folder.is_dir():
@@ -74,7 +74,7 @@ def write_volume(path: Path, values: torch.Tensor, geometry: Geometry) -> None:
 
     The files appear under their names only when they are complete. TIFF keeps no place in space but the spacing
     along i and j. Raises BadInput for unknown extensions, for shear or a single slice that the format cannot
-    hold, and where the disk refuses.
+    hold, and if the disk refuses.
     """
     check_volume_writable(path)
     extension = extension_of(path)

@@ -49,7 +49,7 @@ def _ball_of_few(points: list[Vector]) -> tuple[Ball, list[Vector]]:
 
 
 def _ball_through(points: Sequence[Vector]) -> Ball | None:
-    """The smallest ball with two to four points on it; None where they have none or lie in a lesser space."""
+    """The smallest ball with two to four points on it; None if they have none or lie in a lesser space."""
     first = points[0]
     edges = [matrices.minus(point, first) for point in points[1:]]
     # The centre is first + sum of w_n edge_n, as far from each point: 2 edge_m . (centre - first) = |edge_m|^2.
@@ -64,7 +64,7 @@ def _ball_through(points: Sequence[Vector]) -> Ball | None:
 
 
 def _solved(rows: list[list[float]]) -> list[float] | None:
-    """The solution of linear equations, coefficients then right side by rows; None where they have no single one."""
+    """The solution of linear equations, coefficients then right side by rows; None if they have no single one."""
     count = len(rows)
     for n in range(count):
         pivot = max(range(n, count), key=lambda m: abs(rows[m][n]))

@@ -109,7 +109,7 @@ class SurveyedVolume:
         return lru_cache(REMEMBERED)(found)
 
     def check_has_values(self) -> None:
-        """Raises BadInput where there is nothing to draw."""
+        """Raises BadInput if there is nothing to draw."""
         if self.survey.low > self.survey.high:
             name = self.description.name
             raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")

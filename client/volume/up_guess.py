@@ -1,8 +1,8 @@
-"""Which way is up in a volume whose file does not tell: a guess by what lies where, the same for every scene.
+"""Which way is up in a volume whose file does not say: a guess by what lies where, the same for every scene.
 
 What a scanner takes of a body is cut off where the scan ends and has its own end where it does not: a head runs from
 its crown to a neck that is cut. So the end at which what is there tapers is up, where the other one is cut. An empty
-margin about it changes nothing, and where both ends are alike nothing is guessed.
+margin about it changes nothing, and if both ends are alike nothing is guessed.
 """
 
 import math
@@ -21,7 +21,7 @@ STEADY = 0.64  # of the layer two further in: an end of at least so much is cut 
 TAPER = 0.8  # of the cut end's share of that layer: the other end tapers with at most so much of it
 LEAST_LAYER = 0.02  # of the widest layer; less is no end but dirt
 OBJECT = 0.3  # of the way from what is empty to what is full: from here on something is there
-CLIPPED = 0.01  # share of the blocks at either end of their values that tells nothing of the two
+CLIPPED = 0.01  # share of the blocks at either end of their values that says nothing of the two
 
 
 class StandsUp(NamedTuple):
@@ -32,7 +32,7 @@ class StandsUp(NamedTuple):
 
 
 def stands_up(description: VolumeDescription, extremes: BlockExtremes) -> StandsUp:
-    """What the file tells, or the guess, or +z."""
+    """What the file says, or the guess, or +z."""
     if description.up is not None:
         return StandsUp(description.up, "superior of the patient" if description.anatomical else "as the format tells")
     guess = guessed_up(description.geometry, extremes)

@@ -127,7 +127,7 @@ def _kind_rows(description: VolumeDescription) -> list[tuple[str, str]]:
 
 
 def _axis_rows(description: VolumeDescription) -> list[tuple[str, str]]:
-    """What indices stand for, where the file tells."""
+    """What indices stand for, if the file says."""
     if description.axes is None:
         return []
     rows = []
