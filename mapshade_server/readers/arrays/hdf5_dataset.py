@@ -45,19 +45,10 @@ NETCDF_FILL = 9.969209968386869e36  # of floats, where nothing was written
 ONLY_A_NAME = "This is a netCDF dimension but not a netCDF variable"
 # No other attributes are read: HDF5 crashes on damaged ones, and a file may have thousands.
 ATTRIBUTES = (
-    *(
-        "scale_factor",
-        "add_offset",
-        "_FillValue",
-        "missing_value",
-        "valid_range",
-        "valid_min",
-        "valid_max",
-        "_Unsigned",
-    ),
-    *("units", "long_name", "standard_name", "axis", "positive", "NAME"),
-    *("default", "signal", "axes", "element_size_um", "MATLAB_class"),
-)
+    "scale_factor add_offset _FillValue missing_value valid_range valid_min valid_max _Unsigned "
+    "units long_name standard_name axis positive NAME "
+    "default signal axes element_size_um MATLAB_class"
+).split()
 SIEVE_BYTES = 1 << 16  # that HDF5 reads at least if a dataset is not in chunks
 MOST_OBJECTS = 20000  # that are looked at for datasets
 

@@ -5,7 +5,7 @@ https://docs.unidata.ucar.edu/netcdf-c/current/file_format_specifications.html. 
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -17,7 +17,6 @@ from volsplat.protocol.text.errors import BadInput
 MAGIC = b"CDF"
 VERSIONS = (1, 2, 5)  # 2 has offsets of 64 bits, 5 lengths too
 DIMENSIONS, VARIABLES, ATTRIBUTES = 10, 11, 12  # tags of lists
-CHARACTERS = 2
 TYPES = {1: "i1", 2: "S1", 3: "i2", 4: "i4", 5: "f4", 6: "f8", 7: "u1", 8: "u2", 9: "u4", 10: "i8", 11: "u8"}
 STREAMED = {4: 0xFFFFFFFF, 8: 0xFFFFFFFFFFFFFFFF}  # records whose number is not stated, by the bytes of a length
 MOST_ELEMENTS = 1 << 20  # of a list, or bytes of a name
@@ -51,17 +50,6 @@ def netcdf_variables(path: Path) -> dict[str, Variable]:
         return _Header(path, file).variables()
 
 
-@dataclass(frozen=True)
-class _Stated:
-    """A variable as the header has it, before the length of a record is known."""
-
-    name: str
-    dimensions: list[int]
-    attributes: Attributes
-    dtype: "np.dtype[Any]"
-    begin: int
-
-
 class _Header:
     """Reads the header from its beginning on."""
 
@@ -80,37 +68,27 @@ class _Header:
         dimensions = [(self._name(), self._length()) for _ in range(self._list(DIMENSIONS))]
         for _ in range(self._list(ATTRIBUTES)):
             self._attribute()
-        stated = [self._variable(len(dimensions)) for _ in range(self._list(VARIABLES))]
-        of_records = [one for one in stated if one.dimensions and dimensions[one.dimensions[0]][1] == 0]
-        sizes = [_bytes(one, [dimensions[n][1] for n in one.dimensions[1:]]) for one in of_records]
+        stated = [self._variable(dimensions) for _ in range(self._list(VARIABLES))]
+        of_records = [one for one in stated if one.shape[:1] == (0,)]
+        sizes = [math.prod(one.shape[1:]) * one.dtype.itemsize for one in of_records]
         record = sizes[0] if len(sizes) == 1 else sum(-(-size // PADDING) * PADDING for size in sizes)
         if records == STREAMED[self._length_bytes]:
             first = min((one.begin for one in of_records), default=self._size)
             records = max(self._size - first, 0) // record if record else 0
-        found = {}
-        for one in stated:
-            lengths = [dimensions[n][1] for n in one.dimensions]
-            by_record = any(one is other for other in of_records)
-            found[one.name] = Variable(
-                name=one.name,
-                dimensions=tuple(dimensions[n][0] for n in one.dimensions),
-                shape=(records, *lengths[1:]) if by_record else tuple(lengths),
-                dtype=one.dtype,
-                attributes=one.attributes,
-                begin=one.begin,
-                record_bytes=record if by_record else 0,
-            )
-        return found
+        in_full = [replace(one, shape=(records, *one.shape[1:]), record_bytes=record) for one in of_records]
+        return {one.name: one for one in (*stated, *in_full)}
 
-    def _variable(self, dimensions: int) -> _Stated:
+    def _variable(self, dimensions: list[tuple[str, int]]) -> Variable:
+        """A variable as the header has it, before the number of records is known, which stands as 0."""
         name = self._name()
         axes = [self._number(self._length_bytes) for _ in range(self._length())]
-        if any(axis >= dimensions for axis in axes):
+        if any(axis >= len(dimensions) for axis in axes):
             raise self._damaged(f"the variable {name} is on axes that there are not")
         attributes = dict(self._attribute() for _ in range(self._list(ATTRIBUTES)))
         dtype = self._dtype()
         self._number(self._length_bytes)  # its bytes, which are not stated if they are many
-        return _Stated(name, axes, attributes, dtype, self._number(self._offset_bytes))
+        names, lengths = [dimensions[n][0] for n in axes], [dimensions[n][1] for n in axes]
+        return Variable(name, tuple(names), tuple(lengths), dtype, attributes, self._number(self._offset_bytes))
 
     def _attribute(self) -> tuple[str, Any]:
         name, dtype, count = self._name(), self._dtype(), self._length()
@@ -153,7 +131,3 @@ class _Header:
 
     def _damaged(self, why: str) -> BadInput:
         return BadInput(f"{self._path}: {why}; the file is truncated or damaged, fetch or export it again")
-
-
-def _bytes(one: _Stated, lengths: list[int]) -> int:
-    return math.prod(lengths) * one.dtype.itemsize

@@ -7,7 +7,7 @@ its own, or shares them; what is in neither is asked of the file as a whole. No 
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Literal
 
@@ -256,27 +256,22 @@ def _place(path: Path, value: Callable[[str, str], Any], head: Any, number: int)
         return None
     if len(words_of(stated)) != 3:
         raise BadInput(f"{path}: has no usable ImagePositionPatient, so it has no place in a series; export it again")
-    position = _numbers(stated, 3)
+    x, y, z = _numbers(stated, 3)
     directions = _numbers(value("PlaneOrientationSequence", "ImageOrientationPatient"), 6)
-    spacing = _numbers(value("PixelMeasuresSequence", "PixelSpacing"), 2)
-    row, column = directions[:3], directions[3:]
-    square = (
-        math.hypot(*row) - 1,
-        math.hypot(*column) - 1,
-        row[0] * column[0] + row[1] * column[1] + row[2] * column[2],
-    )
+    row, column = (directions[0], directions[1], directions[2]), (directions[3], directions[4], directions[5])
+    square = (matrices.length(row) - 1, matrices.length(column) - 1, matrices.dot(row, column))
     if max(abs(error) for error in square) > SQUARE_TOLERANCE:
         raise BadInput(
             f"{path}: has no usable ImageOrientationPatient, so it has no place in a series; export it again"
         )
-    if min(spacing) <= 0:
+    between_rows, between_columns = _numbers(value("PixelMeasuresSequence", "PixelSpacing"), 2)
+    if min(between_rows, between_columns) <= 0:
         raise BadInput(f"{path}: has no usable PixelSpacing; export it again")
+    place = Place((x, y, z), row, column, (between_rows, between_columns))
     offsets = words_of(head.get("GridFrameOffsetVector"))
-    first = (position[0], position[1], position[2])
-    place = Place(first, (row[0], row[1], row[2]), (column[0], column[1], column[2]), (spacing[0], spacing[1]))
     if not offsets:
         return place
     if len(offsets) <= number:
         raise BadInput(f"{path}: its GridFrameOffsetVector has no place for frame {number}; export it again")
     along = matrices.scaled(place.normal, float(offsets[number]))
-    return Place(matrices.plus(first, along), place.row_direction, place.column_direction, place.spacing)
+    return replace(place, position=matrices.plus(place.position, along))

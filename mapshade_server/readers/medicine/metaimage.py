@@ -14,10 +14,9 @@ from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
-from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of, scalar_type_of
+from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels, numbered_names
 from volsplat.mapshade_server.readers.reading.unpacked_stream import Packing
-from volsplat.mapshade_server.readers.reading.volume_files import disk_files
 from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -82,7 +81,7 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         name=name,
         format="MetaImage",
         geometry=geometry,
-        scalar_type=scalar_type_of(path, reader),
+        scalar_type=voxels.dtype.name,
         unit=_unit(fields, anatomical),
         anatomical=anatomical,
         warnings=_told(fields, geometry),
@@ -93,7 +92,7 @@ def open_metaimage(path: Path, part: str = "") -> OpenedVolume:
         why_whole=why_whole,
     )
     if text:
-        return OpenedVolume(description, lambda box: extracted(path, reader, box), lambda: disk_files([path]))
+        return OpenedVolume(description, lambda box: extracted(path, reader, box))
     return OpenedVolume(description, lambda box: voxels.read_from(frame * sizes[2], box), voxels.files)
 
 

@@ -5,7 +5,8 @@ begin: `scans/left_,spacing=0.5x0.5x2`. Colours are not mixed to a grey: `channe
 """
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -90,13 +91,10 @@ def open_picture_folder(folder: Path, part: str) -> OpenedVolume:
 def _told(path: Path) -> _Picture:
     """What a picture's header says. Raises BadInput if it cannot be read, or is to be turned."""
     _check_ends(path)
-    picture = _opened(path)
-    try:
+    with _opened(path) as picture:
         spec = picture.spec()
         told = _Picture(spec.width, spec.height, tuple(spec.channelnames), str(spec.format))
         turned = spec.get_int_attribute("Orientation", UPRIGHT) != UPRIGHT
-    finally:
-        picture.close()
     if turned:
         raise BadInput(f"{path}: is stored turned, to be set upright by its Orientation; save it upright")
     if told.dtype not in SCALAR_TYPES:
@@ -116,14 +114,18 @@ def _check_ends(path: Path) -> None:
             raise BadInput(f"{path}: is truncated, it ends before its picture does; fetch or export it again")
 
 
-def _opened(path: Path) -> Any:
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
     oiio = importlib.import_module("OpenImageIO")
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)  # else colours come multiplied by it
     picture = oiio.ImageInput.open(str(path), config)
     if picture is None:
         raise _damaged(path, oiio.geterror())
-    return picture
+    try:
+        yield picture
+    finally:
+        picture.close()
 
 
 def _damaged(path: Path, told: str) -> BadInput:
@@ -133,8 +135,7 @@ def _damaged(path: Path, told: str) -> BadInput:
 
 def _rows(path: Path, expected: _Picture, box: Box) -> Voxels:
     """All columns and channels of the box's rows, as (j, i, channel)."""
-    picture = _opened(path)
-    try:
+    with _opened(path) as picture:
         spec = picture.spec()
         if (spec.width, spec.height, spec.nchannels) != (expected.width, expected.height, len(expected.channels)):
             raise BadInput(f"{path}: has changed while it was open; open the volume again")
@@ -144,8 +145,6 @@ def _rows(path: Path, expected: _Picture, box: Box) -> Voxels:
         if rows is None:
             raise _damaged(path, picture.geterror())
         return rows.reshape(box.size[1], expected.width, spec.nchannels)
-    finally:
-        picture.close()
 
 
 def _colours(picture: _Picture) -> list[str]:

@@ -27,8 +27,6 @@ class PqrAtom(NamedTuple):
     chain: str
     number: int
     place: tuple[float, float, float]  # Å
-    charge: float
-    radius: float  # Å
 
 
 def is_pqr(path: Path, text: str) -> bool:
@@ -76,11 +74,9 @@ def _numbers(words: list[str]) -> list[float]:
 
 
 def _placed(name: str, residue: str, chain: str, number: str, numbers: list[float]) -> PqrAtom:
-    x, y, z, charge, radius = numbers
     digits = re.match(r"\s*-?[0-9]+", number)
-    return PqrAtom(
-        name.strip(), residue.strip(), chain.strip(), int(digits[0]) if digits else 0, (x, y, z), charge, radius
-    )
+    place = (numbers[0], numbers[1], numbers[2])
+    return PqrAtom(name.strip(), residue.strip(), chain.strip(), int(digits[0]) if digits else 0, place)
 
 
 def _residue(gemmi: Any, atom: PqrAtom) -> Any:

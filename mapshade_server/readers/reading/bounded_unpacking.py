@@ -6,7 +6,6 @@ A few kilobytes may unpack to more than any memory. Nothing here knows a file fo
 import bz2
 import lzma
 import zlib
-from typing import Protocol
 
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.protocol.text.errors import BadInput
@@ -27,13 +26,6 @@ class TooMuch(ValueError):
 
 class Damaged(ValueError):
     """What is packed cannot be unpacked, or ends too early."""
-
-
-class _Decompressor(Protocol):
-    @property
-    def eof(self) -> bool: ...
-    @property
-    def unused_data(self) -> bytes: ...
 
 
 def check_promise(source: object, chunk_bytes: int, whole_bytes: int) -> None:
@@ -68,20 +60,12 @@ def inflated(packed: Packed, most: int) -> bytes:
 
 def unpacked_bzip2(packed: Packed, most: int) -> bytes:
     """Raises ValueError."""
-    try:
-        stream = bz2.BZ2Decompressor()
-        return _whole(stream, stream.decompress(packed, most + 1), most)
-    except OSError as error:
-        raise Damaged(f"its bzip2 bytes are damaged ({error})") from None
+    return _unpacked(bz2.BZ2Decompressor(), "bzip2", packed, most)
 
 
 def unpacked_lzma(packed: Packed, most: int) -> bytes:
     """The xz or old LZMA format. Raises ValueError."""
-    try:
-        stream = lzma.LZMADecompressor(memlimit=LZMA_MEMORY)
-        return _whole(stream, stream.decompress(packed, most + 1), most)
-    except lzma.LZMAError as error:
-        raise Damaged(f"its LZMA bytes are damaged ({error})") from None
+    return _unpacked(lzma.LZMADecompressor(memlimit=LZMA_MEMORY), "LZMA", packed, most)
 
 
 def unpacked_by_imagecodecs(codec: str, packed: Packed, most: int) -> bytes:
@@ -96,7 +80,11 @@ def unpacked_by_imagecodecs(codec: str, packed: Packed, most: int) -> bytes:
     return unpacked
 
 
-def _whole(stream: _Decompressor, unpacked: bytes, most: int) -> bytes:
+def _unpacked(stream: bz2.BZ2Decompressor | lzma.LZMADecompressor, kind: str, packed: Packed, most: int) -> bytes:
+    try:
+        unpacked = stream.decompress(packed, most + 1)
+    except (OSError, lzma.LZMAError) as error:
+        raise Damaged(f"its {kind} bytes are damaged ({error})") from None
     if len(unpacked) > most:
         raise TooMuch(most)
     if not stream.eof:

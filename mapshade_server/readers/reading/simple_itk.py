@@ -9,8 +9,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from volsplat.mapshade_server.readers.reading.grids import checked_geometry, refuse_vectors
-from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES, Voxels
+from volsplat.mapshade_server.readers.reading.grids import checked_geometry
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
 
@@ -48,17 +48,6 @@ def header_of(path: Path, image_io: str) -> Any:
     with one_line_errors(path):
         reader.ReadImageInformation()
     return reader
-
-
-def scalar_type_of(path: Path, reader: Any) -> str:
-    """The torch name of the image's scalar type. Raises BadInput for types that are no plain number."""
-    name = simple_itk().GetPixelIDValueAsString(reader.GetPixelID())
-    match = re.fullmatch(r"(\d+)-bit (unsigned integer|signed integer|float)", name)
-    kinds = {"unsigned integer": "uint", "signed integer": "int", "float": "float"}
-    torch_name = kinds[match[2]] + match[1] if match else ""
-    if torch_name not in SCALAR_TYPES:
-        refuse_vectors(path, f"voxels of type {name}")
-    return torch_name
 
 
 def geometry_of(path: Path, reader: Any) -> Geometry:

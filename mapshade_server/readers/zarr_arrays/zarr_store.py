@@ -45,9 +45,9 @@ def open_folder(path: Path, part: str) -> OpenedVolume:
     """The reader for an array in a folder. Raises BadInput if none is a volume or one must be chosen."""
     with one_line_errors(str(path)):
         found = found_array(array_part(path, part), zarr_place.folder(str(path)))
-        folder = Path(found.place.name) / found.array.path
-        _check_has_chunks(found, (entry.name for entry in folder.rglob("*") if entry.is_file()))
         root = Path(found.place.name)
+        within = (root / found.array.path).rglob("*")
+        _check_has_chunks(found, (entry.name for entry in within if entry.is_file()))
         return _reader(found, lambda: files_of_arrays(root, [found.array]))
 
 
