@@ -32,7 +32,7 @@ class LentVolume:
         return self._description
 
     def read(self, box: Box) -> Voxels:
-        return _cut(self._scalars[0], box).copy()
+        return self._scalars[0][box.slices()].copy()
 
     def part(self, part: Part) -> memoryview:
         """A part's values as bytes. Raises BadInput for one that the volume does not have."""
@@ -40,7 +40,7 @@ class LentVolume:
             raise BadInput(f"the volume's scalars are {', '.join(self.scalar_types)}, not {part.scalar_type}")
         if any(high > size for high, size in zip(part.box.high, self._description.geometry.dims, strict=True)):
             raise BadInput(f"part {part.box.low} to {part.box.high} reaches beyond the volume")
-        values = np.ascontiguousarray(_cut(self._scalars[part.scalar], part.box))
+        values = np.ascontiguousarray(self._scalars[part.scalar][part.box.slices()])
         return values.data.cast("B")
 
 
@@ -52,7 +52,7 @@ class LentTwoScalars(LentVolume):
         self._scalars.append(second)
 
     def read_second(self, box: Box) -> Voxels:
-        return _cut(self._scalars[1], box).copy()
+        return self._scalars[1][box.slices()].copy()
 
 
 def lent(reader: VolumeReader) -> LentVolume:
@@ -62,8 +62,3 @@ def lent(reader: VolumeReader) -> LentVolume:
     if isinstance(reader, SecondScalarReader):
         return LentTwoScalars(description, values, reader.read_second(description.geometry.box))
     return LentVolume(description, values)
-
-
-def _cut(values: Voxels, box: Box) -> Voxels:
-    (i0, j0, k0), (i1, j1, k1) = box
-    return values[k0:k1, j0:j1, i0:i1]

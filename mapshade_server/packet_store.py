@@ -146,10 +146,10 @@ class PacketStore:
         array = self._arrays[level]
         self._check_shards(level, box)
         try:
-            packets: Packets = np.ascontiguousarray(array[_slices(box)])
+            packets: Packets = np.ascontiguousarray(array[box.slices()])
         except (OSError, ValueError, RuntimeError) as error:
             for shard in self._shards(level, box):
-                self._read(self._shard_name(level, shard), array, _slices(shard))
+                self._read(self._shard_name(level, shard), array, shard.slices())
             raise self._damaged(self._paths[level], _cannot_be_read(error)) from None
         return packets
 
@@ -164,7 +164,7 @@ class PacketStore:
         stored = self.bricks(level)[..., STORED]
         for shard in self._shards(level, box):
             within = tuple(
-                slice(part.start // self.brick_size, -(-part.stop // self.brick_size)) for part in _slices(shard)
+                slice(part.start // self.brick_size, -(-part.stop // self.brick_size)) for part in shard.slices()
             )
             if stored[within].any():
                 self._check_is_there(self._shard_name(level, shard))
@@ -224,11 +224,6 @@ class PacketStore:
 
 def _cannot_be_read(error: Exception) -> str:
     return f"cannot be read ({' '.join(str(error).split())})"
-
-
-def _slices(box: Box) -> tuple[slice, slice, slice]:
-    (i0, j0, k0), (i1, j1, k1) = box
-    return slice(k0, k1), slice(j0, j1), slice(i0, i1)
 
 
 def is_store(folder: Path) -> bool:

@@ -44,8 +44,7 @@ class SubCube:
     def of_volume(cls, geometry: Geometry, values: Any, box: Box | None = None) -> "SubCube":
         """A sub-cube of a whole volume in memory: `values` is a tensor or array shaped (k, j, i), not copied."""
         sub_cube = cls(geometry, box or geometry.box)
-        low, high = sub_cube.box.grown(HALO, geometry.dims)
-        sub_cube.hold(values[low[2] : high[2], low[1] : high[1], low[0] : high[0]])
+        sub_cube.hold(values[sub_cube.box.grown(HALO, geometry.dims).slices()])
         return sub_cube
 
     @classmethod

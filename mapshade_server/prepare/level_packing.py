@@ -16,7 +16,7 @@ from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.description.volume import HALO, Box, Geometry, Index
+from volsplat.protocol.description.volume import HALO, Box, Geometry
 from volsplat.protocol.rules.index_rules import Quantisation
 
 
@@ -48,7 +48,7 @@ class LevelPacker:
         for packed in ahead(self._packed, blocks, in_advance):
             checksums = {}
             for shard in self.layout.shards(self.geometry.dims, packed.box):
-                part = packed.packets[_slices(shard, packed.box.low)]
+                part = packed.packets[shard.slices(packed.box.low)]
                 checksums[writer.shard_name(self.number, shard)] = writer.write_shard(self.number, shard, part)
             self._lay_down(packed)
             journal.finish_shards(checksums)
@@ -63,7 +63,7 @@ class LevelPacker:
         sub_cube.hold(*read)
         sub_cube.pack(self.quantisation)
         packets = np.asarray(memoryview(sub_cube.packets))
-        inside = BlockScalars(read.values[_slices(box, with_halo.low)], read.second)
+        inside = BlockScalars(read.values[box.slices(with_halo.low)], read.second)
         means = None if self.coarser is None else _halved(inside)
         return PackedBlock(box, packets, means, brick_extents(packets, self.layout.brick, self.background))
 
@@ -79,9 +79,3 @@ class LevelPacker:
 def _halved(block: BlockScalars) -> BlockScalars:
     values, second = block
     return BlockScalars(halved(values), None if second is None else halved_second(values, second))
-
-
-def _slices(box: Box, origin: Index) -> tuple[slice, slice, slice]:
-    """Where a box lies in an array (k, j, i) that begins at `origin`."""
-    i, j, k = (slice(low - at, high - at) for low, high, at in zip(*box, origin, strict=True))
-    return k, j, i

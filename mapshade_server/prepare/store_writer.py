@@ -42,7 +42,7 @@ class StoreWriter:
     def write_shard(self, level: int, shard: Box, packets: Packets) -> int:
         """Stores a shard for good, in the place of what an earlier run may have left. The CRC-32 of its packets."""
         whole = np.ascontiguousarray(packets)
-        self._arrays[level][_slices(shard)] = whole
+        self._arrays[level][shard.slices()] = whole
         _onto_disk(self._out / self.shard_name(level, shard, "c"))
         return zlib.crc32(whole.data)
 
@@ -50,7 +50,7 @@ class StoreWriter:
         """As `write_shard` gave it, of the stored shard of a level; None if it cannot be read."""
         level, shard = place
         try:
-            return zlib.crc32(np.ascontiguousarray(self._arrays[level][_slices(shard)]).data)
+            return zlib.crc32(np.ascontiguousarray(self._arrays[level][shard.slices()]).data)
         except (OSError, ValueError, RuntimeError):
             return None
 
@@ -133,11 +133,6 @@ def _write_whole(group: Any, name: str, values: NDArray[Any], names: tuple[str, 
 
 def _set_attributes(group: Any, attributes: StoreAttributes) -> None:
     group.update_attributes(attributes.as_attributes())
-
-
-def _slices(box: Box) -> tuple[slice, slice, slice]:
-    (i0, j0, k0), (i1, j1, k1) = box
-    return slice(k0, k1), slice(j0, j1), slice(i0, i1)
 
 
 def _onto_disk(path: Path) -> None:

@@ -48,6 +48,11 @@ class Box(NamedTuple):
         ni, nj, nk = self.size
         return ni * nj * nk
 
+    def slices(self, origin: Index = (0, 0, 0)) -> tuple[slice, slice, slice]:
+        """What to index an array (k, j, i) with that begins at `origin`, to have the box."""
+        i, j, k = (slice(low - at, high - at) for low, high, at in zip(*self, origin, strict=True))
+        return k, j, i
+
     def grown(self, margin: int, dims: Index) -> "Box":
         """The box with `margin` more voxels on every side, clipped to a grid of `dims`."""
         low = (max(self.low[0] - margin, 0), max(self.low[1] - margin, 0), max(self.low[2] - margin, 0))

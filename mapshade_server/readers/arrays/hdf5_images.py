@@ -38,8 +38,7 @@ class Hdf5Image:
 
     def selection(self, box: Box) -> tuple[int | slice, ...]:
         """What to index the dataset with to have the voxels of `box`, as (k, j, i)."""
-        slices = tuple(slice(low, high) for low, high in reversed(list(zip(*box, strict=True))))
-        return slices if self.frame is None else (self.frame, *slices)
+        return box.slices() if self.frame is None else (self.frame, *box.slices())
 
 
 def image_in(h5py: ModuleType, part: ArrayPart, file: Any) -> Hdf5Image | None:

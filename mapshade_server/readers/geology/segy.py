@@ -56,8 +56,8 @@ class _Survey:
 
     def read(self, box: Box) -> Voxels:
         ni, nj, nk = box.size
-        (i0, j0, k0), (i1, j1, k1) = box
-        traces = self.grid.traces[k0:k1, j0:j1].ravel()
+        k, j, i = box.slices()
+        traces = self.grid.traces[k, j].ravel()
         there = np.flatnonzero(traces >= 0)
         rows = there[np.argsort(traces[there])]  # in the file's order
         voxels = np.empty((nk * nj, ni), self.scalar_type)
@@ -67,7 +67,7 @@ class _Survey:
             for part in _runs(traces, rows):
                 first, last = int(traces[part[0]]), int(traces[part[-1]])
                 self._check_numbers(file, box, first, part)
-                for row, samples in zip(part, file.trace[first : last + 1, i0:i1], strict=True):
+                for row, samples in zip(part, file.trace[first : last + 1, i], strict=True):
                     voxels[row] = samples
         return voxels.reshape(nk, nj, ni)
 

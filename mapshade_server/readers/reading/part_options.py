@@ -40,21 +40,21 @@ def index_in(path: Path, said: str, count: int, what: str) -> int:
     raise BadInput(f"{path}: its {what} {numbers}; “{said}” is none of them")
 
 
-class Frame(NamedTuple):
+class NumberedVolume(NamedTuple):
     """One of a file's volumes, and what it is called."""
 
     number: int
     name: str
 
 
-def chosen_frame(path: Path, part: str, frames: int) -> Frame:
+def chosen_frame(path: Path, part: str, frames: int) -> NumberedVolume:
     """The volume that `part` names by its number. Raises BadInput if it must be named and is not."""
     if frames == 1 and part not in ("", "0"):
         raise BadInput(f"{path}: holds one volume, it has no part “{part}”; leave out #{part}")
     if frames > 1 and not part:
         raise BadInput(f"{path}: a series of {frames} volumes, numbered from 0; choose one, as in {path}#0")
     number = index_in(path, part or "0", frames, "volumes")
-    return Frame(number, f"{path.name}#{number}" if frames > 1 else path.name)
+    return NumberedVolume(number, f"{path.name}#{number}" if frames > 1 else path.name)
 
 
 def listed(shown: Sequence[str], nothing: str = "nothing") -> str:

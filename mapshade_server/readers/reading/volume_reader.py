@@ -59,12 +59,7 @@ class OpenedVolume:
 def boxes_of(whole: Callable[[], Voxels]) -> ReadBox:
     """Reads boxes from all voxels of a volume, which `whole` gives when the first is wanted, and which are kept."""
     kept = cache(whole)
-
-    def read(box: Box) -> Voxels:
-        (i0, j0, k0), (i1, j1, k1) = box
-        return kept()[k0:k1, j0:j1, i0:i1].copy()
-
-    return read
+    return lambda box: kept()[box.slices()].copy()
 
 
 def voxel_room(box: Box, dtype: DTypeLike, source: object) -> Voxels:

@@ -44,32 +44,25 @@ def level_axes(part: ArrayPart, image: Multiscale, level: int, shape: Sequence[i
     """The axes of one level's array, in the units and at the places that the image's metadata gives them."""
     steps, firsts = [1.0] * len(shape), [0.0] * len(shape)
     try:
-        names = [_axis(axis) for axis in image.entry.get("axes", OLD_AXES[-len(shape) :])]
+        stated = image.entry.get("axes", OLD_AXES[-len(shape) :])
         transformations = [
             *image.entry["datasets"][level].get("coordinateTransformations", ()),
             *image.entry.get("coordinateTransformations", ()),
         ]
         for one in transformations if "spacing" not in part.options else ():
             _transform(part, one, steps, firsts)
-        axes = zip(shape, names, steps, firsts, strict=True)
-        return [ArrayAxis(length, axis.name, axis.unit, first, step, axis.along) for length, axis, step, first in axes]
+        return [_axis(*axis) for axis in zip(stated, shape, firsts, steps, strict=True)]
     except (AttributeError, KeyError, TypeError, ValueError):
         raise _damaged(part.whole, "axes or coordinateTransformations") from None
 
 
-class _Axis(NamedTuple):
-    name: str
-    unit: str
-    along: str
-
-
-def _axis(axis: Any) -> _Axis:
+def _axis(axis: Any, length: int, first: float, step: float) -> ArrayAxis:
     """Version 0.3 has mere names, later ones have names with types and units."""
     if isinstance(axis, str):
-        return _Axis(axis, "", axis if axis in LETTERS else "")
+        return ArrayAxis(length, axis, "", first, step, axis if axis in LETTERS else "")
     name = str(axis["name"])
     spatial = axis.get("type", "space") == "space" and name.lower() in tuple(LETTERS)
-    return _Axis(name, str(axis.get("unit") or ""), name.lower() if spatial else "")
+    return ArrayAxis(length, name, str(axis.get("unit") or ""), first, step, name.lower() if spatial else "")
 
 
 def _transform(part: ArrayPart, one: Any, steps: list[float], firsts: list[float]) -> None:

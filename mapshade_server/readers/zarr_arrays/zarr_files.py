@@ -1,6 +1,5 @@
 """What distinguishes one Zarr hierarchy from another: documents that describe an array, and some of its chunks."""
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -72,6 +71,6 @@ def _chunks(array: Any, most: int) -> Iterator[str]:
     total = math.prod(counts)
     wanted = range(total) if total <= most else [n * (total - 1) // max(most - 1, 1) for n in range(most)]
     strides = [math.prod(counts[axis + 1 :]) for axis in range(len(counts))]
-    for n in dict.fromkeys(itertools.chain(wanted)):
+    for n in dict.fromkeys(wanted):
         place = tuple(n // stride % count for stride, count in zip(strides, counts, strict=True))
         yield "/".join(filter(None, (array.path, array.metadata.encode_chunk_key(place))))
