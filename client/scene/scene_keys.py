@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene import Scene, Tables
 from volsplat.protocol.description.scene_key import Declared, Key, Part, Section, Widget, declarations
 
 
@@ -86,3 +86,19 @@ SECTIONS: dict[str, str] = {"": ""} | {
 KEYS: dict[str, SceneKey] = {
     place: SceneKey(place, declared, declared.key) for place, declared in _ALL.items() if isinstance(declared.key, Key)
 }
+
+TABLES: dict[str, str] = {
+    declared.name: declared.key.title for declared in declarations(Tables) if isinstance(declared.key, Section)
+}
+"""What a person calls each table, by its name in the scene."""
+
+
+def why_unused(table: str, scene: Scene) -> str:
+    """Why a table changes nothing under the switches of the shading rules; "" if it does."""
+    shading = scene.shading
+    why = {
+        "emit": "" if shading.emitted else "emitted light is off",
+        "refl": "" if shading.diffuse or shading.specular else "reflected light is off",
+        "modu": "" if shading.modulation else "modulation is off",
+    }
+    return why.get(table, "")

@@ -130,17 +130,23 @@ class ScalarTable(Part, frozen=True):
 class Tables(Part, frozen=True):
     """The four shading tables (paper: "Shading")."""
 
-    emit: Annotated[ColourTable, Section("The colour that a sample gives off by itself.")]
+    emit: Annotated[ColourTable, Section("The colour that a sample gives off by itself.", "emitted colour")]
     refl: Annotated[
         ColourTable,
-        Section("The colour that a sample reflects: times L.G for diffuse, times H.G to a power for specular light."),
+        Section(
+            "The colour that a sample reflects: times L.G for diffuse, times H.G to a power for specular light.",
+            "reflected colour",
+        ),
     ]
-    opac: Annotated[ScalarTable, Section("The opacity of a sample for a thickness of one reference spacing.")]
+    opac: Annotated[
+        ScalarTable, Section("The opacity of a sample for a thickness of one reference spacing.", "opacity")
+    ]
     modu: Annotated[
         ScalarTable,
         Section(
             "A factor on that opacity: a ramp over gradient strength brings out surfaces, one over screen-z\n"
-            "makes a depth cue."
+            "makes a depth cue.",
+            "modulation of the opacity",
         ),
     ] = ScalarTable(points=((0.0, 1.0),))
 

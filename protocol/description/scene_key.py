@@ -91,6 +91,7 @@ class Key(NamedTuple):
 
 class Section(NamedTuple):
     meaning: str
+    title: str = ""  # what a person calls it, of a table
 
 
 class Declared(NamedTuple):

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from nicegui import context, ui
 
-from volsplat.client.scene.scene_keys import KEYS
+from volsplat.client.scene.scene_keys import KEYS, TABLES, why_unused
 from volsplat.client.ui.controls.controls import SceneEditor, show_prop
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Field, Scene, Shading
+from volsplat.protocol.description.scene import Field, Scene
 
-TABLES = {
-    "emit": "emitted colour",
-    "refl": "reflected colour",
-    "opac": "opacity",
-    "modu": "modulation of the opacity",
-}
 HEADS = {Field.DENSITY: "dens.", Field.STRENGTH: "stren."}  # of the columns; the others have a group and a letter
 GROUPS = ("gradient", "screen", "grid")
 
@@ -53,7 +47,7 @@ def _cross_bar_row(editor: SceneEditor, table: str, names: dict[Field, str], row
     def show(scene: Scene) -> None:
         for field, wire in wires.items():
             show_prop(wire, "checked", field == wired.of(scene))
-        idle = not _has_effect(table, scene.shading)
+        idle = bool(why_unused(table, scene))
         for element in (head, *wires.values()):
             element.classes(add="vs-idle" if idle else "", remove="" if idle else "vs-idle")
 
@@ -62,13 +56,3 @@ def _cross_bar_row(editor: SceneEditor, table: str, names: dict[Field, str], row
 
 def _begins_group(field: Field) -> bool:
     return field in (Field.GRADIENT_I, Field.SCREEN_X, Field.GRID_I)
-
-
-def _has_effect(table: str, shading: Shading) -> bool:
-    """Whether the switches leave the table anything to do."""
-    return {
-        "emit": shading.emitted,
-        "refl": shading.diffuse or shading.specular,
-        "opac": True,
-        "modu": shading.modulation,
-    }[table]

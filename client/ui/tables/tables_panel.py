@@ -9,6 +9,7 @@ from functools import lru_cache, partial
 import msgspec
 from nicegui import context, ui
 
+from volsplat.client.scene.scene_keys import TABLES, why_unused
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
@@ -35,7 +36,7 @@ from volsplat.protocol.description.scene import Field as PacketField
 from volsplat.protocol.description.scene import Scene, Tables
 
 STYLE = STATIC / "tables" / "table_editor.css"
-TITLES = {"emit": "Emitted", "refl": "Reflected", "opac": "Opacity", "modu": "Modulation"}
+TITLES = {table: called.split()[0].capitalize() for table, called in TABLES.items()}
 LEAST_OPACITY = 0.001  # of the slider for all opacities, whose scale is logarithmic: fog needs the small ones
 STEPS = 5
 
@@ -208,7 +209,7 @@ class TablesPanel:
     def _field(self, scene: Scene, which: str) -> Field:
         field = getattr(scene.cross_bar, which)
         axis = field_axis(self._volume, field, scene.quantise)
-        return Field(axis, self._histogram(field, scene.quantise), _why_unused(scene, which), _tint(scene, which))
+        return Field(axis, self._histogram(field, scene.quantise), why_unused(which, scene), _tint(scene, which))
 
     def _show_head(self) -> None:
         self._undo.set_enabled(self._model.can_undo)
@@ -250,21 +251,10 @@ def _chosen_value(table: Table, selected: int) -> tuple[float, ...]:
     return value_at(table, table.points[selected][0] if 0 <= selected < len(table.points) else 0.5)
 
 
-def _why_unused(scene: Scene, which: str) -> str:
-    shading = scene.shading
-    if which == "emit" and not shading.emitted:
-        return "emitted light is off"
-    if which == "refl" and not (shading.diffuse or shading.specular):
-        return "reflected light is off"
-    if which == "modu" and not shading.modulation:
-        return "modulation is off"
-    return ""
-
-
 def _tint(scene: Scene, which: str) -> str:
     """Opacity tells how much is seen of which colour, where both are by the same field."""
     alike = which == "opac" and scene.cross_bar.opac is scene.cross_bar.refl
-    return TITLES["refl"] if alike and not _why_unused(scene, "refl") else ""
+    return TITLES["refl"] if alike and not why_unused("refl", scene) else ""
 
 
 def _icon_button(icon: str, label: str, on_click: Callable[[], object] | None = None) -> ui.button:
