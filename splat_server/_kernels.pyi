@@ -102,7 +102,7 @@ class SplatQueue:
     """
 
     def __init__(self, image: ImageMemory, threads: int) -> None: ...
-    def begin(self, by_columns: bool, first_line: int, end_line: int) -> None:
+    def begin(self, turned: bool, first_line: int, end_line: int) -> None:
         """Drop what is unfinished, and clear the image. What follows mostly reaches these lines of it."""
 
     def splat(
@@ -139,7 +139,7 @@ class SplatQueue:
         """For how long there has been something to combine, in all."""
 
 class ImageMemory:
-    """float32, associated, kept by rows or by columns: see image_memory.h."""
+    """float32, associated: see image_memory.h."""
 
     def __init__(self, width: int, height: int) -> None: ...
     def snapshot(self) -> memoryview:
@@ -147,10 +147,7 @@ class ImageMemory:
 
     @property
     def closed_tiles(self) -> memoryview:
-        """The live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable.
-
-        Splatting looks at this very map if the image is kept by rows, else at one of its own.
-        """
+        """The live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable."""
 
     @property
     def hidden_packets(self) -> int:

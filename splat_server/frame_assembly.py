@@ -24,7 +24,7 @@ from volsplat.splat_server.merge_events import (
     SplatSpans,
     SplatterReady,
 )
-from volsplat.splat_server.pixel_reach import busy_lines, pixel_reach, pixels_reached
+from volsplat.splat_server.pixel_reach import busy_rows, pixel_reach, pixels_reached
 
 
 @dataclass(frozen=True)
@@ -78,15 +78,14 @@ class FrameAssembly:
         self.packets = 0
         self._finished: memoryview | None = None  # the complete image, which the buffer has handed out
         self.seconds_in_merge = 0.0  # while nothing was splatted
-        by_columns = plan.turned
-        self._reach = pixel_reach(plan, by_columns)
-        self.pixels_per_packet = pixels_reached(self._reach, plan, by_columns)
+        self._reach = pixel_reach(plan)
+        self.pixels_per_packet = pixels_reached(self._reach, plan)
         self._layers = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
         if image is None or (image.width, image.height) != plan.image_size:
             before, image = image, ImageBuffer(*plan.image_size, threads)
             if before is not None:
                 before.close()
-        image.clear(by_columns, busy_lines(plan, self._reach, by_columns))
+        image.clear(plan.turned, busy_rows(plan, self._reach))
         self.image = image
         self._busy_before = image.busy_seconds
         self.merge = merge or Merge()

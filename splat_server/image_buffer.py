@@ -11,23 +11,24 @@ THREADED_FROM_PIXELS = 1 << 17  # … or pixels under them: below both, handing 
 
 
 class ImageBuffer:
-    """Kept by rows, or by columns: what is splatted into it is reached by lines that are one or the other.
+    """Of `width` x `height` pixels as it is published. While it is turned, what is splatted has x and y exchanged: rows
+    become columns.
 
     `threads` share out stripes of lines, one for each line of tiles at most; their number changes no bits.
     One thread at a time may change it; others may read `closed_tiles` meanwhile, and take a `snapshot` while it splats.
     """
 
-    def __init__(self, width: int, height: int, threads: int = 1, by_columns: bool = False) -> None:
+    def __init__(self, width: int, height: int, threads: int = 1, turned: bool = False) -> None:
         self.width = width
         self.height = height
         self._memory = ImageMemory(width, height)
         most_threads = max(tile_map_shape(width, height)[0], tile_map_shape(height, width)[0])
         self._queue = SplatQueue(self._memory, min(threads, most_threads))
-        self.clear(by_columns)
+        self.clear(turned)
 
-    def clear(self, by_columns: bool, busy_lines: tuple[int, int] | None = None) -> None:
-        """Empty it, and drop what is still to be combined. What follows mostly reaches `busy_lines`."""
-        self._queue.begin(by_columns, *(busy_lines or (0, self.width if by_columns else self.height)))
+    def clear(self, turned: bool, busy_rows: tuple[int, int] | None = None) -> None:
+        """Empty it, and drop what is still to be combined. What follows mostly reaches `busy_rows` of the plan."""
+        self._queue.begin(turned, *(busy_rows or (0, self.width if turned else self.height)))
 
     @property
     def closed_tiles(self) -> memoryview:
@@ -49,7 +50,7 @@ class ImageBuffer:
 
         With several threads that goes on after the return; while much is unfinished, the caller helps. `batches` is
         kept until then: the spans' memory, which must not change. Without it the caller keeps that memory.
-        `reach` is by columns if the buffer is (see pixel_reach). `pixels_per_packet` says what to thread.
+        `pixels_per_packet` says what to thread.
         """
         small = spans.packets < THREADED_FROM and spans.packets * pixels_per_packet < THREADED_FROM_PIXELS
         self._queue.splat(spans, reach, order == Order.FRONT_TO_BACK, small, batches)

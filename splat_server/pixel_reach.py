@@ -13,30 +13,28 @@ CELL_MARGIN = 6  # rows above and below a cell that are searched as well
 CELL_ROW = 64  # pixels: what searching a row for a cell's pixels costs
 
 
-def busy_lines(plan: FramePlan, reach: PixelReach, by_columns: bool) -> tuple[int, int]:
-    """From which to before which line the frame's voxels and their footprints reach, within the image."""
-    dda, lines = (plan.x, plan.width) if by_columns else (plan.y, plan.height)
+def busy_rows(plan: FramePlan, reach: PixelReach) -> tuple[int, int]:
+    """From which to before which row the frame's voxels and their footprints reach, within the image."""
     ends = [
         sorted(half_step * doubled for doubled in (2 * visits.low - 1, 2 * visits.high - 1))
-        for half_step, visits in zip(dda.half_steps, plan.visits, strict=True)
+        for half_step, visits in zip(plan.y.half_steps, plan.visits, strict=True)
     ]
-    first, last = ((dda.origin + sum(end)) >> FRACTION_BITS for end in zip(*ends, strict=True))
+    first, last = ((plan.y.origin + sum(end)) >> FRACTION_BITS for end in zip(*ends, strict=True))
     around = reach.height // 2 if isinstance(reach, FootprintTable) else 0
-    return (min(max(first - around, 0), lines), min(max(last + around + 1, 0), lines))
+    return (min(max(first - around, 0), plan.height), min(max(last + around + 1, 0), plan.height))
 
 
-def pixel_reach(plan: FramePlan, by_columns: bool = False) -> PixelReach:
-    """For an image buffer that is kept by rows or columns. Raises BadInput for a footprint larger than any image."""
+def pixel_reach(plan: FramePlan) -> PixelReach:
+    """Raises BadInput for a footprint larger than any image."""
     if plan.footprint is not None:
-        return footprint_table(plan.footprint.mirrored() if by_columns else plan.footprint)
-    return cell_map(plan, by_columns) if plan.reach == Reach.CELL else None
+        return footprint_table(plan.footprint)
+    return cell_map(plan) if plan.reach == Reach.CELL else None
 
 
-def pixels_reached(reach: PixelReach, plan: FramePlan, by_columns: bool = False) -> int:
+def pixels_reached(reach: PixelReach, plan: FramePlan) -> int:
     """What splatting one packet costs at most, in pixels combined."""
     if isinstance(reach, FootprintTable):
-        line, lines = (plan.height, plan.width) if by_columns else (plan.width, plan.height)
-        return min(reach.width, line) * min(reach.height, lines)
+        return min(reach.width, plan.width) * min(reach.height, plan.height)
     if reach is None:
         return 1
     cell = [(axis, max(plan.visits[axis].block_sizes())) for axis in plan.traversal.axes[1:]]
@@ -47,7 +45,7 @@ def pixels_reached(reach: PixelReach, plan: FramePlan, by_columns: bool = False)
     return rows * (min(math.ceil(width), plan.width) + CELL_ROW)
 
 
-def cell_map(plan: FramePlan, by_columns: bool = False) -> CellMap:
+def cell_map(plan: FramePlan) -> CellMap:
     """The cells of a frame's sheets."""
     sheet, row, sample = plan.traversal.axes
 
@@ -59,5 +57,4 @@ def cell_map(plan: FramePlan, by_columns: bool = False) -> CellMap:
         ascending = plan.traversal.ascending[loop]
         return (visits.low, visits.high, visits.stride, visits.first, visits.count, ascending)
 
-    along, across = (plan.y, plan.x) if by_columns else (plan.x, plan.y)
-    return CellMap(ordered(along), ordered(across), (axis(0), axis(1), axis(2)))
+    return CellMap(ordered(plan.x), ordered(plan.y), (axis(0), axis(1), axis(2)))

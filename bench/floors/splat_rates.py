@@ -103,7 +103,7 @@ class Block:
         """Splats a second of each order and of the floor."""
 
         def kernel(order: Order) -> float:
-            self._image.clear(by_columns=False)
+            self._image.clear(turned=False)
             return thread_seconds(lambda: self._image.splat(self._spans, self._table, order))
 
         contenders: dict[str, Callable[[int], float]] = {

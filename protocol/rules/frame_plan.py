@@ -37,16 +37,20 @@ class Reach(StrEnum):
 
 
 class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What servers need to know of a frame, in indices of the level drawn."""
+    """What servers need to know of a frame, in indices of the level drawn.
+
+    It is always level: where runs of samples would go up or down the image rather than across, x and y are exchanged,
+    and the image is turned back when it is published. So the pixels around a run lie in few rows.
+    """
 
     step: Step
-    width: int  # of the image, in pixels
+    turned: bool  # x and y are exchanged: the image's width is `height`
+    width: int  # pixels
     height: int
-    turned: bool  # runs of samples go up and down the image rather than across: it is best kept by columns
     order: Order  # never FASTEST
     factors: Index  # voxels of the volume that one of the level stands for along i, j, k
-    x: Dda  # pixels from the centre of the top-left pixel, to the right
-    y: Dda  # likewise, down
+    x: Dda  # pixels from the centre of the top-left pixel, to the right, or down if turned
+    y: Dda  # likewise, down, or to the right
     screen_index: tuple[Dda, Dda, Dda]  # fields screen x, y (up), z: the byte is value >> 32, clamped to 0..255
     traversal: Traversal
     visits: tuple[AxisVisits, AxisVisits, AxisVisits]  # for i, j, k
@@ -54,7 +58,7 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     footprint: FootprintShape | None  # where that is how samples reach the pixels
     # See opacity_exponent; for blocks that are the first, between or the last on each axis, i fastest
     opacity_exponents: Annotated[tuple[float, ...], Meta(min_length=BLOCK_CLASSES, max_length=BLOCK_CLASSES)]
-    edges: Annotated[tuple[Edge, ...], Meta(max_length=MOST_EDGES)]  # of the volume and of the bounds
+    edges: Annotated[tuple[Edge, ...], Meta(max_length=MOST_EDGES)]  # on the published image, never exchanged
 
     def __post_init__(self) -> None:
         Image(width=self.width, height=self.height)
@@ -72,7 +76,12 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def image_size(self) -> tuple[int, int]:
         """Width and height of the published image, in pixels."""
-        return (self.width, self.height)
+        return (self.height, self.width) if self.turned else (self.width, self.height)
+
+    @property
+    def upright(self) -> "FramePlan":
+        """The same frame with x to the right and y down, whichever way its runs go."""
+        return self._exchanged() if self.turned else self
 
     @property
     def stride(self) -> int:
@@ -84,6 +93,17 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The part of the level's grid that is drawn."""
         (i0, i1), (j0, j1), (k0, k1) = ((visits.low, visits.high) for visits in self.visits)
         return Box((i0, j0, k0), (i1, j1, k1))
+
+    def _exchanged(self) -> "FramePlan":
+        return msgspec.structs.replace(
+            self,
+            turned=not self.turned,
+            width=self.height,
+            height=self.width,
+            x=self.y,
+            y=self.x,
+            footprint=None if self.footprint is None else self.footprint.mirrored(),
+        )
 
 
 def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolution | None = None) -> FramePlan:
@@ -106,11 +126,11 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: Gr
     traversal = traversal_of(grid.ray_to_viewer(), order)
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
     reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, stride)
-    return FramePlan(
+    plan = FramePlan(
         step=step,
+        turned=False,
         width=scene.image.width,
         height=scene.image.height,
-        turned=abs(down[sample]) > abs(across[sample]),
         order=order,
         factors=grid.factors,
         x=grid.x,
@@ -123,6 +143,7 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: Gr
         opacity_exponents=_opacity_exponents(grid, reach, traversal, (i, j, k)),
         edges=volume_edges(scene, geometry),
     )
+    return plan._exchanged() if abs(down[sample]) > abs(across[sample]) else plan
 
 
 def opacity_exponent(grid: GridOnScreen, reach: Reach, axes: Index, stride: int, block: Index) -> float:

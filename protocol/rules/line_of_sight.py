@@ -15,11 +15,12 @@ from volsplat.protocol.description.scene import Order, Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
-from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, grid_on_screen
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, grid_on_screen
 from volsplat.protocol.rules.levels import Resolution
 
 HALF = 0.5  # of a cell, and of a pixel
 MOST_ASIDE = 2.0  # voxels
+LEAST_AREA = 1e-100  # square pixels: what is divided by it stays finite
 
 Offset = tuple[float, float]  # pixels
 
@@ -27,15 +28,18 @@ Offset = tuple[float, float]  # pixels
 class LineOfSight(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """A line from a point of the image into the volume."""
 
-    plan: FramePlan  # of step F, front to back
+    plan: FramePlan  # of step F, front to back, upright
     x: float  # pixels from the centre of the image's top left pixel, to the right
     y: float  # likewise, down
     across: Vector  # pixels to the right for a step along i, j, k
     down: Vector
 
     def __post_init__(self) -> None:
-        area = self._cells().area
-        if not 0 < abs(area) < math.inf:
+        if not all(abs(step) <= LARGEST_POSITION for step in (*self.across, *self.down)):
+            raise ValueError(
+                f"a voxel's steps must be at most {LARGEST_POSITION} pixels, not {self.across}, {self.down}"
+            )
+        if not abs(area := self._cells().area) >= LEAST_AREA:
             raise ValueError(f"a line of sight must cross sheets whose cells it can hit, not of {area} square pixels")
 
     def place(self, index: Index) -> Index:
@@ -93,7 +97,7 @@ def line_of_sight(
     """
     plan = plan_frame(msgspec.structs.replace(scene, order=Order.FRONT_TO_BACK), geometry, Step.F, resolution)
     grid = grid_on_screen(scene, geometry, resolution.geometry if resolution else None)
-    return LineOfSight(plan, x, y, grid.pixels_per_index[0], grid.pixels_per_index[1])
+    return LineOfSight(plan.upright, x, y, grid.pixels_per_index[0], grid.pixels_per_index[1])
 
 
 @dataclass(frozen=True)

@@ -19,25 +19,26 @@ int checked(int pixels) {
     return pixels;
 }
 
-}  // namespace
+// Of the map that takes more of an image's two.
+std::int64_t words_of_tiles(int width, int height) {
+    return std::max(tile_rows(height) * tile_words(width), tile_rows(width) * tile_words(height));
+}
 
-ImageMemory::TileMap::TileMap(int width, int height)
-    : rows(volsplat::tile_rows(height)), row_words(volsplat::tile_words(width)), words(rows * row_words + 1, 0) {}
+}  // namespace
 
 ImageMemory::ImageMemory(int width, int height)
     : width_(checked(width)),
       height_(checked(height)),
       memory_(zeros(4 * std::max(plane_of(width) * height, plane_of(height) * width))),
       first_pixel_(memory_.get() + kMarginPixels),
-      tiles_by_rows_(width, height),
-      tiles_by_columns_(height, width) {
+      closed_tiles_(words_of_tiles(width, height) + 1) {
     lay_out(false);
 }
 
-void ImageMemory::clear(bool by_columns) {
+void ImageMemory::clear(bool turned) {
     empty({0, lines_});
-    lay_out(by_columns);
-    for (TileMap* map : {&tiles_by_rows_, &tiles_by_columns_}) std::fill(map->words.begin(), map->words.end(), 0);
+    lay_out(turned);
+    std::fill(closed_tiles_.begin(), closed_tiles_.end(), 0);
     hidden_packets_ = 0;
 }
 
@@ -46,10 +47,10 @@ void ImageMemory::empty(RowSpan lines) {
     if (begin < end) std::memset(memory_.get() + begin * 4 * plane_, 0, (end - begin) * 4 * plane_ * sizeof(float));
 }
 
-void ImageMemory::lay_out(bool by_columns) {
-    by_columns_ = by_columns;
-    line_pixels_ = by_columns ? height_ : width_;
-    lines_ = by_columns ? width_ : height_;
+void ImageMemory::lay_out(bool turned) {
+    turned_ = turned;
+    line_pixels_ = turned ? height_ : width_;
+    lines_ = turned ? width_ : height_;
     plane_ = plane_of(line_pixels_);
     note_empty();
 }
@@ -63,17 +64,7 @@ void ImageMemory::note(const SplatOutcome& outcome) {
 }
 
 ImageView ImageMemory::view() {
-    TileMap& closed = by_columns_ ? tiles_by_columns_ : tiles_by_rows_;
-    return {first_pixel_,
-            plane_,
-            4 * plane_,
-            line_pixels_,
-            lines_,
-            closed.words.data(),
-            closed.row_words,
-            by_columns_,
-            tiles_by_rows_.words.data(),
-            tiles_by_rows_.row_words};
+    return {first_pixel_, plane_, 4 * plane_, line_pixels_, lines_, closed_tiles(), tile_words()};
 }
 
 }  // namespace volsplat

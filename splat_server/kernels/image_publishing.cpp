@@ -63,7 +63,7 @@ void publish_columns(const ImageMemory& image, RowSpan columns, float* target) {
 void clear_lines(const ImageMemory& image, RowSpan lines, float* target) {
     const std::int64_t row = std::int64_t(image.width()) * 4;
     if (lines.begin >= lines.end) return;
-    if (!image.by_columns()) {
+    if (!image.turned()) {
         std::memset(target + lines.begin * row, 0, (lines.end - lines.begin) * row * sizeof(float));
         return;
     }
@@ -79,7 +79,7 @@ void publish_lines(const ImageMemory& image, RowSpan lines, float* target) {
     const int begin = std::clamp(image.line_begin(), lines.begin, lines.end);
     const int end = std::clamp(image.line_end(), begin, lines.end);
     clear_lines(image, {lines.begin, begin}, target);
-    if (image.by_columns()) publish_columns(image, {begin, end}, target);
+    if (image.turned()) publish_columns(image, {begin, end}, target);
     else publish_rows(image, {begin, end}, target);
     clear_lines(image, {end, lines.end}, target);
 }

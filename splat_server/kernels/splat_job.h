@@ -54,16 +54,12 @@ struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a 
 
 enum class Reach { footprint, cell, pixel };
 
-// An image as the loops see it. If it is kept by columns, its rows here are the columns on the screen.
 struct ImageView {
     float* pixels;              // red of the top-left pixel
     std::int64_t plane, pitch;  // floats from one channel to the next, and from one row to the next
     int width, height;
     std::uint64_t* closed_tiles;  // rows of `tile_words`, with one more word after the last
     std::int64_t tile_words;
-    bool by_columns;
-    std::uint64_t* told_tiles;  // by columns: the same map by the screen's rows of `told_words`
-    std::int64_t told_words;
 };
 
 // All samples, into the rows row_begin <= y < row_end; these are multiples of kTileSide, or the image's end.

@@ -24,9 +24,9 @@ SplatQueue::SplatQueue(ImageMemory& image, int threads) : image_(image), busy_li
     }
 }
 
-void SplatQueue::begin(bool by_columns, RowSpan busy) {
+void SplatQueue::begin(bool turned, RowSpan busy) {
     cancel();
-    image_.clear(by_columns);
+    image_.clear(turned);
     busy_lines_ = busy;
     const std::lock_guard lock(mutex_);
     lines_.clear();

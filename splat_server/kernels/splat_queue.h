@@ -25,7 +25,7 @@ public:
     ~SplatQueue() { close(); }
 
     // Drops what is unfinished, and clears the image. What follows mostly reaches the `busy` lines of it.
-    void begin(bool by_columns, RowSpan busy);
+    void begin(bool turned, RowSpan busy);
     // Adds a job, which says what and how; its image is filled in here. What it points to must stay until it is
     // finished. Helps while several are unfinished; does a `small` one at once where none is. Returns its number.
     std::uint64_t add(SplatJob job, bool small);

@@ -74,7 +74,9 @@ def walk_of(
     held: list[SubCube], scene: Scene, step: Step = Step.F, closed_tiles: "_kernels.Array | None" = None
 ) -> FrameWalk:
     geometry = held[0].geometry
-    return FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), plan_frame(scene, geometry, step), closed_tiles)
+    return FrameWalk(
+        held, geometry, PLAIN, shading_rule(scene, step), plan_frame(scene, geometry, step).upright, closed_tiles
+    )
 
 
 def frame(
@@ -264,7 +266,7 @@ def test_rows_longer_than_positions_count_are_walked_in_pieces(sample_axis: int,
     geometry = Geometry((size[0], size[1], size[2]))
     view = View(rotation=quaternion_to((towards[0], towards[1], towards[2])), zoom=0.1)
     scene = plain_scene(view=view, size=(8192, 8192), order=order)
-    plan = plan_frame(scene, geometry, Step.F)
+    plan = plan_frame(scene, geometry, Step.F).upright
     assert plan.traversal.axes[2] == sample_axis
     got = packets_of(frame(held_as(geometry, torch.ones(geometry.dims[::-1]), [geometry.box]), scene).batches)
     assert torch.equal(got.position, mapping.samples_of(scene, geometry, plan).lattice)
@@ -310,7 +312,7 @@ def assert_hidden_ones_are_left_out(
     all_rows: list[list[int]], some: list[list[int]], closed: Tensor, scene: Scene, geometry: Geometry = CUBE
 ) -> None:
     """Of all packets some were sent: none is missing that reaches an open tile, nor sent that is far from each."""
-    reach = sample_reach(plan_frame(scene, geometry, Step.F))
+    reach = sample_reach(plan_frame(scene, geometry, Step.F).upright)
     spared = (reach[0] + SPARED, reach[1] + SPARED)
     size = (scene.image.width, scene.image.height)
     for row in some:
@@ -352,7 +354,7 @@ def test_most_of_what_is_hidden_is_left_out() -> None:
     held = held_as(CUBE, torch.ones(SIDE, SIDE, SIDE), [CUBE.box])
     closed = tiles(4 * SIDE, 4 * SIDE, closed=True)
     closed[SIDE // 2, SIDE // 2] = False
-    reach = sample_reach(plan_frame(scene, CUBE, Step.F))
+    reach = sample_reach(plan_frame(scene, CUBE, Step.F).upright)
     positions = [row[2:4] for row in frame(held, scene).rows]
     needed = sum(not closed[reached_tiles(position, reach)].all() for position in positions)
     sent = len(frame(held, scene, Step.F, tile_map(closed, 4 * SIDE, 4 * SIDE)).rows)

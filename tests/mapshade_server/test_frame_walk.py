@@ -188,7 +188,7 @@ def test_only_samples_that_touch_no_pixel_are_left_out(data: st.DataObject, geom
     plan = plan_frame(scene, geometry, step)
     samples = mapping.samples_of(scene, geometry, plan)
     reach = torch.tensor(sample_reach(plan), dtype=torch.float64)
-    size = torch.tensor([width, height])
+    size = torch.tensor([plan.width, plan.height])
     position = samples.lattice / LATTICE
     near = ((position >= -reach) & (position <= size - 1 + reach)).all(dim=1).tolist()
     got = packets_of(walked(geometry, visible_volume(geometry), scene, plan))

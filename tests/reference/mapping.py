@@ -36,7 +36,7 @@ class Samples:
     indices: Tensor  # (n, 3) int64, grid i, j, k
     ordinals: Tensor  # (n, 3) int64, sheet, row, sample
     blocks: Tensor  # (n, 3, 2) int64, the half-open range of voxels each stands for, on i, j, k
-    lattice: Tensor  # (n, 2) int64, x and y (down) in 1/64 pixel, as on the wire
+    lattice: Tensor  # (n, 2) int64, the plan's x and y in 1/64 pixel, as on the wire
     exact: Tensor  # (n, 2) float64, the same positions in pixels, not quantised
 
     @property
@@ -97,10 +97,11 @@ def samples_of(scene: Scene, geometry: Geometry, plan: FramePlan) -> Samples:
         indices[:, axis] = indices_on[axis][visit]
         blocks[:, axis] = blocks_on[axis][visit]
     doubled = blocks[..., 0] + blocks[..., 1] - 1
+    exact = on_screen(doubled.double() / 2, scene, geometry)
     return Samples(
         indices=indices,
         ordinals=ordinals,
         blocks=blocks,
         lattice=torch.stack((on_lattice(plan.x, doubled), on_lattice(plan.y, doubled)), dim=1),
-        exact=on_screen(doubled.double() / 2, scene, geometry),
+        exact=exact.flip(1) if plan.turned else exact,
     )

@@ -52,7 +52,7 @@ def render(
     Not `exact`: positions, colours and opacities are those of the wire, and `weights` may give the footprint table
     of the splat server. `exact`: nothing but the voxel packets is quantised.
     """
-    plan = plan_frame(scene, geometry, step)
+    plan = plan_frame(scene, geometry, step).upright
     shaded = shaded_samples(packets, geometry, quantisation, scene, plan, exact)
     buffer = torch.zeros((plan.height * plan.width, 4), dtype=torch.float64)
     if plan.reach == Reach.CELL:

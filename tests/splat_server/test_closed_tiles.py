@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from reference.combining import FROZEN_ALPHA
-from support.scenes.row_runs import Dot, Run, mirrored, spans_of
+from support.scenes.row_runs import Dot, Run, spans_of
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
@@ -96,24 +96,25 @@ def test_leaving_out_what_is_hidden_changes_no_bit(
     table = FOOTPRINTS[size]
     sheets = layers(seed, width, height, 0.9 if dense else 0.3)
     by_rows, forgetful = ImageBuffer(width, height, threads), ImageBuffer(width, height)
-    by_columns = ImageBuffer(height, width, threads, by_columns=True)
+    turned = ImageBuffer(height, width, threads, turned=True)
     for runs in sheets:
         splat(by_rows, runs, table)
-        splat(by_columns, mirrored(runs), table)
+        splat(turned, runs, table)
         for run in runs:
             forget(forgetful)
             splat(forgetful, [run], table)
     assert torch.equal(pixels(by_rows), pixels(forgetful))
-    assert torch.equal(pixels(by_columns), pixels(forgetful).transpose(0, 1))
+    assert torch.equal(pixels(turned), pixels(forgetful).transpose(0, 1))
+    assert words(turned) == words(by_rows)
     by_rows.close()
-    by_columns.close()
+    turned.close()
 
 
-@given(st.integers(0, 1 << 30), sizes, sizes, st.sampled_from(sorted(FOOTPRINTS)), st.integers(1, 3), st.booleans())
+@given(st.integers(0, 1 << 30), sizes, sizes, st.sampled_from(sorted(FOOTPRINTS)), st.integers(1, 3))
 def test_the_map_only_rises_and_a_closed_tile_is_frozen(
-    seed: int, width: int, height: int, size: tuple[float, float], threads: int, by_columns: bool
+    seed: int, width: int, height: int, size: tuple[float, float], threads: int
 ) -> None:
-    image = ImageBuffer(width, height, threads, by_columns)
+    image = ImageBuffer(width, height, threads)
     assert image.closed_tiles.shape == tile_map_shape(width, height)
     before = words(image)
     for runs in layers(seed, width, height, 0.9):
@@ -131,9 +132,9 @@ def test_the_map_only_rises_and_a_closed_tile_is_frozen(
     image.close()
 
 
-@pytest.mark.parametrize("by_columns", [False, True])
+@pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize(("width", "height"), [(64, 48), (250, 20), (30, 29)])
-def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, by_columns: bool) -> None:
+def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, turned: bool) -> None:
     table = FOOTPRINTS[4.0, 4.0]
     wall = [
         Run(sheet, row, 0, tuple(Dot(x * 64, y * 64, OPAQUE, (9, 9, 9)) for x in range(-2, width + 2, 2)))
@@ -141,7 +142,8 @@ def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, b
         for row, y in enumerate(range(-2, height + 2, 2))
     ]
     behind = [Run(LAYERS, 0, 0, tuple(Dot(x * 64, 700, OPAQUE, (255, 0, 0)) for x in range(0, width, 5)))]
-    image = ImageBuffer(width, height, by_columns=by_columns)
+    image = ImageBuffer(*((height, width) if turned else (width, height)), turned=turned)
+    assert image.closed_tiles.shape == tile_map_shape(width, height)
     splat(image, wall, table)
     rows, columns = math.ceil(height / TILE_SIDE), math.ceil(width / TILE_SIDE)
     assert sum(word.bit_count() for row in words(image) for word in row) == rows * columns
@@ -150,7 +152,7 @@ def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, b
     splat(image, behind, table)
     assert torch.equal(pixels(image), before)
     assert image.hidden_packets - seen == len(behind[0].dots)
-    image.clear(by_columns)
+    image.clear(turned)
     assert image.hidden_packets == 0 and not any(map(any, words(image)))
 
 

@@ -33,7 +33,7 @@ def test_a_snapshot_that_is_held_stays_as_it_is() -> None:
     image = image_with_a_dot()
     held = image.snapshot()
     before = bytes(held)
-    image.clear(by_columns=False)
+    image.clear(turned=False)
     others = [image.snapshot() for _ in range(9)]
     assert held == before
     assert all(not any(other) for other in others)

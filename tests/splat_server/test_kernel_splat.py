@@ -94,10 +94,10 @@ def splatted(
     width: int,
     height: int,
     threads: int = 1,
-    by_columns: bool = False,
+    turned: bool = False,
 ) -> Tensor:
     """By the kernel, in stripes if there are several threads."""
-    image = ImageBuffer(width, height, threads, by_columns)
+    image = ImageBuffer(width, height, threads, turned)
     pinned = spans_of(runs)
     image.splat(pinned.spans, reach, order, pixels_per_packet=THREADED_FROM_PIXELS)
     image.finish()
@@ -159,15 +159,15 @@ def test_footprints_combine_as_the_paper_says(
 @pytest.mark.parametrize("table_name", [*TABLES, "nearest pixels"])
 @pytest.mark.parametrize(("width", "height"), [(37, 23), (70, 133), (1, 9), (16, 2)])
 @pytest.mark.parametrize("threads", [1, 3])
-def test_an_image_kept_by_columns_is_that_of_the_mirrored_samples(
+def test_a_turned_image_is_that_of_the_same_samples_with_x_and_y_exchanged(
     path: str, table_name: str, order: Order, width: int, height: int, threads: int
 ) -> None:
     table = table_of(*TABLES[table_name]) if table_name in TABLES else None
     runs = random_runs(width, width, height, count=240)
-    by_columns = splatted(runs, table, order, width, height, threads, by_columns=True)
+    turned = splatted(mirrored(runs), table, order, width, height, threads, turned=True)
     by_rows = splatted(mirrored(runs), table, order, height, width)
-    assert torch.equal(by_columns, by_rows.transpose(0, 1))
-    assert by_columns.any()
+    assert torch.equal(turned, by_rows.transpose(0, 1))
+    assert turned.any()
 
 
 def one_by_one(runs: list[Run]) -> list[Run]:
@@ -318,11 +318,10 @@ def coloured(runs: list[Run]) -> list[Run]:
     st.sampled_from((Step.A, Step.B, Step.C)),
     st.integers(0, 12),
     st.sampled_from(PATHS),
-    st.booleans(),
     st.sampled_from((1, 3)),
 )
 def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
-    situation: tuple[Scene, Geometry], step: Step, chosen: int, path: str, by_columns: bool, threads: int
+    situation: tuple[Scene, Geometry], step: Step, chosen: int, path: str, threads: int
 ) -> None:
     scene, geometry = situation
     plan = plan_frame(scene, geometry, step)
@@ -332,9 +331,9 @@ def test_the_cells_of_a_sheet_have_no_hole_and_no_overlap(
     runs = coloured(runs)
     alone = one_by_one(runs)
     with kernels_on(_kernels, path):
-        cells = cell_map(plan, by_columns)
-        image = splatted(runs, cells, plan.order, plan.width, plan.height, threads, by_columns)
-        assert torch.equal(image, splatted(alone, cells, plan.order, plan.width, plan.height, 1, by_columns))
+        cells = cell_map(plan)
+        image = splatted(runs, cells, plan.order, plan.width, plan.height, threads)
+        assert torch.equal(image, splatted(alone, cells, plan.order, plan.width, plan.height))
     thirds = sum(((row >= 0) & (sample >= 0)).long() for row, sample in cells_on_the_way(plan, sheet))
     expected = 1 - (1 - opacity_of_code(half)) ** thirds
     assert (image[..., 3].flatten() - expected).abs().max() <= SPLAT_FLOAT32

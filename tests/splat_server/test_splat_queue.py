@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from support.patience import PATIENCE
-from support.scenes.row_runs import Dot, PinnedSpans, Run, mirrored, spans_of
+from support.scenes.row_runs import Dot, PinnedSpans, Run, spans_of
 from support.scenes.threaded import everything_threaded
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES
@@ -100,36 +100,36 @@ def splat(image: ImageBuffer, runs: list[Run], order: Order = Order.BACK_TO_FRON
     st.lists(st.booleans(), min_size=12, max_size=12),
 )
 def test_queued_jobs_give_the_bits_of_one_after_the_other(
-    seed: int, order: Order, threads: int, by_columns: bool, busy: tuple[int, int], threaded: list[bool]
+    seed: int, order: Order, threads: int, turned: bool, busy: tuple[int, int], threaded: list[bool]
 ) -> None:
     sheets = sheets_of_dots(seed, len(threaded))
-    size = (HEIGHT, WIDTH) if by_columns else (WIDTH, HEIGHT)
+    size = (HEIGHT, WIDTH) if turned else (WIDTH, HEIGHT)
     image = ImageBuffer(*size, threads)
-    image.clear(by_columns, busy)
+    image.clear(turned, busy)
     for runs, queued in zip(sheets, threaded, strict=True):
         if queued:
             with everything_threaded():
-                splat(image, mirrored(runs) if by_columns else runs, order)
+                splat(image, runs, order)
         else:
-            splat(image, mirrored(runs) if by_columns else runs, order)
+            splat(image, runs, order)
     handed_out = pixels(image.hand_out(), *size)
-    assert torch.equal(handed_out.transpose(0, 1) if by_columns else handed_out, one_after_the_other(sheets, order))
+    assert torch.equal(handed_out.transpose(0, 1) if turned else handed_out, one_after_the_other(sheets, order))
     assert not any(image.snapshot())
     image.close()
 
 
-@pytest.mark.parametrize("by_columns", [False, True])
+@pytest.mark.parametrize("turned", [False, True])
 @pytest.mark.parametrize("size", [LARGE, LARGE[::-1]])
-def test_a_frame_without_samples_is_empty_whatever_was_drawn_before(size: tuple[int, int], by_columns: bool) -> None:
+def test_a_frame_without_samples_is_empty_whatever_was_drawn_before(size: tuple[int, int], turned: bool) -> None:
     image = ImageBuffer(*size, threads=2)
     for _ in range(3):
-        image.clear(by_columns)
+        image.clear(turned)
         with everything_threaded():
             splat(image, sheet_of_all(random.Random(2), *size))
         used = image.hand_out()
         used[:] = b"\xff" * len(used)  # in case its memory is used again
         del used
-        image.clear(not by_columns)
+        image.clear(not turned)
         assert not any(image.hand_out())
     image.close()
 
@@ -139,9 +139,9 @@ def test_what_is_unfinished_at_a_new_frame_leaves_nothing_behind() -> None:
     drawn = sheets_of_dots(3, 4, *LARGE)
     expected = one_after_the_other(drawn, Order.FRONT_TO_BACK, *LARGE)
     unfinished = long_job(*LARGE)
-    for by_columns in (False, True, False, False, True):
+    for turned in (False, True, False, False, True):
         with everything_threaded():
-            image.clear(by_columns)
+            image.clear(turned)
             for _ in range(3):
                 image.splat(unfinished.spans, TABLE, Order.FRONT_TO_BACK, batches=unfinished)
             image.clear(False)
@@ -155,7 +155,7 @@ ENDS: dict[str, Callable[[ImageBuffer], object]] = {
     "finish": ImageBuffer.finish,
     "hand_out": ImageBuffer.hand_out,
     "cancel": ImageBuffer.cancel,
-    "clear": lambda image: image.clear(by_columns=False),
+    "clear": lambda image: image.clear(turned=False),
     "close": ImageBuffer.close,
 }
 

@@ -83,8 +83,8 @@ public:
     PythonQueue(nb::object image, int threads)
         : image_(std::move(image)), queue_(nb::cast<PythonImage&>(image_).memory, threads) {}
 
-    void begin(bool by_columns, int first_line, int end_line) {
-        without_gil([&] { queue_.begin(by_columns, {first_line, end_line}); });
+    void begin(bool turned, int first_line, int end_line) {
+        without_gil([&] { queue_.begin(turned, {first_line, end_line}); });
     }
     void finish() {
         without_gil([&] { queue_.finish(); });
@@ -203,7 +203,7 @@ void bind_combining(nb::module_& m) {
             "x"_a, "y"_a, "axes"_a);
     nb::class_<PythonQueue>(m, "SplatQueue")
         .def(nb::init<nb::object, int>(), "image"_a, "threads"_a)
-        .def("begin", &PythonQueue::begin, "by_columns"_a, "first_line"_a, "end_line"_a)
+        .def("begin", &PythonQueue::begin, "turned"_a, "first_line"_a, "end_line"_a)
         .def("splat", &PythonQueue::splat, "spans"_a, "reach"_a.none(), "front_to_back"_a, "small"_a,
              "batches"_a.none())
         .def("finish", &PythonQueue::finish)

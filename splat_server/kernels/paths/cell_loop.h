@@ -26,7 +26,7 @@ public:
         for (std::size_t s = 0; s < job_.span_count; ++s) {
             const unsigned char* packets = job_.spans[s].packets;
             for (std::uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
-                const RowRun run = run_at(job_.image, job_.spans[s].runs, r);
+                const RowRun run = run_at(job_.spans[s].runs, r);
                 splat_run(run, packets);
                 packets += std::uint64_t(run.count) * kPacketBytes;
                 if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();

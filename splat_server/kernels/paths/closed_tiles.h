@@ -50,17 +50,8 @@ private:
             std::uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
             const std::uint64_t bit = std::uint64_t(1) << column % 64;
             // Others may read the map meanwhile; only this stripe's thread writes to its rows.
-            if (!(word & bit) && frozen(column, row)) {
-                __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
-                if (image_.by_columns) tell(row, column);
-            }
+            if (!(word & bit) && frozen(column, row)) __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
         }
-    }
-
-    // By the screen's rows and columns. Other stripes' threads may be writing to the same word.
-    void tell(int column, int row) const {
-        std::uint64_t& word = image_.told_tiles[row * image_.told_words + column / 64];
-        __atomic_fetch_or(&word, std::uint64_t(1) << column % 64, __ATOMIC_RELAXED);
     }
 
     // Another stripe's thread may be writing it.

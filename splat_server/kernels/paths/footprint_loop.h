@@ -33,8 +33,6 @@ public:
           closed_(job.image),
           closed_boxes_(job.image, table_.width, table_.height),
           closed_windows_(job.image, Together::kWindow, table_.height),
-          x_shift_(x_shift(job.image)),
-          y_shift_(y_shift(job.image)),
           worth_looking_(std::int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
           least_top_(Integers{} + job.row_end),
           greatest_top_(Integers{} + job.row_begin - table_.height) {}
@@ -44,7 +42,7 @@ public:
             const SpanView& span = job_.spans[s];
             const unsigned char* packets = span.packets;
             for (std::uint64_t r = 0; r < span.run_count; ++r) {
-                const RowRun run = run_at(job_.image, span.runs, r);
+                const RowRun run = run_at(span.runs, r);
                 if (near(run)) {
                     const PacketRange range = span.whole ? PacketRange{0, run.count}
                                                          : packets_in_rows(job_, run, packets, table_.height / 2 + 2);
@@ -102,8 +100,8 @@ private:
 
     Samples decoded(const Packets& packets, const RowRun& run) {
         const int bits = table_.offset_bits, shift = kSubpixelBits - bits, half = 1 << shift >> 1;
-        const Integers x = (packets.position(x_shift_) + (run.x0 + half)) >> shift;
-        const Integers y = (packets.position(y_shift_) + (run.y0 + half)) >> shift;
+        const Integers x = (packets.x() + (run.x0 + half)) >> shift;
+        const Integers y = (packets.y() + (run.y0 + half)) >> shift;
         const Integers fx = x & ((1 << bits) - 1), fy = y & ((1 << bits) - 1);
         Samples samples;
         samples.left = (x >> bits) + table_.start_x - (fx >= table_.step_x);
@@ -266,7 +264,6 @@ private:
     const ImageView image_;
     const ClosedTiles closed_;
     const ClosedBoxes closed_boxes_, closed_windows_;
-    const int x_shift_, y_shift_;
     const std::int64_t worth_looking_;
     Integers least_top_, greatest_top_;
     std::int64_t unseen_pixels_ = 0;  // splatted to since tiles were looked at

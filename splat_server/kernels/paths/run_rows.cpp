@@ -14,15 +14,8 @@ struct Extent {
     std::int64_t least, greatest;
 };
 
-std::int64_t position_of(const unsigned char* packet, int shift) {
-    std::uint64_t bits;
-    __builtin_memcpy(&bits, packet, sizeof bits);
-    return static_cast<std::int64_t>(bits >> shift & kPositionMask);
-}
-
-Extent extent_of(const unsigned char* packets, std::uint64_t count, int shift) {
-    const std::int64_t first = position_of(packets, shift),
-                       last = position_of(packets + (count - 1) * kPacketBytes, shift);
+Extent extent_of(const unsigned char* packets, std::uint64_t count) {
+    const std::int64_t first = y_of(packet_at(packets)), last = y_of(packet_at(packets + (count - 1) * kPacketBytes));
     return first < last ? Extent{first, last} : Extent{last, first};
 }
 
@@ -44,13 +37,12 @@ std::int32_t limited(std::int64_t row, int height) {
 }  // namespace
 
 void find_run_rows(const SplatJob& job, RowSpan* rows) {
-    const int shift = y_shift(job.image);
     const std::int64_t around = reach_of(job);
     for (std::size_t s = 0; s < job.span_count; ++s) {
         const unsigned char* packets = job.spans[s].packets;
         for (std::uint64_t r = 0; r < job.spans[s].run_count; ++r, ++rows) {
-            const RowRun run = run_at(job.image, job.spans[s].runs, r);
-            const Extent extent = extent_of(packets, run.count, shift);
+            const RowRun run = run_at(job.spans[s].runs, r);
+            const Extent extent = extent_of(packets, run.count);
             *rows = {limited(((run.y0 + extent.least) >> kSubpixelBits) - around, job.image.height),
                      limited(((run.y0 + extent.greatest) >> kSubpixelBits) + around + 1, job.image.height)};
             packets += std::uint64_t(run.count) * kPacketBytes;

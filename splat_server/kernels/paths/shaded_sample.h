@@ -7,18 +7,16 @@ namespace volsplat::VOLSPLAT_PATH {
 
 namespace {
 
-// Where a packet has its position on the image's axes.
-inline int x_shift(const ImageView& image) { return image.by_columns ? kPositionBits : 0; }
-inline int y_shift(const ImageView& image) { return image.by_columns ? 0 : kPositionBits; }
+// A packet's x and y from its run's origin, 1/64 pixel.
+inline std::int64_t x_of(std::uint64_t packet) { return static_cast<std::int64_t>(packet & kPositionMask); }
+inline std::int64_t y_of(std::uint64_t packet) {
+    return static_cast<std::int64_t>(packet >> kPositionBits & kPositionMask);
+}
 
-// A run with its origin on the image's axes.
-inline RowRun run_at(const ImageView& image, const unsigned char* runs, std::uint64_t n) {
-    RowRun run = volsplat::run_at(runs, n);
-    if (image.by_columns) {
-        const std::int32_t x0 = run.x0;
-        run.x0 = run.y0, run.y0 = x0;
-    }
-    return run;
+inline std::uint64_t packet_at(const unsigned char* address) {
+    std::uint64_t packet;
+    __builtin_memcpy(&packet, address, sizeof packet);
+    return packet;
 }
 
 // The packets of a run that may reach the job's rows, where each reaches so many rows up and down. The samples of a run
@@ -29,12 +27,7 @@ struct PacketRange {
 
 inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const unsigned char* packets,
                                    std::int64_t reach) {
-    const int shift = y_shift(job.image);
-    const auto y_at = [&](std::uint64_t n) {
-        std::uint64_t packet;
-        __builtin_memcpy(&packet, packets + n * kPacketBytes, sizeof packet);
-        return std::int64_t(run.y0) + static_cast<std::int64_t>(packet >> shift & kPositionMask);
-    };
+    const auto y_at = [&](std::uint64_t n) { return run.y0 + y_of(packet_at(packets + n * kPacketBytes)); };
     const std::int64_t least = (std::int64_t(job.row_begin) - reach) * (1 << kSubpixelBits);
     const std::int64_t greatest = (std::int64_t(job.row_end) + reach) * (1 << kSubpixelBits);
     const bool rises = y_at(run.count - 1) >= y_at(0);
@@ -59,13 +52,12 @@ struct ShadedSample {
 };
 
 inline ShadedSample sample_at(const unsigned char* address, const RowRun& run, const SplatJob& job) {
-    std::uint64_t packet;
-    __builtin_memcpy(&packet, address, sizeof packet);
+    const std::uint64_t packet = packet_at(address);
     const auto channel = [&](int n) {
         return static_cast<float>(static_cast<int>(packet >> (kColourShift + 8 * n) & 255)) / 255.0f;
     };
-    return {std::int64_t(run.x0) + static_cast<std::int64_t>(packet >> x_shift(job.image) & kPositionMask),
-            std::int64_t(run.y0) + static_cast<std::int64_t>(packet >> y_shift(job.image) & kPositionMask),
+    return {run.x0 + x_of(packet),
+            run.y0 + y_of(packet),
             job.opacities[packet >> kOpacityShift & kOpacityMask],
             channel(0),
             channel(1),
@@ -81,7 +73,8 @@ typedef float Numbers __attribute__((vector_size(kAtOnce * 4)));
 struct Packets {
     Words low, high;
 
-    Integers position(int shift) const { return (Integers)(low >> shift & kPositionMask); }
+    Integers x() const { return (Integers)(low & kPositionMask); }
+    Integers y() const { return (Integers)(low >> kPositionBits & kPositionMask); }
     Numbers red() const { return channel(high >> 8 & 255); }
     Numbers green() const { return channel(high >> 16 & 255); }
     Numbers blue() const { return channel(high >> 24); }

@@ -32,7 +32,7 @@ void splat_nearest_pixels(const SplatJob& job) {
     for (std::size_t s = 0; s < job.span_count; ++s) {
         const unsigned char* packets = job.spans[s].packets;
         for (std::uint64_t r = 0; r < job.spans[s].run_count; ++r) {
-            const RowRun run = run_at(job.image, job.spans[s].runs, r);
+            const RowRun run = run_at(job.spans[s].runs, r);
             const unsigned char* const end = packets + std::uint64_t(run.count) * kPacketBytes;
             for (; packets != end; packets += kPacketBytes) {
                 const ShadedSample sample = sample_at(packets, run, job);
