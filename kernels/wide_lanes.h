@@ -46,6 +46,12 @@ inline Words looked_up(const std::uint16_t* table, Words places) {
     return (Words)_mm512_i32gather_epi32((__m512i)places, table, 2) & 0xFFFF;
 }
 
+// Of words in memory, a bit for each: the highest one of what is computed of it.
+template <class Compute>
+inline std::uint32_t signs_of(const std::uint32_t* words, const Compute& compute) {
+    return signs(compute(load<Words>(words)));
+}
+
 // A table of eight words, looked up by the lowest three bits of each place.
 class EightWords {
 public:
@@ -59,8 +65,9 @@ private:
 };
 
 // Writes the lanes whose bit is set next to each other, and anything behind them, as many as there are lanes.
-inline void store_chosen(std::uint32_t* words, std::uint32_t bits, Words lanes) {
-    _mm512_storeu_si512(words, _mm512_maskz_compress_epi32(static_cast<__mmask16>(bits), (__m512i)lanes));
+inline void store_chosen(std::uint32_t* words, std::uint32_t bits, const std::uint32_t* lanes) {
+    const __m512i all = _mm512_loadu_si512(lanes);
+    _mm512_storeu_si512(words, _mm512_maskz_compress_epi32(static_cast<__mmask16>(bits), all));
 }
 inline void store_chosen(std::uint16_t* numbers, std::uint32_t bits, Words lanes) {
     store_narrowed(numbers, (Words)_mm512_maskz_compress_epi32(static_cast<__mmask16>(bits), (__m512i)lanes));
@@ -131,6 +138,11 @@ inline Words looked_up(const std::uint16_t* table, Words places) {
     return (Words)_mm256_i32gather_epi32(reinterpret_cast<const int*>(table), (__m256i)places, 2) & 0xFFFF;
 }
 
+template <class Compute>
+inline std::uint32_t signs_of(const std::uint32_t* words, const Compute& compute) {
+    return signs(compute(load<Words>(words)));
+}
+
 class EightWords {
 public:
     explicit EightWords(const std::uint32_t (&words)[8]) : words_(load<Words>(words)) {}
@@ -158,8 +170,8 @@ constexpr LaneOrders kLaneOrders;
 inline Words chosen_first(std::uint32_t bits, Words lanes) {
     return (Words)picked((Reals)lanes, load<Integers>(kLaneOrders.of_mask[bits]));
 }
-inline void store_chosen(std::uint32_t* words, std::uint32_t bits, Words lanes) {
-    store(words, chosen_first(bits, lanes));
+inline void store_chosen(std::uint32_t* words, std::uint32_t bits, const std::uint32_t* lanes) {
+    store(words, chosen_first(bits, load<Words>(lanes)));
 }
 inline void store_chosen(std::uint16_t* numbers, std::uint32_t bits, Words lanes) {
     store_narrowed(numbers, chosen_first(bits, lanes));
@@ -227,18 +239,26 @@ inline Reals looked_up(const float* table, Words places) {
     return Reals{table[places[0]], table[places[1]], table[places[2]], table[places[3]]};
 }
 
+// One by one: these sets shift all lanes by the same only.
+template <class Compute>
+inline std::uint32_t signs_of(const std::uint32_t* words, const Compute& compute) {
+    std::uint32_t bits = 0;
+    for (int lane = 0; lane < kWidest; ++lane) bits |= compute(words[lane]) >> 31 << lane;
+    return bits;
+}
+
 class EightWords {
 public:
     explicit EightWords(const std::uint32_t (&words)[8]) : words_(words) {}
 
-    Words operator[](Words places) const { return looked_up(words_, places & 7); }
+    std::uint32_t operator[](std::uint32_t place) const { return words_[place & 7]; }
 
 private:
     const std::uint32_t* words_;
 };
 
-template <class Number>
-inline void store_chosen(Number* numbers, std::uint32_t bits, Words lanes) {
+template <class Number, class Lanes>
+inline void store_chosen(Number* numbers, std::uint32_t bits, const Lanes& lanes) {
     for (int lane = 0; lane < kWidest; ++lane) {
         *numbers = static_cast<Number>(lanes[lane]);
         numbers += bits >> lane & 1;

@@ -16,10 +16,10 @@ public:
     // A bit for each packet.
     std::uint32_t operator()(const std::uint32_t* packets) const {
         // A word of 32 bits is picked by the byte's upper bits, and shifted until the wanted bit is the sign
-        const Words packet = load<Words>(packets), strength = packet >> 8;
-        const Words by_density = density_[packet >> 5] << (31 & ~packet);
-        const Words by_strength = strength_[packet >> 13] << (31 & ~strength);
-        return signs(by_density & by_strength & ~packet);
+        return signs_of(packets, [this](auto packet) {
+            const auto strength = packet >> 8;
+            return density_[packet >> 5] << (31 & ~packet) & strength_[packet >> 13] << (31 & ~strength) & ~packet;
+        });
     }
 
 private:
@@ -53,7 +53,7 @@ std::size_t classify_row(const std::uint32_t* row, std::size_t n, std::size_t fi
             const std::size_t from = at + static_cast<std::size_t>(lane);
             const Integers lanes = counted_from(static_cast<std::int32_t>(first + from));
             store_chosen(positions + kept, here, (Words)lanes);
-            store_chosen(packets + kept, here, load<Words>(row + from));
+            store_chosen(packets + kept, here, row + from);
             kept += static_cast<unsigned>(__builtin_popcount(here));
         }
     }

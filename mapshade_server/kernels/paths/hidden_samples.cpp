@@ -47,7 +47,7 @@ std::size_t leave_out_hidden(const VisibleVoxels& voxels, const HiddenMap& map, 
         const std::uint32_t open = open_lanes(map, x, y, lanes - first) & lanes_before(voxels.count - at);
         if (open == 0) continue;  // and do not wait for its packets
         store_chosen(positions + kept, open, (Words)lanes);
-        store_chosen(packets + kept, open, load<Words>(voxels.packets + at));
+        store_chosen(packets + kept, open, voxels.packets + at);
         kept += static_cast<unsigned>(__builtin_popcount(open));
     }
     return kept;
