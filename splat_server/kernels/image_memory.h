@@ -1,7 +1,7 @@
 // The image buffer's memory: associated float32, each line of pixels as four planes of red, green, blue and alpha, so
 // that the splat loop combines neighbouring pixels without shuffling. Planes lie between margins that the loop may
-// write to. Lines are the rows of the image or, where its frame is planned with x and y exchanged, its columns: they become rows
-// when it is published. Beside it, the map of closed tiles (protocol/rules/closed_tiles.py), by lines.
+// write to. Lines are the rows of the image or, where its frame is planned with x and y exchanged, its columns: they
+// become rows when it is published. Beside it, the map of closed tiles (protocol/rules/closed_tiles.py), by lines.
 #pragma once
 
 #include <atomic>
@@ -19,7 +19,8 @@ constexpr std::int64_t kLinePixels = 64 / sizeof(float);  // of a cache line, fo
 
 class ImageMemory {
 public:
-    // Of so many pixels once it is published. Throws std::invalid_argument for a size outside 1..65535, std::bad_alloc where memory lacks.
+    // Of so many pixels once it is published. Throws std::invalid_argument for a size outside 1..65535, std::bad_alloc
+    // where memory lacks.
     ImageMemory(int width, int height);
 
     // Empties image and map, and forgets what was hidden. From then on lines are rows or, `turned`, columns.
@@ -56,7 +57,7 @@ private:
     std::int64_t plane_;
     LargeArray<float> memory_;  // of zeros, but for the lines that are not empty
     float* first_pixel_;
-    std::atomic<int> line_begin_, line_end_;  // read while another thread splats
+    std::atomic<int> line_begin_, line_end_;   // read while another thread splats
     std::vector<std::uint64_t> closed_tiles_;  // and one word more
     std::atomic<std::uint64_t> hidden_packets_{0};
 };
