@@ -12,7 +12,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta
 
-from volsplat.protocol.description.scene import Image, Order, Scene, Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Order, Scene, Step
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, Dda, GridOnScreen, grid_on_screen
@@ -61,16 +61,19 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     edges: Annotated[tuple[Edge, ...], Meta(max_length=MOST_EDGES)]  # on the published image, never exchanged
 
     def __post_init__(self) -> None:
-        Image(width=self.width, height=self.height)
+        for name, extent in (("width", self.width), ("height", self.height)):
+            if not 1 <= extent <= LARGEST_EXTENT:
+                raise ValueError(f"{name} must be 1 to {LARGEST_EXTENT} pixels, not {extent}")
         if self.order == Order.FASTEST:
             raise ValueError("a frame is drawn in one of the two orders, not in the fastest")
         if not all(1 <= factor <= LONGEST_AXIS for factor in self.factors):
             raise ValueError(f"a level's factors must be 1 to {LONGEST_AXIS}, not {self.factors}")
-        if not all(dda.greatest(self.bounds.high) <= FARTHEST_VALUE for dda in (self.x, self.y, *self.screen_index)):
+        high = self.bounds.high
+        if max(dda.greatest(high) for dda in (self.x, self.y, *self.screen_index)) > FARTHEST_VALUE:
             raise ValueError(f"the grid reaches further than {LARGEST_POSITION} pixels from the image")
         if (self.footprint is None) == (self.reach == Reach.FOOTPRINT):
             raise ValueError(f"samples reach the pixels by a footprint, or have none; their reach is {self.reach}")
-        if not all(0 <= exponent < math.inf for exponent in self.opacity_exponents):
+        if not all(0 <= exponent < math.inf for exponent in set(self.opacity_exponents)):
             raise ValueError(f"opacity exponents must be finite and not below 0, not {self.opacity_exponents}")
 
     @property

@@ -35,7 +35,8 @@ class Dda(msgspec.Struct, frozen=True, array_like=True, forbid_unknown_fields=Tr
 
     def greatest(self, high: Index) -> int:
         """No value within the blocks of indices 0..high is further from 0, nor is a part of its sum."""
-        return abs(self.origin) + sum(abs(h) * 2 * n for h, n in zip(self.half_steps, high, strict=True))
+        i, j, k = self.half_steps
+        return abs(self.origin) + 2 * (abs(i) * high[0] + abs(j) * high[1] + abs(k) * high[2])
 
 
 def dda(origin: float, steps: Vector) -> Dda:

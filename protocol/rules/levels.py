@@ -7,6 +7,7 @@ f (n + 1/2) - 1/2. A scene always speaks of level 0's grid and spacing, whatever
 
 import math
 from collections.abc import Sequence
+from functools import lru_cache
 
 import msgspec
 
@@ -63,6 +64,7 @@ def levels_drawn(levels: Sequence[Geometry], base: int) -> range:
     return range(base, min(base + max(rule.octaves for rule in STEP_RULES.values()), len(levels) - 1) + 1)
 
 
+@lru_cache(maxsize=64)
 def factors_of(geometry: Geometry, level: Geometry) -> Index:
     """How many voxels of the volume each voxel of a level stands for along i, j, k.
 
@@ -85,6 +87,7 @@ def dims_at_level(dims: Index, factors: Index) -> Index:
     return (i, j, k)
 
 
+@lru_cache(maxsize=64)
 def thickness_of(geometry: Geometry, level: Geometry) -> float:
     """The level's reference spacing in those of the volume."""
     return level.reference_spacing / geometry.reference_spacing

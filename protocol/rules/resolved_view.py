@@ -1,6 +1,7 @@
 """What a scene leaves open, decided for a volume: bounds, centre, zoom and order; and how its axes are turned."""
 
 import math
+from functools import lru_cache
 
 from volsplat.protocol.description.scene import Order, Scene, View
 from volsplat.protocol.description.volume import Box, Geometry
@@ -61,6 +62,7 @@ def resolved_order(scene: Scene, geometry: Geometry) -> Order:
     return Order.FRONT_TO_BACK if hides else Order.BACK_TO_FRONT
 
 
+@lru_cache(maxsize=16)
 def bounding_radius(geometry: Geometry) -> float:
     """The radius of the sphere around the middle of the volume that holds all its cells, in physical units."""
     ni, nj, nk = geometry.dims
