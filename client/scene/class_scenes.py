@@ -25,7 +25,7 @@ CPK = {
 
 
 def classes_scene(subject: Subject) -> Scene | None:
-    """Each class in its colour, solid; None where the file does not tell the classes and nothing lets guess them."""
+    """Each class in its colour, solid; None if the file does not tell the classes and nothing lets guess them."""
     bands = subject.bands or _numbered(subject)
     if not bands:
         return None

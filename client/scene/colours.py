@@ -20,6 +20,6 @@ def nearest_hex(colour: Colour) -> str:
 
 
 def hex_of_colour(colour: Colour) -> str | None:
-    """ "#rrggbb" where that is exactly this colour, otherwise None."""
+    """ "#rrggbb" if that is exactly this colour, otherwise None."""
     text = nearest_hex(colour)
     return text if colour_from_hex(text) == colour else None

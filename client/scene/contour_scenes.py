@@ -91,7 +91,7 @@ def _both_shares(subject: Subject, level: float) -> float:
 
 
 def density_scene(subject: Subject) -> Scene | None:
-    """A closed surface at the contour; None where nothing lies above it."""
+    """A closed surface at the contour; None if nothing lies above it."""
     level = contour_level(subject)
     if level is None or not subject.values.share_above(level.value) > 0:
         return None
@@ -112,7 +112,7 @@ def density_scene(subject: Subject) -> Scene | None:
 
 
 def both_signs_scene(subject: Subject) -> Scene | None:
-    """Surfaces at the contour of either sign, each in its colours; None where nothing lies beyond them."""
+    """Surfaces at the contour of either sign, each in its colours; None if nothing lies beyond them."""
     level = contour_level(subject)
     if level is None or not level.value > 0 or not _both_shares(subject, level.value) > 0:
         return None

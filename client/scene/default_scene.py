@@ -1,4 +1,4 @@
-"""The scene that a volume is first seen with: as its field looks at its kind; by its histogram where none is known."""
+"""The scene that a volume is first seen with: as its field looks at its kind; by its histogram if none is known."""
 
 from collections.abc import Callable
 
@@ -18,7 +18,7 @@ from volsplat.protocol.description.scene import Scene
 
 
 def default_scene(subject: Subject) -> Scene:
-    """A scene for a volume, of its kind; by its histogram where that is unknown, or would show nothing.
+    """A scene for a volume, of its kind; by its histogram if that is unknown, or would show nothing.
 
     A single slice of a kind without a scene of its own is a picture in greys.
     """

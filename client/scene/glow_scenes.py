@@ -64,7 +64,7 @@ def _glow(subject: Subject | None) -> ScalarTable:
 
 
 def structure_factors_scene(subject: Subject | None) -> Scene:
-    """Points, the more opaque the greater the amplitude, coloured by phase where the volume tells it."""
+    """Points, the more opaque the greater the amplitude, coloured by phase if the volume has it."""
     if subject is not None and subject.kind is Kind.STRUCTURE_FACTORS and subject.bands:
         emit, opacity, bar = _by_bands(subject)
     else:

@@ -9,8 +9,8 @@ from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colo
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Shading, Tables
 
-LEAST_SEEN, MOST_SEEN = 0.01, 0.60  # shares of the voxels between which the first picture stays where it can
-AIMED_SEEN = 0.35  # at most, where the histogram shows no gap of its own
+LEAST_SEEN, MOST_SEEN = 0.01, 0.60  # shares of the voxels between which the first picture stays if it can
+AIMED_SEEN = 0.35  # at most, if the histogram shows no gap of its own
 AIMED_SIGNS = 0.05  # at most, of data of both signs: more would be the noise about zero
 SURFACE = 0.85  # opacity of what is seen: a few voxels hide what lies behind, so that form is told by light
 RIM = 0.2  # opacity of the weakest sample that is seen
@@ -32,10 +32,10 @@ class Seen:
 
 
 def histogram_scene(subject: Subject) -> Scene:
-    """A CT where one is recognised or stated, labels where the values look like them, else what stands out."""
+    """A CT if one is recognised or stated, labels if the values look like them, else what stands out."""
     histogram, scale = subject.histogram, subject.ct
     skin = None if scale is None else Seen(0, round(scale.position(SKIN_HU) * LAST))
-    # Stated units are believed where a body fills the grid, too.
+    # Stated units are believed if a body fills the grid, too.
     most = 1.0 if subject.in_hounsfield else MOST_SEEN
     if scale is not None and skin is not None and LEAST_SEEN <= skin.share(histogram) <= most:
         return _skull_in_flesh(scale)

@@ -56,7 +56,7 @@ def fits(name: str, subject: Subject) -> bool:
 
 
 def _ct(subject: Subject | None) -> CtScale:
-    """Hounsfield units on a table, as the volume has them or, where it tells nothing of them, as a CT would."""
+    """Hounsfield units on a table, as the volume has them or, if it tells nothing of them, as a CT would."""
     return subject and subject.ct or ct_scale(_histogram(subject))
 
 

@@ -180,7 +180,7 @@ def _value_message(name: str, problem: str, merged: dict[str, Any]) -> str:
     key = place.partition("[")[0]
     if key in KEYS:
         return f"{name}: {place}: {_shown(_found(merged, place))} cannot be used; allowed: {KEYS[key].allowed}"
-    # The struct's own check, which opens with the name of the key where it concerns one.
+    # The struct's own check, which opens with the name of the key if it concerns one.
     first = what.partition(" ")[0]
     if f"{place}.{first}" in KEYS:
         return f"{name}: {place}.{first}:{what[len(first) :]}"

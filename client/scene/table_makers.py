@@ -4,7 +4,7 @@ from volsplat.client.scene.colours import colour_from_hex
 from volsplat.protocol.description.scene import ColourTable, Light, ScalarTable
 
 KEY_LIGHT = Light(direction=(0.35, 0.45, 1.0))  # a little from the right and above, so that form casts shade
-GLOW, REFLECTION = 0.35, 0.75  # of a colour, where a surface both glows and reflects
+GLOW, REFLECTION = 0.35, 0.75  # of a colour, if a surface both glows and reflects
 
 
 def colours(*points: tuple[float, str]) -> ColourTable:

@@ -33,7 +33,7 @@ def panel_style() -> None:
 
 
 def show_prop(element: Element, name: str, value: Any) -> None:
-    """Set a property of an element, and tell the browser only where it is another."""
+    """Set a property of an element, and tell the browser only if it is another."""
     if element.props.get(name) != value:
         element.props[name] = value
 
@@ -68,7 +68,7 @@ class SceneEditor:
         return self._model.scene
 
     def change(self, edit: Edit, *, settled: bool = True, undoable: bool = True) -> None:
-        """Raises ValueError where the edit makes no scene, or none that the volume can be drawn with."""
+        """Raises ValueError if the edit makes no scene, or none that the volume can be drawn with."""
         self._model.change(lambda scene: self.tried(edit, scene), by=self._by, settled=settled, undoable=undoable)
 
     def tried(self, edit: Edit, scene: Scene) -> Scene:

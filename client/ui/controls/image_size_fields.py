@@ -22,7 +22,7 @@ def image_size_fields(editor: SceneEditor, viewing: Viewing) -> None:
             return
         image_size.follows_window = follows
         window = image_size.window
-        editor.change(  # also where the size stays, for other tabs to show what was chosen
+        editor.change(  # also if the size stays, for other tabs to show what was chosen
             lambda scene: sized(scene, width=window[0], height=window[1]) if follows and window else scene,
             undoable=False,
         )

@@ -10,7 +10,7 @@ from volsplat.protocol.description.scene import Scene
 
 
 class TextField(HandLed, component="text_field_component.js"):
-    """What is typed is refused while it is typed where it cannot be used, and taken at Enter or on leaving.
+    """What is typed is refused while it is typed if it cannot be used, and taken at Enter or on leaving.
 
     `get` gives what to show; `put` makes the scene with what was typed, or raises ValueError.
     """
@@ -29,7 +29,7 @@ class TextField(HandLed, component="text_field_component.js"):
         self._get = get
         self._put = put
         self._undoable = undoable
-        self._typed: str | None = None  # where that is not in the scene
+        self._typed: str | None = None  # if that is not in the scene
         self.props["name"] = name
         self.classes("vs-field")
         self.on("keydown.enter", self._commit)

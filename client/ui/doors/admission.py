@@ -132,7 +132,7 @@ class Admission:
         return Admitted(host[0])
 
     def _opens(self, asked: Asked) -> bool | None:
-        """Whether its token is one for once; None where it has none that opens anything."""
+        """Whether its token is one for once; None if it has none that opens anything."""
         for name, given in asked.parameters:
             if name == TOKEN_PARAMETER and _same(given, self.token):
                 return False

@@ -1,4 +1,4 @@
-"""The person's browser, opened once: early where the volume takes a while, else when the page is there."""
+"""The person's browser, opened once: early if the volume takes a while, else when the page is there."""
 
 from __future__ import annotations
 

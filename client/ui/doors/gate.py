@@ -59,7 +59,7 @@ def _asked(scope: Scope) -> Asked:
         path=scope["path"],
         query=scope["query_string"].decode("latin-1"),
         headers=[(name.decode("latin-1"), value.decode("latin-1")) for name, value in scope["headers"]],
-        peer=tuple(scope["client"] or ("", 0)),  # none where it has gone already
+        peer=tuple(scope["client"] or ("", 0)),  # none if it has gone already
         here=tuple(scope["server"]),
         is_socket=scope["type"] == "websocket",
     )
@@ -77,7 +77,7 @@ def _welcome(verdict: Welcomed) -> Response:
 
 
 async def _body(receive: Receive, largest: int) -> bytes | None:
-    """A request's whole body; None where it is larger, or its sender has gone."""
+    """A request's whole body; None if it is larger, or its sender has gone."""
     body = bytearray()
     while True:
         message = await receive()

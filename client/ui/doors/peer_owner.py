@@ -18,7 +18,7 @@ class PeerOwner:
     """Tells one user's connections over loopback from those of others."""
 
     def __init__(self, own: int | None) -> None:
-        """`own` is the user's id; None where no difference can or shall be made."""
+        """`own` is the user's id; None if no difference can or shall be made."""
         self._own = own
 
     def is_stranger(self, peer: tuple[str, int], here: tuple[str, int]) -> bool:
@@ -33,7 +33,7 @@ class PeerOwner:
 
 
 def own_peers() -> PeerOwner:
-    """For the user of this process, where the system tells whose sockets are.
+    """For the user of this process, if the system tells whose sockets are.
 
     Root's own page is open to every user who has its secrets: in a container that shares its host's network, a root
     that is nobody in particular serves a person whose browser runs outside.

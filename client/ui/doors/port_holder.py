@@ -15,7 +15,7 @@ _LONGEST = 100  # characters of a command line
 
 
 def port_holder(port: int) -> str:
-    """Words for whoever listens at the port, with the cure where it is one's own."""
+    """Words for whoever listens at the port, with the cure if it is one's own."""
     held = next((found for found in tcp_sockets(port) if found.state == LISTENING), None)
     if held is None:
         return "something listens there already"

@@ -1,4 +1,4 @@
-"""The TCP sockets of this machine and whose they are, where its system tells (Linux, in /proc/net)."""
+"""The TCP sockets of this machine and whose they are, if its system tells (Linux, in /proc/net)."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class TcpSocket:
 def tcp_sockets(port: int | None = None) -> Iterator[TcpSocket]:
     """Every socket that can be seen, or those at one port of this machine, which takes half the time.
 
-    None where the system does not tell. An IPv4 address in IPv6 is given as IPv4.
+    None if the system does not tell. An IPv4 address in IPv6 is given as IPv4.
     """
     ends_in = "" if port is None else f":{port:04X}"
     for table in _TABLES:

@@ -68,7 +68,7 @@ def _axis_bounds(editor: SceneEditor, geometry: Geometry, axis: int, letter: str
 
 
 def bounded(scene: Scene, geometry: Geometry, axis: int, *, low: int | None = None, high: int | None = None) -> Scene:
-    """The scene with other bounds on one axis. Raises ValueError where the volume has no such bounds."""
+    """The scene with other bounds on one axis. Raises ValueError if the volume has no such bounds."""
     lows, highs = list(scene.bounds.low), list(scene.bounds.high)
     if low is not None:
         lows[axis] = low

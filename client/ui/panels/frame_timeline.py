@@ -81,7 +81,7 @@ def _in_turn(stages: list[tuple[str, float]]) -> tuple[Bar, ...]:
 
 
 def axis_seconds(lanes: Iterable[Lane], wall_seconds: float) -> float:
-    """How long the axis is: the frame, and longer only where a lane is."""
+    """How long the axis is: the frame, and longer only if a lane is."""
     return max([LEAST_SECONDS, wall_seconds, *(bar.end for lane in lanes for bar in lane.bars)])
 
 

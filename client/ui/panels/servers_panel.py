@@ -123,7 +123,7 @@ def _row(server: ServerState, outcome: StepOutcome | None, drawing: bool) -> str
 
 
 def _figures(server: ServerState, outcome: StepOutcome | None) -> list[str]:
-    """Packets, milliseconds of each stage and megabytes a second of the frame, or nothing where it took no part."""
+    """Packets, milliseconds of each stage and megabytes a second of the frame, or nothing if it took no part."""
     if outcome is None or server.lost:
         return []
     stats: MapShadeStats | SplatStats | None = outcome.servers.splat

@@ -58,7 +58,7 @@ class TableEditor(Element, component="table_editor_component.js"):
         return self._table
 
     def show_table(self, table: Table) -> None:
-        """Show the scene's table, but where the person at this page is changing it.
+        """Show the scene's table, unless the person at this page is changing it.
 
         It may change with every move of a hand; NiceGUI would go over the whole page for that, so the browser is told
         by a call.

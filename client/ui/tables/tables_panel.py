@@ -252,7 +252,7 @@ def _chosen_value(table: Table, selected: int) -> tuple[float, ...]:
 
 
 def _tint(scene: Scene, which: str) -> str:
-    """Opacity tells how much is seen of which colour, where both are by the same field."""
+    """Opacity tells how much is seen of which colour, if both are by the same field."""
     alike = which == "opac" and scene.cross_bar.opac is scene.cross_bar.refl
     return TITLES["refl"] if alike and not why_unused("refl", scene) else ""
 

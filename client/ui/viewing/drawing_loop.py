@@ -113,7 +113,9 @@ class DrawingLoop:
                 log.info("a server was lost amid this picture")  # loss_watch tells of it, and has it drawn again
             except VolsplatError as error:
                 self._tell(error)
-            except Exception as error:  # a mistake of ours: the person must hear of it, and the page must live on
+            except (
+                Exception
+            ) as error:  # an error in our own code: the person must hear of it, and the page must live on
                 log.exception("this scene could not be drawn")
                 self._tell(VolsplatError(f"this scene could not be drawn: {type(error).__name__}: {error}"))
             finally:

@@ -39,13 +39,13 @@ class StepPacing:
         self._moving = max((step for step in self._seconds if self._holds(step)), default=Step.A)
 
     def expected(self, step: Step) -> float | None:
-        """Seconds that the step will take, where that is known."""
+        """Seconds that the step will take, if that is known."""
         return self._seconds.get(step)
 
     def step_while_moving(self) -> Step:
-        """The finest step that holds the rate; A where none is known to.
+        """The finest step that holds the rate; A if none is known to.
 
-        A step is kept until it takes too long, and left for a finer one only where that will surely do: times vary,
+        A step is kept until it takes too long, and left for a finer one only if that will surely do: times vary,
         and an image that changes its looks with them flickers.
         """
         return self._moving

@@ -12,7 +12,7 @@ from volsplat.protocol.rules.refinement import coarser, finer
 
 @dataclass(frozen=True)
 class Progress:
-    """`running` is None where all is done that the scene asks for; `finished` is the finest step that is."""
+    """`running` is None if all is done that the scene asks for; `finished` is the finest step that is."""
 
     running: Step | None
     finished: Step | None

@@ -110,10 +110,10 @@ class MovieJob:
     def __init__(
         self, renderer: Renderer, scenes: Sequence[Scene], path: Path, rate: int = 30, step: Step = Step.F
     ) -> None:
-        """Start making it. Raises BadInput where it could not be written to `path`."""
+        """Start making it. Raises BadInput if it could not be written to `path`."""
         check_movie_writable(path)
         self.path = path
-        self.error: str | None = None  # one line, where it failed; known before it is done
+        self.error: str | None = None  # one line, if it failed; known before it is done
         self.line = "starting"  # how it goes, in words
         self.whole = False  # whether the movie lies at its path
         self._frames = len(scenes)
@@ -155,7 +155,7 @@ class MovieJob:
             self.line = "cancelled"
         except VolsplatError as error:
             self.error = self.line = str(error)
-        except Exception as error:  # a mistake of ours: whoever waits must hear of it
+        except Exception as error:  # an error in our own code: whoever waits must hear of it
             log.exception("the movie cannot be made")
             self.error = self.line = f"the movie cannot be made: {type(error).__name__}: {error}"
         finally:

@@ -66,7 +66,7 @@ class SceneModel:
         """Replace the scene by `edit(scene)`.
 
         A row of changes that are not settled, and the settled one that ends it, are undone as one. Raises ValueError
-        where the edit makes no valid scene; the last good one stays in force.
+        if the edit makes no valid scene; the last good one stays in force.
         """
         scene = self._fitted(edit(self.scene))
         if undoable and scene != self.scene:

@@ -65,7 +65,7 @@ class ViewportTalk:
         self._send(msgspec.json.encode(message).decode())
 
     def _on_scene(self, state: SceneState) -> None:
-        """Tell of the scene, and before it of the volume where that stands otherwise than was told."""
+        """Tell of the scene, and before it of the volume if that stands otherwise than was told."""
         volume = self._viewing.volume
         up = volume.up_in(state.scene)
         if up != self._up:
@@ -140,7 +140,7 @@ class ViewportTalk:
                 assert_never(message)
 
     def _cut(self, scene: Scene, bounds: Bounds) -> Scene:
-        """Raises ValueError where the volume has no such bounds."""
+        """Raises ValueError if the volume has no such bounds."""
         cut = msgspec.structs.replace(scene, bounds=bounds)
         resolved_bounds(cut, self._geometry)
         return cut

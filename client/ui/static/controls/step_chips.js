@@ -3,7 +3,7 @@
 // goes over the whole page each time.
 
 /**
- * How one chip looks. `fill`: seconds that its step will take, and has taken; null where nothing is known of that.
+ * How one chip looks. `fill`: seconds that its step will take, and has taken; null if nothing is known of that.
  * @typedef {{current: boolean, finished: boolean, time: string, fill: [number, number] | null}} ChipState
  */
 

@@ -47,7 +47,7 @@ export class TableFields {
     if (this.picker && document.activeElement !== this.picker) this.picker.value = this.texts.value;
   }
 
-  /** Tell what is wrong, at the field where there is one; "" takes it away. @param {string} text @param {HTMLInputElement} [field] */
+  /** Tell what is wrong, at the field if there is one; "" takes it away. @param {string} text @param {HTMLInputElement} [field] */
   complain(text, field) {
     this.alert.textContent = text;
     for (const one of [this.position, this.value]) one.setAttribute("aria-invalid", String(one === field && text !== ""));

@@ -13,7 +13,7 @@ const LEFT = 22; // for the scale 0..1
 const RIGHT = 7;
 const AXIS = 16;
 const STRIP = { top: 1, height: 16, below: 10 }; // and what is free below it
-const LOW_STRIP = { top: 1, height: 10, below: 5 }; // where the whole drawing is lower than LOW
+const LOW_STRIP = { top: 1, height: 10, below: 5 }; // if the whole drawing is lower than LOW
 const LOW = 92;
 const TOP = 7; // where a plot without a strip begins
 const RADIUS = { colour: 5, scalar: 4, crowded: 3 };
@@ -131,7 +131,7 @@ export class TablePlot {
     this.parts.histogram.style.fill = name && `url(#${gradientOf(name)})`;
   }
 
-  /** Mark the value under the pointer in the image, where it is known. @param {Values | null} told */
+  /** Mark the value under the pointer in the image, if it is known. @param {Values | null} told */
   showTold(told) {
     this.told = told;
     this._drawTold();
@@ -197,7 +197,7 @@ export class TablePlot {
     this._drawAxis(left, right);
   }
 
-  /** Both ends of the axis, and between them round values where there is room. @param {number} left @param {number} right */
+  /** Both ends of the axis, and between them round values if there is room. @param {number} left @param {number} right */
   _drawAxis(left, right) {
     const { low, high } = this.axis;
     const px = this.scale;

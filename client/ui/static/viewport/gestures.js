@@ -8,7 +8,7 @@ import { panned, pinched, rolled, turned, zoomed } from "./camera.js";
 const CLICK = 3; // CSS pixels: what moves less is a click
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
 const MOST = 200; // wheel pixels that count at once
-const LINE = 33; // wheel pixels of a line, where a browser counts in lines
+const LINE = 33; // wheel pixels of a line, if a browser counts in lines
 const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps
 
 /** @typedef {import("./camera.js").Point} Point */

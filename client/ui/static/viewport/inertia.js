@@ -29,7 +29,7 @@ export class Inertia {
   }
 
   /**
-   * Let go at time `at`. `turn` is called with each further turn; `end` when there are no more, at once where the
+   * Let go at time `at`. `turn` is called with each further turn; `end` when there are no more, at once if the
    * pointer stood still.
    * @param {number} at @param {(turn: Quaternion) => void} turn @param {() => void} end
    */

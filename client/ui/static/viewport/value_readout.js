@@ -58,7 +58,7 @@ export class ValueReadout {
     tellValues(this.element, { density, strength, "grid-i": i, "grid-j": j, "grid-k": k });
   }
 
-  /** What the indices stand for, where the file tells. @param {number[]} index */
+  /** What the indices stand for, if the file says. @param {number[]} index */
   #place(index) {
     if (this.#axes === null) return `(${index.join(", ")})`;
     const places = this.#axes.map(({ name, unit, first, step }, n) => {
