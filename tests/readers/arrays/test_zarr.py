@@ -18,6 +18,7 @@ import pytest
 from support.files.counted_bytes import bytes_read
 from support.files.loopback_files import served
 from support.files.opened import described, read_whole
+from support.files.refusals import assert_refused_in_one_line
 from support.files.volume_files import ALL_TYPES, values_of
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
@@ -487,12 +488,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str, str]] = {
 @pytest.mark.parametrize("case", REFUSALS)
 def test_bad_input_is_refused_in_one_line(case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     make, part, cause = REFUSALS[case]
-    path = make(tmp_path / "v.zarr")
-    with pytest.raises(BadInput) as refusal:
-        read_whole(f"{path}{part}")
-    text = str(refusal.value)
-    assert cause in text and str(path) in text and "\n" not in text
-    assert capfd.readouterr() == ("", "")
+    assert_refused_in_one_line(lambda path: read_whole(f"{path}{part}"), make(tmp_path / "v.zarr"), cause, capfd)
 
 
 def test_a_transformation_that_is_not_known_can_be_overruled(tmp_path: Path) -> None:

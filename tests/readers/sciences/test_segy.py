@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import tolerances
 from support.files.counted_bytes import bytes_read
 from support.files.opened import described, read_whole
+from support.files.refusals import assert_refused_in_one_line
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import Box, VolumeDescription
@@ -385,12 +386,7 @@ REFUSALS: dict[str, tuple[Callable[[Path], Path], str]] = {
 @pytest.mark.parametrize("case", REFUSALS)
 def test_bad_files_are_refused_in_one_line(case: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     make, cause = REFUSALS[case]
-    path = make(tmp_path)
-    with pytest.raises(BadInput) as refusal:
-        read_whole(path)
-    assert cause in str(refusal.value) and str(path) in str(refusal.value)
-    assert "\n" not in str(refusal.value)
-    assert capfd.readouterr() == ("", "")
+    assert_refused_in_one_line(read_whole, make(tmp_path), cause, capfd)
 
 
 def test_gathers_told_apart_by_their_offsets_are_refused(tmp_path: Path) -> None:
