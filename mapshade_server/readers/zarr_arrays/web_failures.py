@@ -89,14 +89,11 @@ async def _cancel() -> None:
     await asyncio.gather(*others, return_exceptions=True)
 
 
-class _LeftOver(logging.Filter):
-    """Drops what asyncio writes of tasks that nobody waits for: the failure itself is reported."""
-
-    def filter(self, record: logging.LogRecord) -> bool:
-        return not any(text in record.getMessage() for text in LEFT_OVER)
-
-
 @cache
 def drop_left_over() -> None:
-    """Have nothing written of tasks that nobody waits for any more."""
-    logging.getLogger("asyncio").addFilter(_LeftOver())
+    """Have nothing written of tasks that nobody waits for any more: the failure itself is reported."""
+
+    def is_news(record: logging.LogRecord) -> bool:
+        return not any(text in record.getMessage() for text in LEFT_OVER)
+
+    logging.getLogger("asyncio").addFilter(is_news)

@@ -34,7 +34,7 @@ def test_lossless_codecs_come_back(
 
 
 @pytest.mark.parametrize("codec", ["zstd", "lzw"])
-def test_a_predictor_before_a_codec_is_undone(codec: str, tmp_path: Path) -> None:
+def test_a_predictor_before_a_codec_is_reversed(codec: str, tmp_path: Path) -> None:
     values = values_of("uint16", (40, 30, 3))
     tifffile.imwrite(tmp_path / "v.tif", values, compression=codec, predictor=True, photometric="minisblack")
     reader = open_volume(str(tmp_path / "v.tif"))
