@@ -106,11 +106,7 @@ class ScalarTable(Part, frozen=True):
 
     points: Annotated[
         tuple[tuple[float, float], ...],
-        Key(
-            "",
-            PartOf("tables"),
-            allowed="[[position, value], ...], positions 0 to 1 in rising order, values 0 to 1",
-        ),
+        Key("", PartOf("tables"), allowed="[[position, value], ...], positions 0 to 1 in rising order, values 0 to 1"),
     ]
 
     def __post_init__(self) -> None:

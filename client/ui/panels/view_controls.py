@@ -91,12 +91,6 @@ def center_fields(editor: SceneEditor, viewing: Viewing) -> None:
         middle = pressable("middle", lambda: editor.change(lambda scene: CENTER.put(scene, "middle"), undoable=False))
     with ui.element("div").classes("vs-row vs-fields"):
         for axis, letter in enumerate("ijk"):
-            field = number_field(
-                editor,
-                f"centre {letter}",
-                partial(get, axis),
-                partial(put, axis),
-                undoable=False,
-            )
+            field = number_field(editor, f"centre {letter}", partial(get, axis), partial(put, axis), undoable=False)
             field.props(f'prefix="{letter}"')
     editor.follow(lambda scene: show_pressed(middle, CENTER.of(scene) == "middle"))
