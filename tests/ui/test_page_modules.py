@@ -20,6 +20,12 @@ CONFIG = ROOT / "tests/support/pages/page_modules.json"
 VIEWPORT = ROOT / "client/ui/static/viewport"
 
 
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the compiler keeps its notes, for all tests here."""
+    return tmp_path_factory.mktemp("deno")
+
+
 def complaints(config: Path, *modules: Path, cache: Path) -> str:
     """What the compiler says against the modules."""
     deno = shutil.which("deno", path=f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}")
@@ -37,10 +43,10 @@ def test_the_types_of_what_is_said_are_those_of_the_process() -> None:
     assert written == message_types(), "run, in tests/: python -m support.pages.message_types"
 
 
-def test_the_types_of_all_modules_hold(tmp_path: Path) -> None:
+def test_the_types_of_all_modules_hold(cache: Path) -> None:
     modules = sorted((ROOT / "client").rglob("*.js"))
     assert len(modules) > 30
-    assert complaints(CONFIG, *modules, cache=tmp_path) == ""
+    assert complaints(CONFIG, *modules, cache=cache) == ""
 
 
 @pytest.mark.parametrize(
@@ -53,7 +59,7 @@ def test_the_types_of_all_modules_hold(tmp_path: Path) -> None:
     ],
 )
 def test_a_message_that_is_forgotten_or_misread_is_found(
-    module: str, there: str, instead: str, complaint: str, tmp_path: Path
+    module: str, there: str, instead: str, complaint: str, tmp_path: Path, cache: Path
 ) -> None:
     shutil.copytree(VIEWPORT, tmp_path / "viewport")
     shutil.copy(CONFIG, tmp_path)
@@ -61,4 +67,4 @@ def test_a_message_that_is_forgotten_or_misread_is_found(
     text = changed.read_text(encoding="utf-8")
     assert there in text
     changed.write_text(text.replace(there, instead), encoding="utf-8")
-    assert complaint in complaints(tmp_path / CONFIG.name, changed, cache=tmp_path / "cache")
+    assert complaint in complaints(tmp_path / CONFIG.name, changed, cache=cache)
