@@ -63,11 +63,11 @@ def test_a_redirect_file_that_nobody_opened_is_gone_at_the_end(person: Person) -
     try:
         (address,) = opened_addresses(person)
         view.send_signal(signal.SIGTERM)
-        view.communicate(timeout=PATIENCE)
+        _, said = view.communicate(timeout=PATIENCE)
     finally:
         view.kill()
         view.communicate()
-    assert not Path(address.removeprefix("file://")).exists()
+    assert not Path(address.removeprefix("file://")).exists(), (view.returncode, said)
 
 
 def listening(person: Person) -> tuple[list[str], str]:
