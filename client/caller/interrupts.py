@@ -11,6 +11,13 @@ from types import FrameType
 ENDING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 LONGEST_IMPORT_SECONDS = 1.0  # that a person who wants the program to end may have to wait
 
+_at_abrupt_end: list[Callable[[], None]] = []
+
+
+def at_abrupt_end(act: Callable[[], None]) -> None:
+    """Have `act` done if the process ends at once, which leaves no block by an exception. It must not wait."""
+    _at_abrupt_end.append(act)
+
 
 @contextmanager
 def interrupts_held(on_signal: Callable[[], None] | None = None) -> Iterator[None]:
@@ -54,4 +61,6 @@ def _end_unless(ended: threading.Event, number: int) -> None:
     if not ended.wait(LONGEST_IMPORT_SECONDS):
         if number == signal.SIGINT:
             print("volsplat: interrupted", file=sys.stderr, flush=True)
+        for act in _at_abrupt_end:
+            act()
         os._exit(128 + number)

@@ -1,10 +1,13 @@
 """Ctrl-C is not lost to whatever catches it while a library is imported."""
 
 import signal
+import subprocess
+import sys
 import threading
 
 import pytest
 
+from support.patience import PATIENCE
 from volsplat.client.caller.interrupts import interrupts_held
 
 
@@ -57,3 +60,19 @@ def test_an_interrupt_outlives_an_error_within() -> None:
     with pytest.raises(KeyboardInterrupt), interrupts_held():
         signal.raise_signal(signal.SIGINT)
         raise ImportError("broken")
+
+
+ENDS_AT_ONCE = """
+import signal, time
+from volsplat.client.caller.interrupts import at_abrupt_end, interrupts_held
+at_abrupt_end(lambda: print("tidied", flush=True))
+with interrupts_held():
+    signal.raise_signal(signal.SIGINT)
+    while True:  # an import without an end
+        time.sleep(1)
+"""
+
+
+def test_who_ends_at_once_tidies_first() -> None:
+    done = subprocess.run([sys.executable, "-c", ENDS_AT_ONCE], capture_output=True, encoding="utf-8", timeout=PATIENCE)
+    assert (done.returncode, done.stdout) == (130, "tidied\n")

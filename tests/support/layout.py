@@ -33,8 +33,8 @@ FLOORS = {
         "prepare",
     ),
     "client": (
-        "caller histogram phantoms ui/doors",
-        "image scene",
+        "caller histogram phantoms",
+        "image scene ui/doors",
         "volume",
         "coordinator",
         "session",

@@ -8,6 +8,7 @@ from types import TracebackType
 
 import click
 
+from volsplat.client.caller.interrupts import at_abrupt_end
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.redirect_file import RedirectFile
 from volsplat.client.ui.doors.waiting_page import WaitingPage
@@ -53,6 +54,7 @@ class BrowserTab:
             self._redirect.remove()
 
     def __enter__(self) -> BrowserTab:
+        at_abrupt_end(self._remove_redirect)
         self._waiting.start()
         self._timer.start()
         return self
