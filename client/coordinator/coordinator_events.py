@@ -73,12 +73,12 @@ class VolumeAsked:
 
 @dataclass(frozen=True)
 class FrameAsked:
-    """An image is wanted; where `whole`, only one that shows the whole volume."""
+    """An image is wanted; if `require_complete`, only one that shows the whole volume."""
 
     frame: int  # rises with every request
     scene: Scene
     step: Step
-    whole: bool
+    require_complete: bool
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,22 @@
 front-most one that is found.
 """
 
-from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
 
-from volsplat.client.coordinator.coordinator_events import AnswerProbe, Instruction, ProbeAsked
+from volsplat.client.coordinator.coordinator_events import (
+    AnswerProbe,
+    Instruction,
+    MessageReceived,
+    ProbeAsked,
+    Send,
+)
+from volsplat.client.coordinator.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
+from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -21,7 +28,7 @@ class _Probe:
     asked: ProbeAsked
     line: LineOfSight
     pending: set[int] | None = None  # servers that were asked and have not answered; None before
-    found: list[messages.ProbedVoxel] = field(default_factory=list)
+    found: list[ProbedVoxel] = field(default_factory=list)
 
     @property
     def answer(self) -> AnswerProbe:
@@ -32,13 +39,18 @@ class _Probe:
 class Probes:
     """Every answer is given once, as soon as no server is left that could add to it."""
 
-    def __init__(self) -> None:
+    def __init__(self, holding: VolumeHolding) -> None:
+        self._holding = holding
         self._probes: dict[int, _Probe] = {}
 
-    def add(self, asked: ProbeAsked, geometry: Geometry) -> list[Instruction]:
-        """Take a probe, or refuse it where it does not fit the volume."""
+    @takes(ProbeAsked)
+    def _asked(self, event: ProbeAsked) -> list[Instruction]:
+        """Take a probe, or refuse it if it does not fit the volume."""
+        volume = self._holding.volume
+        assert volume is not None, "who asks knows the volume"
+        asked = replace(event, scene=volume.settled(event.scene))
         try:
-            line = line_of_sight(asked.scene, geometry, asked.x, asked.y)
+            line = line_of_sight(asked.scene, volume.description.geometry, asked.x, asked.y)
         except ValueError as error:
             return [AnswerProbe(asked.probe, None, BadInput(str(error)))]
         self._probes[asked.probe] = _Probe(asked, line)
@@ -48,20 +60,36 @@ class Probes:
         """Those that no server was asked."""
         return (probe.asked for probe in self._probes.values() if probe.pending is None)
 
-    def request(
-        self,
-        asked: ProbeAsked,
-        servers: Collection[int],
-        assignment: int,
-        geometry: Geometry,
-        packed_by: Quantisation,
-        resolution: Resolution,
-    ) -> messages.ProbeVoxels:
-        """What to ask these servers, whose answers are waited for from now on."""
-        self._probes[asked.probe].pending = set(servers)
-        return messages.ProbeVoxels(
+    def send(self) -> list[Instruction]:
+        """Send the probes that wait and can be answered by what is packed; pack for the first that cannot."""
+        sent: list[Instruction] = []
+        holding = self._holding
+        for probe in list(self.waiting()):
+            if holding.volume is None or not holding.settled:
+                break
+            try:
+                packing = holding.wanted(probe.scene, Step.F, steady=True)
+            except BadInput as error:
+                sent += self.refused(probe.probe, error)
+                continue
+            except ValueError as error:
+                sent += self.refused(probe.probe, BadInput(str(error)))
+                continue
+            if holding.packing is None or packing.quantisation != holding.packing.quantisation:
+                return sent + holding.prepare(packing)  # any level will do
+            ask = self._request(probe, packing.quantisation)
+            sent += [Send(worker, ask) for worker in holding.boxes]
+        return sent
+
+    def _request(self, asked: ProbeAsked, packed_by: Quantisation) -> ProbeVoxels:
+        """What to ask all servers, whose answers are waited for from now on."""
+        holding = self._holding
+        assert holding.volume is not None
+        geometry, resolution = holding.volume.description.geometry, holding.finest()
+        self._probes[asked.probe].pending = set(holding.boxes)
+        return ProbeVoxels(
             probe=asked.probe,
-            assignment=assignment,
+            assignment=holding.assignment,
             line=line_of_sight(asked.scene, geometry, asked.x, asked.y, resolution),
             shading=shading_rule(asked.scene, Step.F),
             geometry=geometry,
@@ -69,12 +97,13 @@ class Probes:
             level=resolution.level,
         )
 
-    def received(self, server: int, message: messages.VoxelProbed) -> list[Instruction]:
+    @takes(VoxelProbed, *SURVEYED_PHASES)
+    def _received(self, message: VoxelProbed, event: MessageReceived) -> list[Instruction]:
         probe = self._probes.get(message.probe)
         if probe is None:
             return []
         probe.found += message.voxels
-        return self._heard(server, [probe])
+        return self._heard(event.server, [probe])
 
     def lost(self, server: int) -> list[Instruction]:
         """Nothing more will come from this server."""
@@ -98,3 +127,12 @@ class Probes:
                 del self._probes[probe.asked.probe]
                 answers.append(probe.answer)
         return answers
+
+    def validate_state(self) -> None:
+        """Raises AssertionError if an invariant is broken."""
+        if self._holding.settled:
+            assert not list(self.waiting()), "a probe waits though the servers are ready"
+        for probe in self._probes.values():
+            if probe.pending is not None:
+                assert probe.pending, "a probe waits for nobody"
+                assert probe.pending <= self._holding.boxes.keys(), "a probe waits for a server that holds nothing"

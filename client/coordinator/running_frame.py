@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from volsplat.client.coordinator.coordinator_events import FrameOutcome, PublishImage
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box
-from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.frame_messages import MapShadeStats, SplatStats
 
 
 @dataclass
@@ -14,15 +14,15 @@ class RunningFrame:
     frame: int
     scene: Scene
     step: Step
-    whole: bool  # or not at all
+    require_complete: bool  # only an image that shows the whole volume is wanted
     started: bool = False  # sent to the servers
     level: int = 0  # that is drawn
     why_level: str = ""
     partial_wanted: bool = False  # as soon as it has started
     unacknowledged: set[int] = field(default_factory=set)  # servers that were told to abort and have not said so
     image: PublishImage | None = None
-    map_shade: dict[int, messages.MapShadeStats] = field(default_factory=dict)
-    splat: messages.SplatStats | None = None
+    map_shade: dict[int, MapShadeStats] = field(default_factory=dict)
+    splat: SplatStats | None = None
     drawn_at: float = 0.0
 
     def finished(self, workers: Collection[int], missing: tuple[Box, ...]) -> PublishImage | None:

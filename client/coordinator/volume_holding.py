@@ -1,43 +1,46 @@
 """The volume's way into the map/shade servers: described, read, counted, packed, and who of them holds what.
 
 A state machine like the coordinator, which hands it the answers of the servers: messages in, instructions out.
-Handlers are found by name: `_received_<message>`.
 """
 
-from array import array
 from collections.abc import Mapping
-from enum import Enum, auto
 
 from volsplat.client.coordinator.base_level import LevelChoice, budgets
-from volsplat.client.coordinator.coordinator_events import Instruction, PublishVolume, ReportProgress, Send
+from volsplat.client.coordinator.coordinator_events import (
+    Instruction,
+    MessageReceived,
+    PublishVolume,
+    ReportProgress,
+    Send,
+)
 from volsplat.client.coordinator.lending import Lending
 from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.phase import SETTLED, SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.stored_levels import StoredLevels
 from volsplat.client.coordinator.sub_cubes import divided
-from volsplat.client.volume.survey_checks import check_counts, check_extremes, check_survey
+from volsplat.client.coordinator.volume_survey import VolumeSurvey
+from volsplat.client.volume.survey_checks import check_survey
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.description.volume import Box, VolumeDescription
-from volsplat.protocol.description.volume_identity import VolumeIdentity
-from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.volume_messages import HISTOGRAM_BYTES
-from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
-from volsplat.protocol.rules.levels import Prepared, Resolution, own_resolution, resolution_of
-from volsplat.protocol.text.errors import RemoteProtocolError
-
-HISTOGRAMS_BYTES = HISTOGRAM_BINS * HISTOGRAM_BYTES
-
-
-class Phase(Enum):
-    GATHERING = auto()  # waiting for servers
-    DESCRIBING = auto()
-    READING = auto()  # sub-cubes
-    COUNTING = auto()  # histograms
-    SURVEYED = auto()  # scenes can be made, nothing is packed yet
-    PACKING = auto()
-    READY = auto()
-    EMPTY = auto()  # surveyed, but to be read again: what was asked for last was refused
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages.handlers import takes
+from volsplat.protocol.messages.message import Message
+from volsplat.protocol.messages.volume_messages import (
+    DescribeMachine,
+    DescribeVolume,
+    HistogramsCounted,
+    LendVolume,
+    MachineDescribed,
+    PackVoxels,
+    PartHeld,
+    PartRead,
+    ReadSubCubes,
+    SubCubesRead,
+    VolumeDescribed,
+    VolumeLent,
+    VoxelsPacked,
+)
+from volsplat.protocol.rules.levels import Resolution, own_resolution, resolution_of
 
 
 class VolumeHolding:
@@ -55,23 +58,17 @@ class VolumeHolding:
         self._memory: int | None = None  # for each, where a person has set it
         self._memories: dict[int, int] = {}  # what their machines have left
         self._levels: StoredLevels | None = None  # of a prepared volume
-        self._prepared: Prepared | None = None
-        self._description: VolumeDescription | None = None
-        self._identity: VolumeIdentity | None = None  # of the volume that was described
-        self._survey: Survey | None = None
-        self._density_counts: list[int] = []
-        self._strength_counts: list[int] = []
-        self._extremes: BlockExtremes | None = None
+        self._known: VolumeSurvey | None = None
         self._pending: set[int] = set()  # servers whose answer the phase waits for
         self._lending: Lending | None = None  # while a volume that only comes whole is read
-        self.newest_assignment = 0
+        self.newest_assignment = 0  # asked for; `assignment` is held, or on its way
         self._before: tuple[int, Packing | None] = (0, None)  # the assignment that was held, and its packets
         self._refusals: dict[int, int] = {}  # of the newest assignment: what each server that refused it still holds
 
     @property
     def settled(self) -> bool:
         """Nothing is on its way: frames can be drawn, or their packets be made."""
-        return self.phase in (Phase.SURVEYED, Phase.READY, Phase.EMPTY)
+        return self.phase in SETTLED
 
     def begin(
         self, path: str, hosts: Mapping[int, str], memory: int | None = None, held: bool = True
@@ -82,21 +79,12 @@ class VolumeHolding:
         self._path, self._hosts, self._memory = path, hosts, memory
         return [
             ReportProgress("reading the volume's header"),
-            Send(next(iter(hosts)), messages.DescribeVolume(path=path)),
+            Send(next(iter(hosts)), DescribeVolume(path=path)),
         ]
 
-    def takes(self, message: messages.Message) -> bool:
-        """Whether the message is an answer to what is asked from here."""
-        return hasattr(self, f"_received_{type(message).__name__}")
-
-    def received(self, server: int, message: messages.Message, payload: memoryview) -> list[Instruction]:
-        """Take an answer.
-
-        Raises RemoteProtocolError where it tells what cannot be, another VolsplatError where the volume cannot be held.
-        """
-        handler = getattr(self, f"_received_{type(message).__name__}")
-        instructions: list[Instruction] = handler(server, message, payload)
-        return instructions
+    def outdated(self, message: Message) -> bool:
+        """Whether it is about sub-cubes that nobody asks for any more."""
+        return getattr(message, "assignment", self.assignment) != self.assignment
 
     def wanted(self, scene: Scene, step: Step, steady: bool = False) -> Packing:
         """What a step is drawn from. While a person moves through scenes, `steady` saves reading now and then.
@@ -164,7 +152,7 @@ class VolumeHolding:
         self._refusals[server] = held
         self._pending.discard(server)
         if self._lending is not None:  # without it the others get nothing; before it lends they are asked for nothing
-            kept = held if request == messages.LendVolume.__name__ else 0
+            kept = held if request == LendVolume.__name__ else 0
             self._refusals = dict.fromkeys(self.boxes, kept)
             self._pending, self._lending = set(), None
         self._go_on()
@@ -189,80 +177,76 @@ class VolumeHolding:
         if self._levels is not None:
             self._levels.refused(kept=bool(kept))
 
-    def _received_VolumeDescribed(
-        self, server: int, message: messages.VolumeDescribed, payload: memoryview
-    ) -> list[Instruction]:
-        self._description, self._identity = message.description, message.identity
+    def described(self, message: VolumeDescribed, payload: memoryview) -> list[Instruction]:
+        """Divide the volume among the servers. Raises BadInput if it has too few voxels for so many."""
+        self._known = VolumeSurvey(message, payload)
         boxes = divided(message.description.geometry, len(self._hosts), message.description.chunk)
         self.boxes = {worker: [box] for worker, box in zip(self._hosts, boxes, strict=True)}
         if not message.prepared:
             return self._read_sub_cubes()
-        (self._prepared,) = message.prepared
-        self._survey = self._prepared.survey
-        self._add_counts(payload)
         self._pending = set(self.boxes)
-        return [Send(worker, messages.DescribeMachine()) for worker in self.boxes]
+        return [Send(worker, DescribeMachine()) for worker in self.boxes]
 
-    def _received_MachineDescribed(
-        self, server: int, message: messages.MachineDescribed, payload: memoryview
-    ) -> list[Instruction]:
-        self._memories[server] = message.memory_bytes
-        self._pending.discard(server)
+    @takes(MachineDescribed, Phase.DESCRIBING)
+    def _machine_described(self, message: MachineDescribed, event: MessageReceived) -> list[Instruction]:
+        self._memories[event.server] = message.memory_bytes
+        self._pending.discard(event.server)
         if self._pending:
             return []
-        assert self._prepared is not None
+        assert self._known is not None and self._known.prepared is not None
         memory = budgets(self._memories, self._hosts)
         if self._memory is not None:
             memory = dict.fromkeys(memory, self._memory)
-        choice = LevelChoice(self._prepared.levels, self.boxes, memory)
-        self._levels = StoredLevels(self._prepared.quantisation, choice)
+        choice = LevelChoice(self._known.prepared.levels, self.boxes, memory)
+        self._levels = StoredLevels(self._known.prepared.quantisation, choice)
         return self._surveyed()
 
     def _open_packets(self, levels: StoredLevels, packing: Packing) -> list[Instruction]:
-        assert self._identity is not None
+        assert self._known is not None
         self._begin_assignment()
         self.phase = Phase.PACKING
-        self.packing, opened = levels.open(packing, self.assignment, self._path, self._identity, self.boxes)
+        self.packing, opened = levels.open(packing, self.assignment, self._path, self._known.identity, self.boxes)
         return opened
 
     def _read_sub_cubes(self) -> list[Instruction]:
-        assert self._description is not None and self._identity is not None
+        assert self._known is not None
+        description, identity = self._known.description, self._known.identity
         self._begin_assignment()
         self.phase = Phase.READING
         self._lending = None
         said = f"reading the volume as {len(self.boxes)} sub-cubes" if len(self.boxes) > 1 else "reading the volume"
-        if not self._description.reads_sub_cubes and len(self.boxes) > 1:
-            self._lending = Lending(self.assignment, self._path, self._identity, self.boxes, self._description)
+        if not description.reads_sub_cubes and len(self.boxes) > 1:
+            self._lending = Lending(self.assignment, self._path, identity, self.boxes, description)
             return [ReportProgress(f"{said}, by one server for all"), *self._lending.begin()]
         read: list[Instruction] = []
         for worker, boxes in self.boxes.items():
-            ask = messages.ReadSubCubes(
-                assignment=self.assignment, path=self._path, boxes=boxes, identity=self._identity, held=self._held
+            ask = ReadSubCubes(
+                assignment=self.assignment, path=self._path, boxes=boxes, identity=identity, held=self._held
             )
             read.append(Send(worker, ask))
         return [ReportProgress(said), *read]
 
-    def _received_VolumeLent(self, server: int, message: messages.VolumeLent, payload: memoryview) -> list[Instruction]:
-        return lending.lent(message) if (lending := self._lending_for(message.assignment)) else []
+    # What a lender or receiver has under way when another one refuses still comes: then the volume is to be read again.
 
-    def _received_PartRead(self, server: int, message: messages.PartRead, payload: memoryview) -> list[Instruction]:
-        return lending.part_read(message, payload) if (lending := self._lending_for(message.assignment)) else []
+    @takes(VolumeLent, Phase.READING)
+    def _lent(self, message: VolumeLent, event: MessageReceived) -> list[Instruction]:
+        return self._lending.lent(message) if self._lending else []
 
-    def _received_PartHeld(self, server: int, message: messages.PartHeld, payload: memoryview) -> list[Instruction]:
-        return lending.part_held(server) if (lending := self._lending_for(message.assignment)) else []
+    @takes(PartRead, Phase.READING, Phase.EMPTY)
+    def _part_read(self, message: PartRead, event: MessageReceived) -> list[Instruction]:
+        return self._lending.part_read(message, event.payload) if self._lending else []
 
-    def _lending_for(self, assignment: int) -> Lending | None:
-        return self._lending if assignment == self.assignment else None
+    @takes(PartHeld, Phase.READING, Phase.EMPTY)
+    def _part_held(self, message: PartHeld, event: MessageReceived) -> list[Instruction]:
+        return self._lending.part_held(event.server) if self._lending else []
 
-    def _received_SubCubesRead(
-        self, server: int, message: messages.SubCubesRead, payload: memoryview
-    ) -> list[Instruction]:
-        if message.assignment != self.assignment:
-            return []
-        check_survey(message.survey, self._voxels_of(server))
+    @takes(SubCubesRead, Phase.READING, Phase.EMPTY)
+    def _sub_cubes_read(self, message: SubCubesRead, event: MessageReceived) -> list[Instruction]:
+        assert self._known is not None
+        check_survey(message.survey, self._voxels_of(event.server))
         if self.volume is None:
-            self._survey = message.survey if self._survey is None else self._survey.joined(message.survey)
-        self._pending.discard(server)
+            self._known.surveyed(message.survey)
+        self._pending.discard(event.server)
         if not self._pending:
             self._lending = None
         if self.volume is None and not self._pending:
@@ -271,67 +255,39 @@ class VolumeHolding:
         return []
 
     def _count(self) -> list[Instruction]:
-        assert self._survey is not None
+        assert self._known is not None
         self.phase = Phase.COUNTING
         self._pending = set(self.boxes)
-        count = messages.CountHistograms(
-            assignment=self.assignment,
-            low=self._survey.low,
-            high=self._survey.high,
-            max_gradient=self._survey.max_gradient,
-        )
+        count = self._known.count_request(self.assignment)
         return [ReportProgress("counting the histograms"), *(Send(worker, count) for worker in self.boxes)]
 
-    def _received_HistogramsCounted(
-        self, server: int, message: messages.HistogramsCounted, payload: memoryview
-    ) -> list[Instruction]:
-        if message.assignment != self.assignment:
-            return []
-        if message.bins != HISTOGRAM_BINS:
-            raise RemoteProtocolError(f"it counted {message.bins} bins, but {HISTOGRAM_BINS} were asked for")
-        assert self._description is not None
-        check_counts(payload[:HISTOGRAMS_BYTES], self._voxels_of(server))
-        check_extremes(payload[HISTOGRAMS_BYTES:], self._description.geometry.dims)
-        self._add_counts(payload)
-        self._pending.discard(server)
+    @takes(HistogramsCounted, Phase.COUNTING)
+    def _counted(self, message: HistogramsCounted, event: MessageReceived) -> list[Instruction]:
+        assert self._known is not None
+        self._known.counted(message, event.payload, self._voxels_of(event.server))
+        self._pending.discard(event.server)
         return [] if self._pending else self._surveyed()
 
     def _voxels_of(self, server: int) -> int:
         return sum(box.voxels for box in self.boxes[server])
 
-    def _add_counts(self, payload: memoryview) -> None:
-        counts = array("q", payload[:HISTOGRAMS_BYTES].tobytes())
-        self._density_counts = _added(self._density_counts, counts[:HISTOGRAM_BINS])
-        self._strength_counts = _added(self._strength_counts, counts[HISTOGRAM_BINS:])
-        extremes = BlockExtremes.of_bytes(payload[HISTOGRAMS_BYTES:])
-        self._extremes = extremes if self._extremes is None else self._extremes.joined(extremes)
-
     def _surveyed(self) -> list[Instruction]:
-        assert self._description is not None and self._survey is not None and self._extremes is not None
+        assert self._known is not None
         self.phase = Phase.SURVEYED
-        self.volume = SurveyedVolume(
-            self._description,
-            self._survey,
-            self._density_counts,
-            self._strength_counts,
-            self._extremes,
-            self._prepared,
-        )
+        self.volume = self._known.volume()
         return [PublishVolume(self.volume)]
 
     def _pack(self, packing: Packing) -> list[Instruction]:
         self.packing = packing
         self.phase = Phase.PACKING
         self._pending = set(self.boxes)
-        pack = messages.PackVoxels(assignment=self.assignment, quantisation=packing.quantisation)
+        pack = PackVoxels(assignment=self.assignment, quantisation=packing.quantisation)
         return [ReportProgress("making voxel packets"), *(Send(worker, pack) for worker in self.boxes)]
 
-    def _received_VoxelsPacked(
-        self, server: int, message: messages.VoxelsPacked, payload: memoryview
-    ) -> list[Instruction]:
-        if message.assignment == self.assignment:
-            self._pending.discard(server)
-            self._go_on()
+    @takes(VoxelsPacked, Phase.PACKING)
+    def _packed(self, message: VoxelsPacked, event: MessageReceived) -> list[Instruction]:
+        self._pending.discard(event.server)
+        self._go_on()
         return []
 
     def _go_on(self) -> None:
@@ -348,6 +304,13 @@ class VolumeHolding:
                 if self._levels is not None:
                     self._levels.opened()
 
-
-def _added(sums: list[int], counts: "array[int]") -> list[int]:
-    return [a + b for a, b in zip(sums, counts, strict=True)] if sums else list(counts)
+    def validate_state(self) -> None:
+        """Raises AssertionError if an invariant is broken."""
+        phase, awaited = self.phase, self.phase in (Phase.READING, Phase.COUNTING, Phase.PACKING)
+        assert self._pending <= self.boxes.keys(), "an answer of a server is awaited that holds nothing"
+        assert awaited <= bool(self._pending) <= (not self.settled), f"{phase} waits for {self._pending or 'nobody'}"
+        assert (self.volume is None) <= (phase not in (*SETTLED, Phase.PACKING)), "an unknown volume is held"
+        assert (self.volume is not None) <= (phase in SURVEYED_PHASES), f"a known volume is {phase.value}"
+        assert self.assignment <= self.newest_assignment, "an assignment is held that was never asked for"
+        assert self.packing is not None or phase not in (Phase.PACKING, Phase.READY), "packets without rules"
+        assert self._lending is None or (phase is Phase.READING and self._lending.lender in self.boxes), "a stray loan"

@@ -171,7 +171,7 @@ class Session:
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
         scene, step = checked_scene(scene), checked_step(step)
-        *_, finished = self._drawn(*self._ask(scene, step, whole=True), step, partial_interval=None)
+        *_, finished = self._drawn(*self._ask(scene, step, require_complete=True), step, partial_interval=None)
         return finished
 
     def refine(
@@ -198,7 +198,7 @@ class Session:
 
         def drawn(step: Step) -> Iterator[Refinement]:
             while True:
-                frame, answers = self._ask(scene, step, whole=False, after=asked[-1] if asked else None)
+                frame, answers = self._ask(scene, step, require_complete=False, after=asked[-1] if asked else None)
                 asked.append(frame)
                 try:
                     yield from self._drawn(frame, answers, step, partial_interval)
@@ -282,10 +282,10 @@ class Session:
 
     # -- frames
 
-    def _ask(self, scene: Scene, step: Step, whole: bool, after: int | None = None) -> tuple[int, Answers]:
+    def _ask(self, scene: Scene, step: Step, require_complete: bool, after: int | None = None) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`."""
         frame, answers = self._frames.ask(after)
-        self._events.put(FrameAsked(frame, scene, step, whole))
+        self._events.put(FrameAsked(frame, scene, step, require_complete))
         return frame, answers
 
     def _coordinate(self) -> None:

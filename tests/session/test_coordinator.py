@@ -61,7 +61,7 @@ from volsplat.protocol.text.errors import BadInput, PeerLost
 
 @pytest.mark.parametrize("order", list(permutations([*JOINS, ASKED])))
 def test_servers_may_join_in_any_order(order: list[Event]) -> None:
-    coordinator = Coordinator()
+    coordinator = CheckedCoordinator()
     instructions: list[Instruction] = []
     for event in order:
         assert sent(instructions) == []
@@ -79,7 +79,7 @@ def test_the_surveys_of_all_sub_cubes_become_one() -> None:
 
 def test_a_frame_waits_until_the_voxels_are_packed_and_goes_to_the_map_shade_servers_first() -> None:
     coordinator = surveyed()
-    asked = coordinator.handle(FrameAsked(1, SCENE, Step.A, whole=True))
+    asked = coordinator.handle(FrameAsked(1, SCENE, Step.A, require_complete=True))
     assert sent(asked) == [(FIRST, messages.PackVoxels), (SECOND, messages.PackVoxels)]
     assert sent(packed(coordinator)) == [
         (FIRST, messages.RenderFrame),
@@ -106,12 +106,12 @@ def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[in
         last = coordinator.handle(answers[n])
     (image,) = [i for i in last if isinstance(i, PublishImage)]
     assert image.complete and image.outcome is not None and set(image.outcome.map_shade) == {FIRST, SECOND}
-    assert coordinator.frame is None
+    assert coordinator.frames.frame is None
 
 
 def test_servers_are_told_an_order_and_need_not_choose() -> None:
     coordinator = surveyed()
-    coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, whole=True))
+    coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, require_complete=True))
     told = [i.message for i in packed(coordinator) if isinstance(i, Send)]
     orders = {message.plan.order for message in told if isinstance(message, messages.RenderFrame)}
     assert len(orders) == 1 and orders <= set(TRAVERSAL_ORDERS)
@@ -119,7 +119,7 @@ def test_servers_are_told_an_order_and_need_not_choose() -> None:
 
 def test_a_newer_frame_ends_the_older_one_and_nothing_of_it_is_published() -> None:
     coordinator = drawing()
-    newer = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True))
+    newer = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))
     assert EndFrame(1) in newer
     assert (SPLAT, messages.RenderFrame) in sent(newer)
     late = coordinator.handle(said(SPLAT, messages.ImageRead(1, Step.F, True, 1, 1), bytes(16)))
@@ -146,7 +146,7 @@ def test_partial_images_are_asked_for_only_while_the_frame_is_drawn() -> None:
 def test_another_window_makes_the_servers_read_and_pack_again() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    assert sent(coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True)))[-2:] == [
+    assert sent(coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=True)))[-2:] == [
         (FIRST, messages.ReadSubCubes),
         (SECOND, messages.ReadSubCubes),
     ]
@@ -163,7 +163,7 @@ def test_a_lost_splat_server_fails_the_frame_and_the_session() -> None:
     ended, failed = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, PeerLost) and ended.frame == 1
     assert isinstance(failed, FailSession) and "the splat server is gone" == str(failed.error)
-    (again,) = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    (again,) = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
     assert isinstance(again, EndFrame) and again.error is failed.error
 
 
@@ -176,14 +176,14 @@ def test_a_server_that_joins_late_or_leaves_idle_changes_nothing() -> None:
 
 
 def test_a_process_that_ends_before_it_joined_fails_the_session() -> None:
-    coordinator = Coordinator()
+    coordinator = CheckedCoordinator()
     coordinator.handle(ASKED)
     (failed,) = coordinator.handle(ServerProcessEnded("the splat server ended with status 1"))
     assert isinstance(failed, FailSession)
 
 
 def test_what_a_server_refuses_is_bad_input_with_its_cause() -> None:
-    coordinator = Coordinator()
+    coordinator = CheckedCoordinator()
     for event in [*JOINS, ASKED]:
         coordinator.handle(event)
     (failed,) = coordinator.handle(said(FIRST, messages.Refused("DescribeVolume", "head.nrrd: truncated")))
@@ -192,7 +192,7 @@ def test_what_a_server_refuses_is_bad_input_with_its_cause() -> None:
 
 
 def test_what_a_server_of_another_machine_refuses_names_it() -> None:
-    coordinator = Coordinator()
+    coordinator = CheckedCoordinator()
     name = "map/shade server 2 (node1, process 12) at 10.0.0.1:4711"
     far = ServerJoined(FIRST, Role.MAPSHADE_SERVER, name, "10.0.0.1", NO_DATA, elsewhere=True)
     for event in [JOINS[0], far, JOINS[2], ASKED]:
@@ -211,14 +211,14 @@ def test_a_worker_that_cannot_reach_the_splat_server_is_lost_and_the_others_draw
 def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
     coordinator = drawing()
     outside = Scene(tables=SCENE.tables, bounds=Bounds(low=(0, 0, 0), high=(9, 9, 9)))
-    (*_, ended) = coordinator.handle(FrameAsked(2, outside, Step.F, whole=True))
+    (*_, ended) = coordinator.handle(FrameAsked(2, outside, Step.F, require_complete=True))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "bounds on i" in str(ended.error)
-    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(3, SCENE, Step.F, whole=True)))
+    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True)))
 
 
 @pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
 def test_a_server_that_is_lost_while_the_volume_is_described_fails_the_session(server: int) -> None:
-    coordinator = Coordinator()
+    coordinator = CheckedCoordinator()
     for event in [*JOINS, ASKED]:
         coordinator.handle(event)
     (failed,) = coordinator.handle(ServerLost(server, "it is gone"))
@@ -234,7 +234,7 @@ def test_an_idle_splat_server_may_leave() -> None:
 def test_a_frame_that_must_wait_stops_the_running_one_at_once() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    asked = coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True))
+    asked = coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=True))
     assert sent(asked)[:3] == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
     assert EndFrame(1) in asked
 
@@ -244,13 +244,13 @@ def test_a_refused_frame_ends_alone_and_is_aborted_everywhere() -> None:
     *aborts, ended = coordinator.handle(said(SPLAT, messages.Refused("RenderFrame", "no memory", frame=1)))
     assert sent(aborts) == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput)
-    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True)))
+    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True)))
 
 
 def test_answers_of_an_older_assignment_count_for_nothing() -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    coordinator.handle(FrameAsked(2, narrow, Step.F, whole=True))
+    coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=True))
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=360, no_data=0)
     for server in (FIRST, SECOND):
         assert coordinator.handle(said(server, messages.SubCubesRead(1, survey, 720, 0.1))) == []
@@ -294,7 +294,7 @@ def test_later_frames_are_drawn_by_those_that_are_left_and_say_what_is_missing()
     whole = finished(coordinator, 1, [FIRST, SECOND])
     assert whole.outcome is not None and whole.outcome.missing == ()
     coordinator.handle(ServerLost(FIRST, GONE))
-    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
     renders = [i for i in asked if isinstance(i, Send)]
     assert [render.server for render in renders] == [SECOND, SPLAT]
     for render in renders:
@@ -306,7 +306,7 @@ def test_later_frames_are_drawn_by_those_that_are_left_and_say_what_is_missing()
 def test_who_wants_the_whole_volume_is_told_at_once_that_it_is_not_there() -> None:
     coordinator = drawing()
     coordinator.handle(ServerLost(FIRST, GONE))
-    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=True))
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))
     assert ended_by(asked) == MISSING and sent(asked) == []
 
 
@@ -319,11 +319,11 @@ def test_the_last_map_shade_server_takes_the_session_with_it() -> None:
 
 def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_one_goes_on() -> None:
     coordinator = surveyed()
-    coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=True))
+    coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=True))
     coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 1440, 0.1)))
     assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
     assert coordinator.holding.phase == Phase.READY
-    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, whole=False))
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
     assert sent(asked) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
@@ -331,12 +331,12 @@ def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_o
 def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already_read: bool) -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    coordinator.handle(FrameAsked(2, narrow, Step.F, whole=False))
+    coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=False))
     read = said(SECOND, messages.SubCubesRead(2, Survey(0.0, 1.0, 1.0, 360, 0), 720, 0.1))
     if already_read:
         coordinator.handle(read)
     assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
-    asked = coordinator.handle(FrameAsked(3, narrow, Step.F, whole=False))
+    asked = coordinator.handle(FrameAsked(3, narrow, Step.F, require_complete=False))
     assert sent(asked if already_read else coordinator.handle(read)) == [(SECOND, messages.PackVoxels)]
     drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 1440, 0.1)))
     assert sent(drawn) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
@@ -508,7 +508,7 @@ def test_one_server_reads_for_all_and_each_gets_one_part_at_a_time(monkeypatch: 
 
 
 def test_a_single_server_reads_for_itself() -> None:
-    coordinator = Coordinator()
+    coordinator = CheckedCoordinator()
     for event in [*JOINS[:2], VolumeAsked("/volumes/head.nrrd", workers=1)]:
         coordinator.handle(event)
     told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY)))
@@ -522,11 +522,11 @@ def lending_again() -> Coordinator:
         coordinator.handle(read_by(coordinator, server))
     for server in (FIRST, SECOND, THIRD):
         coordinator.handle(counted(server, 200))
-    coordinator.handle(FrameAsked(1, SCENE, Step.F, whole=False))
+    coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=False))
     for server in (FIRST, SECOND, THIRD):
         coordinator.handle(said(server, messages.VoxelsPacked(1, 240, 960, 0.1)))
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
-    told = coordinator.handle(FrameAsked(2, narrow, Step.F, whole=False))
+    told = coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=False))
     assert sent(told)[-1] == (FIRST, messages.LendVolume)
     return coordinator
 
@@ -579,65 +579,65 @@ def drawn_from(instructions: list[Instruction]) -> set[tuple[int, int]]:
 
 def test_of_a_prepared_volume_a_step_has_the_levels_opened_that_it_needs() -> None:
     coordinator = opened_store()
-    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, whole=True))) == [2]
+    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.A, require_complete=True))) == [2]
     assert drawn_from(packed(coordinator)) == {(2, 1)}
-    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.B, whole=True))) == [1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.B, require_complete=True))) == [1, 2]
     assert drawn_from(packed(coordinator, 2)) == {(1, 1)}
-    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.F, whole=True))) == [0, 1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.F, require_complete=True))) == [0, 1, 2]
     assert drawn_from(packed(coordinator, 3)) == {(0, 1)}
-    assert drawn_from(coordinator.handle(FrameAsked(4, zoomed(1.0), Step.A, whole=True))) == {(2, 1)}
+    assert drawn_from(coordinator.handle(FrameAsked(4, zoomed(1.0), Step.A, require_complete=True))) == {(2, 1)}
 
 
 def test_another_base_level_keeps_what_is_held_of_its_levels() -> None:
     coordinator = opened_store()
-    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=True))
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, require_complete=True))
     packed(coordinator)
-    far = coordinator.handle(FrameAsked(4, zoomed(0.5), Step.A, whole=True))
+    far = coordinator.handle(FrameAsked(4, zoomed(0.5), Step.A, require_complete=True))
     assert levels_opened(far) == [1, 2] and drawn_from(far) == set()
     assert drawn_from(packed(coordinator, 2)) == {(2, 2)}
 
 
 def test_who_moves_does_not_wait_for_a_finer_level() -> None:
     coordinator = opened_store()
-    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.B, whole=False))
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.B, require_complete=False))
     packed(coordinator)
-    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.C, whole=False))) == [0, 1, 2]
-    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.A, whole=False))) == [1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.C, require_complete=False))) == [0, 1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.A, require_complete=False))) == [1, 2]
     assert coordinator.handle(said(FIRST, messages.VoxelsPacked(2, 1, 4, 0.1))) == [], "of what was given up"
     assert drawn_from(packed(coordinator, 3)) == {(2, 1)}
 
 
 def test_who_wants_a_finer_level_waits_for_it_once() -> None:
     coordinator = opened_store()
-    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.C, whole=False))
-    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, whole=False))) == []
-    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, whole=False))) == [1, 2]
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.C, require_complete=False))
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, require_complete=False))) == []
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, require_complete=False))) == [1, 2]
     assert drawn_from(packed(coordinator, 2)) == {(1, 1)}
 
 
 def test_who_moves_keeps_a_level_that_is_only_just_too_fine() -> None:
     coordinator = opened_store()
-    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=False))
+    coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, require_complete=False))
     packed(coordinator)
-    assert drawn_from(coordinator.handle(FrameAsked(2, zoomed(0.5), Step.F, whole=False))) == {(0, 1)}
-    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, whole=False))) == [1, 2]
+    assert drawn_from(coordinator.handle(FrameAsked(2, zoomed(0.5), Step.F, require_complete=False))) == {(0, 1)}
+    assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(0.4), Step.F, require_complete=False))) == [1, 2]
 
 
 @pytest.mark.parametrize(("memory", "has"), [(600_000, 1 << 40), (None, 1_200_000)])
 def test_what_does_not_fit_is_drawn_coarser(memory: int | None, has: int) -> None:
     """Half of the volume takes 990 kB with its levels. By itself a server takes half of what its machine has left."""
     coordinator = opened_store(memory, has)
-    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, whole=True))) == [1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(1, zoomed(1.0), Step.F, require_complete=True))) == [1, 2]
 
 
 def test_a_frame_by_rules_that_a_volume_was_not_prepared_with_ends_alone() -> None:
     coordinator = opened_store()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(1.0, 9.0)))
-    (ended,) = coordinator.handle(FrameAsked(1, narrow, Step.F, whole=True))
+    (ended,) = coordinator.handle(FrameAsked(1, narrow, Step.F, require_complete=True))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "--window 1,9" in str(ended.error)
     (answer,) = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
     assert isinstance(answer, AnswerProbe) and isinstance(answer.error, BadInput)
-    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, whole=True))) == [0, 1, 2]
+    assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, require_complete=True))) == [0, 1, 2]
 
 
 def test_a_probe_of_a_prepared_volume_looks_at_what_is_held() -> None:

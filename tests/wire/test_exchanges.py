@@ -186,12 +186,12 @@ def fed(coordinator: Coordinator, random: Random, events: int) -> None:
             if isinstance(instruction, Send) and not isinstance(instruction.message, UNANSWERED):
                 tables[instruction.server].said(instruction.message)
 
-    for number, joined in coordinator.servers.items():
+    for number, joined in coordinator.servers.joined.items():
         tables[number] = Exchanges(CLIENT_TO_SPLAT if joined.role is Role.SPLAT_SERVER else CLIENT_TO_MAPSHADE)
     for _ in range(events):
-        if not coordinator.servers or coordinator.failure is not None:
+        if not coordinator.servers.joined or coordinator.failure is not None:
             return
-        server = random.choice(list(coordinator.servers))
+        server = random.choice(list(coordinator.servers.joined))
         kinds = answers(CLIENT_TO_SPLAT if server == SPLAT else CLIENT_TO_MAPSHADE) | {messages.Refused}
         message, payload = SAMPLES[random.choice(sorted(kinds, key=lambda kind: kind.__name__))]
         for key in ("frame", "assignment", "probe"):
@@ -209,7 +209,7 @@ def fed(coordinator: Coordinator, random: Random, events: int) -> None:
 @given(st.integers(0, 4), st.randoms(use_true_random=False))
 def test_no_server_can_make_the_coordinator_raise(begun: int, random: Random) -> None:
     if begun == 0:
-        coordinator = Coordinator()
+        coordinator = CheckedCoordinator()
         for event in [*JOINS, ASKED]:
             coordinator.handle(event)
     else:
@@ -293,7 +293,7 @@ def test_no_more_servers_join_than_messages_can_name() -> None:
 
 def test_a_failed_session_says_who_failed_it() -> None:
     """A worker that holds a part of the volume, and says of it what cannot be."""
-    coordinator = Coordinator()
+    coordinator = CheckedCoordinator()
     for event in [*JOINS, ASKED]:
         coordinator.handle(event)
     failed = coordinator.handle(ServerLost(SPLAT, "splat server 1 broke the protocol: ImageRead came unasked"))

@@ -42,6 +42,15 @@ SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 1, 
 MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 0.0, 0.0, 0.0, 0.0, 1, this_machine())
 
 
+class CheckedCoordinator(Coordinator):
+    """Its invariants hold after every event."""
+
+    def handle(self, event: Event) -> list[Instruction]:
+        told = super().handle(event)
+        self.validate_state()
+        return told
+
+
 def said(server: int, message: messages.Message, payload: bytes = b"") -> MessageReceived:
     return MessageReceived(server, message, memoryview(payload), at=0.0)
 
@@ -58,15 +67,15 @@ def counted(server: int, voxels: int = 360) -> MessageReceived:
     return said(server, message, counts.tobytes() * 2 + extremes.as_bytes())
 
 
-def read_by(coordinator: Coordinator, server: int) -> MessageReceived:
+def read_by(coordinator: CheckedCoordinator, server: int) -> MessageReceived:
     """What a server says once it has read what it is to hold."""
     voxels = sum(box.voxels for box in coordinator.holding.boxes[server])
     survey = Survey(low=0.0, high=1.0, max_gradient=1.0, voxels=voxels, no_data=0)
     return said(server, messages.SubCubesRead(coordinator.holding.assignment, survey, 2 * voxels, 0.1))
 
 
-def surveyed() -> Coordinator:
-    coordinator = Coordinator()
+def surveyed() -> CheckedCoordinator:
+    coordinator = CheckedCoordinator()
     for event in [*JOINS, ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))]:
         coordinator.handle(event)
     for server, low, high in ((FIRST, 0.0, 50.0), (SECOND, -3.0, 20.0)):
@@ -78,16 +87,16 @@ def surveyed() -> Coordinator:
     return coordinator
 
 
-def packed(coordinator: Coordinator, assignment: int = 1) -> list[Instruction]:
+def packed(coordinator: CheckedCoordinator, assignment: int = 1) -> list[Instruction]:
     instructions: list[Instruction] = []
     for server in (FIRST, SECOND):
         instructions = coordinator.handle(said(server, messages.VoxelsPacked(assignment, 360, 1440, 0.1)))
     return instructions
 
 
-def drawing(frame: int = 1, scene: Scene = SCENE) -> Coordinator:
+def drawing(frame: int = 1, scene: Scene = SCENE) -> CheckedCoordinator:
     coordinator = surveyed()
-    coordinator.handle(FrameAsked(frame, scene, Step.F, whole=True))
+    coordinator.handle(FrameAsked(frame, scene, Step.F, require_complete=True))
     packed(coordinator)
     return coordinator
 
@@ -97,8 +106,8 @@ THIRD = 4
 LENT = messages.VolumeLent(1, ["uint16"], 1440, 0.1)
 
 
-def lending(workers: int = 3) -> Coordinator:
-    coordinator = Coordinator()
+def lending(workers: int = 3) -> CheckedCoordinator:
+    coordinator = CheckedCoordinator()
     third = ServerJoined(THIRD, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
     for event in [*JOINS, third, VolumeAsked("/volumes/head.nrrd", workers=workers)]:
         coordinator.handle(event)
@@ -118,8 +127,8 @@ PREPARED = Prepared(
 )
 
 
-def opened_store(memory: int | None = None, has: int = 1 << 40) -> Coordinator:
-    coordinator = Coordinator()
+def opened_store(memory: int | None = None, has: int = 1 << 40) -> CheckedCoordinator:
+    coordinator = CheckedCoordinator()
     for event in [*JOINS, VolumeAsked("/volumes/head.zarr", workers=2, memory=memory)]:
         coordinator.handle(event)
     described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), [PREPARED], IDENTITY)

@@ -1,0 +1,210 @@
+"""The frame that is wanted or drawn, as the coordinator knows it: asked for, sent to the servers, put together."""
+
+from volsplat.client.coordinator.coordinator_events import (
+    AbortAsked,
+    EndFrame,
+    FrameAsked,
+    Instruction,
+    MessageReceived,
+    PartialImageAsked,
+    PublishImage,
+    ReportProgress,
+    Send,
+)
+from volsplat.client.coordinator.frame_request import frame_request
+from volsplat.client.coordinator.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.running_frame import RunningFrame
+from volsplat.client.coordinator.server_states import incomplete
+from volsplat.client.coordinator.servers import Servers
+from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.protocol.messages.frame_messages import (
+    AbortFrame,
+    FrameAborted,
+    FrameFinished,
+    FrameMapped,
+    ImageRead,
+    ReadImage,
+)
+from volsplat.protocol.messages.handlers import takes
+from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, VolsplatError
+
+
+class Frames:
+    """One at a time: a newer one ends the one before."""
+
+    def __init__(self, servers: Servers, holding: VolumeHolding) -> None:
+        self.frame: RunningFrame | None = None
+        self._servers = servers
+        self._holding = holding
+
+    @takes(FrameAsked)
+    def asked(self, event: FrameAsked) -> list[Instruction]:
+        replaced = self.frame
+        self.frame = RunningFrame(event.frame, event.scene, event.step, event.require_complete)
+        begun = self.begin()
+        if replaced is None:
+            return begun
+        # RenderFrame makes every server drop older frames by itself; if it must wait, they are told to stop now.
+        waits = self.frame is None or not self.frame.started
+        stop = self._abort_everywhere(replaced) if waits and replaced.started else []
+        return [*stop, EndFrame(replaced.frame), *begun]
+
+    def begin(self) -> list[Instruction]:
+        """Send the waiting frame, after packing for its quantisation if that is still to be done."""
+        frame, holding, volume = self.frame, self._holding, self._holding.volume
+        if frame is None or frame.started or volume is None:
+            return []
+        if frame.require_complete and self._servers.missing:
+            return self.end(incomplete(self._servers.states.values()))
+        geometry = volume.description.geometry
+        frame.scene = volume.settled(frame.scene)
+        try:
+            packing = holding.wanted(frame.scene, frame.step, steady=not frame.require_complete)
+            if not holding.settled:
+                return holding.prepare(packing) if holding.gives_way(packing) else []
+            if not holding.holds(packing):
+                return holding.prepare(packing)
+            resolution = holding.resolution(frame.step, frame.scene.refine.striding)
+            render = frame_request(
+                frame.frame,
+                holding.assignment,
+                frame.scene,
+                frame.step,
+                geometry,
+                packing.quantisation,
+                resolution,
+                list(holding.boxes),
+            )
+        except BadInput as error:
+            return self.end(error)
+        except ValueError as error:
+            return self.end(BadInput(str(error)))
+        frame.level, frame.why_level = resolution.level, packing.why_level
+        frame.started = True
+        partial = self.read_partial(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
+        return [
+            ReportProgress(f"step {frame.step}"),
+            *(Send(server, render) for server in self._drawing()),
+            *partial,
+        ]
+
+    def end(self, error: VolsplatError) -> list[Instruction]:
+        """End the frame that runs or waits, if any: because of this error, unless it was being aborted."""
+        frame, self.frame = self.frame, None
+        if frame is None:
+            return []
+        if frame.unacknowledged:
+            return [EndFrame(frame.frame)]
+        stop = self._abort_everywhere(frame) if frame.started else []
+        return [*stop, EndFrame(frame.frame, error)]
+
+    def fail(self, error: VolsplatError) -> list[Instruction]:
+        """Nothing more is sent."""
+        frame, self.frame = self.frame, None
+        return [EndFrame(frame.frame, error)] if frame is not None else []
+
+    def current(self, frame: int) -> RunningFrame | None:
+        """The running frame if it has this id; messages of older frames are of no use any more."""
+        return self.frame if self.frame is not None and self.frame.frame == frame else None
+
+    def _abort_everywhere(self, frame: RunningFrame) -> list[Instruction]:
+        return [Send(server, AbortFrame(frame=frame.frame)) for server in self._drawing()]
+
+    def _drawing(self) -> list[int]:
+        """The servers of a frame: the splat server last, since all others have work to do before it has any."""
+        return [*self._holding.boxes, self._servers.splat]
+
+    @takes(AbortAsked)
+    def abort(self, event: AbortAsked) -> list[Instruction]:
+        frame = self.current(event.frame)
+        if frame is None or frame.unacknowledged:
+            return []
+        if not frame.started:
+            self.frame = None
+            return [EndFrame(frame.frame)]
+        frame.unacknowledged = set(self._drawing())
+        return self._abort_everywhere(frame)
+
+    @takes(FrameAborted, *SURVEYED_PHASES)
+    def _aborted(self, message: FrameAborted, event: MessageReceived) -> list[Instruction]:
+        frame = self.current(message.frame)
+        if frame is None:
+            return []
+        frame.unacknowledged.discard(event.server)
+        if frame.unacknowledged:
+            return []
+        self.frame = None
+        return [EndFrame(frame.frame)]
+
+    @takes(PartialImageAsked)
+    def read_partial(self, event: PartialImageAsked) -> list[Instruction]:
+        frame = self.current(event.frame)
+        if frame is None or frame.unacknowledged or frame.splat is not None:
+            return []
+        if not frame.started:
+            frame.partial_wanted = True
+            return []
+        return [Send(self._servers.splat, ReadImage(frame=event.frame))]
+
+    @takes(FrameMapped, *SURVEYED_PHASES)
+    def _mapped(self, message: FrameMapped, event: MessageReceived) -> list[Instruction]:
+        frame = self.current(message.frame)
+        if frame is None:
+            return []
+        frame.map_shade[event.server] = message.stats
+        return self._published(frame)
+
+    def finished(self, message: FrameFinished, at: float) -> list[int]:
+        """Note that the image will not change any more; the workers that it lacks are in the answer.
+
+        Raises RemoteProtocolError unless these are workers of the frame.
+        """
+        frame, workers = self.current(message.frame), list(self._holding.boxes)
+        if frame is None or frame.unacknowledged:
+            return []
+        if message.complete:
+            frame.splat, frame.drawn_at = message.stats, at
+            return []
+        if not message.lost or not set(message.lost) <= set(workers):
+            said = f"frame {frame.frame} is incomplete for lack of {message.lost or 'nobody'}"
+            raise RemoteProtocolError(f"{said}, but its workers are {workers}")
+        return message.lost
+
+    @takes(ImageRead, *SURVEYED_PHASES)
+    def _image_read(self, message: ImageRead, event: MessageReceived) -> list[Instruction]:
+        frame = self.current(message.frame)
+        if frame is None:
+            return []
+        wanted = frame.scene.image
+        if (message.width, message.height, message.step) != (wanted.width, wanted.height, frame.step):
+            said = f"the image of frame {frame.frame} is step {message.step}, {message.width} x {message.height} pixels"
+            raise RemoteProtocolError(f"{said}, not step {frame.step}, {wanted.width} x {wanted.height}")
+        image = PublishImage(
+            frame.frame, frame.step, message.width, message.height, event.payload, complete=message.complete
+        )
+        if not message.complete:
+            return [image]
+        frame.image = image
+        return self._published(frame)
+
+    def _published(self, frame: RunningFrame) -> list[Instruction]:
+        """The image, once all is here that comes with it."""
+        image = frame.finished(self._holding.boxes, self._servers.missing)
+        if image is None:
+            return []
+        self.frame = None
+        return [image]
+
+    def validate_state(self) -> None:
+        """Raises AssertionError if an invariant is broken."""
+        frame = self.frame
+        if frame is None:
+            return
+        if not frame.started:
+            assert not (self._holding.settled and self._holding.volume), "a frame waits though the servers are ready"
+            assert not frame.unacknowledged and not frame.map_shade, "a frame that waits has answers"
+            return
+        assert self._holding.volume is not None, "a frame of an unknown volume runs"
+        assert frame.unacknowledged <= set(self._drawing()), "a server that does not draw must acknowledge an abort"
+        assert frame.map_shade.keys() <= self._holding.boxes.keys(), "a frame counts a server that holds nothing"
+        assert frame.finished(self._holding.boxes, ()) is None, "a frame that is whole was not published"
