@@ -19,7 +19,13 @@ from volsplat.client.caller.arguments import (
     checked_step,
     checked_volume,
 )
-from volsplat.client.coordinator.coordinator_events import FrameOutcome, Instruction, ReportProgress, Send
+from volsplat.client.coordinator.coordinator_events import (
+    FrameOutcome,
+    Instruction,
+    MessageReceived,
+    ReportProgress,
+    Send,
+)
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.session.published_image import PublishedImage
@@ -33,6 +39,7 @@ from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.line_of_sight import line_of_sight
@@ -46,6 +53,7 @@ if TYPE_CHECKING:
 
 WORKER = 1  # the one map/shade "server"
 WALKED_APART_FROM = 4  # threads
+TAKEN = handlers(VolumeHolding)
 
 
 class Superseded(Exception):
@@ -233,8 +241,16 @@ class SingleProcess:
                     self._say(text)
                 case Send(message=message):
                     for answer in self._answers(message):
-                        payload = memoryview(b"".join(answer.payload))
-                        self._carry_out(self._holding.received(WORKER, answer.message, payload))
+                        self._carry_out(self._taken(answer))
+
+    def _taken(self, answer: Answer) -> list[Instruction]:
+        holding, message, payload = self._holding, answer.message, memoryview(b"".join(answer.payload))
+        if isinstance(message, messages.VolumeDescribed):
+            return holding.described(message, payload)
+        told: list[Instruction] = TAKEN[type(message)].method(
+            holding, message, MessageReceived(WORKER, message, payload, at=0.0)
+        )
+        return told
 
     def _answers(self, message: messages.Message) -> list[Answer]:
         try:

@@ -30,10 +30,10 @@ def takes(
 
 
 def handlers(owner: type) -> dict[type, Handler]:
-    """The methods of a class that take something, by what they take."""
+    """The methods of a class that take something, its bases' included, by what they take."""
     return {
         kind: Handler(method, states)
-        for method in vars(owner).values()
+        for method in (getattr(owner, name) for name in dir(owner))
         for kind, states in getattr(method, "takes", {}).items()
     }
 

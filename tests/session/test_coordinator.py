@@ -19,6 +19,7 @@ from support.messages.coordinated import (
     SPLAT_STATS,
     THIRD,
     WHOLE,
+    CheckedCoordinator,
     counted,
     drawing,
     lending,
@@ -30,7 +31,6 @@ from support.messages.coordinated import (
     surveyed,
 )
 from support.messages.message_samples import IDENTITY
-from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     AnswerProbe,
@@ -50,7 +50,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
-from volsplat.client.coordinator.volume_holding import Phase
+from volsplat.client.coordinator.phase import Phase
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
@@ -111,7 +111,9 @@ def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[in
 
 def test_servers_are_told_an_order_and_need_not_choose() -> None:
     coordinator = surveyed()
-    coordinator.handle(FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, require_complete=True))
+    coordinator.handle(
+        FrameAsked(1, msgspec.structs.replace(SCENE, order=Order.FASTEST), Step.F, require_complete=True)
+    )
     told = [i.message for i in packed(coordinator) if isinstance(i, Send)]
     orders = {message.plan.order for message in told if isinstance(message, messages.RenderFrame)}
     assert len(orders) == 1 and orders <= set(TRAVERSAL_ORDERS)
@@ -213,7 +215,9 @@ def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
     outside = Scene(tables=SCENE.tables, bounds=Bounds(low=(0, 0, 0), high=(9, 9, 9)))
     (*_, ended) = coordinator.handle(FrameAsked(2, outside, Step.F, require_complete=True))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "bounds on i" in str(ended.error)
-    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True)))
+    assert (SPLAT, messages.RenderFrame) in sent(
+        coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))
+    )
 
 
 @pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
@@ -244,7 +248,9 @@ def test_a_refused_frame_ends_alone_and_is_aborted_everywhere() -> None:
     *aborts, ended = coordinator.handle(said(SPLAT, messages.Refused("RenderFrame", "no memory", frame=1)))
     assert sent(aborts) == [(n, messages.AbortFrame) for n in (FIRST, SECOND, SPLAT)]
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput)
-    assert (SPLAT, messages.RenderFrame) in sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True)))
+    assert (SPLAT, messages.RenderFrame) in sent(
+        coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))
+    )
 
 
 def test_answers_of_an_older_assignment_count_for_nothing() -> None:
@@ -271,7 +277,7 @@ def ended_by(instructions: list[Instruction]) -> str:
     return str(ended.error)
 
 
-def finished(coordinator: Coordinator, frame: int, workers: list[int]) -> PublishImage:
+def finished(coordinator: CheckedCoordinator, frame: int, workers: list[int]) -> PublishImage:
     """What is published once these workers and the splat server are done."""
     for worker in workers:
         coordinator.handle(said(worker, messages.FrameMapped(frame, MAP_STATS)))
@@ -515,7 +521,7 @@ def test_a_single_server_reads_for_itself() -> None:
     assert (FIRST, messages.ReadSubCubes) in sent(told)
 
 
-def lending_again() -> Coordinator:
+def lending_again() -> CheckedCoordinator:
     """The volume was drawn once and is read again for another window."""
     coordinator = lending()
     for server in (FIRST, SECOND, THIRD):

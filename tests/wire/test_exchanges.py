@@ -12,11 +12,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.head_volume import SIZE, skin
-from support.messages.coordinated import ASKED, JOINS, SPLAT, drawing, lending, opened_store, surveyed
+from support.messages.coordinated import (
+    ASKED,
+    JOINS,
+    SPLAT,
+    CheckedCoordinator,
+    drawing,
+    lending,
+    opened_store,
+    surveyed,
+)
 from support.messages.message_samples import PART, SAMPLES
 from support.patience import wait_until
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import FailSession, Instruction, MessageReceived, Send, ServerLost
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -177,7 +185,7 @@ def test_only_so_many_requests_wait(way: Way) -> None:
 # -- the coordinator, fed with whatever its servers may say
 
 
-def fed(coordinator: Coordinator, random: Random, events: int) -> None:
+def fed(coordinator: CheckedCoordinator, random: Random, events: int) -> None:
     """Any servers say anything, honest and not; what passes the table of turns must be taken without an error."""
     tables: dict[int, Exchanges] = {}
 
