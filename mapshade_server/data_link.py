@@ -7,6 +7,9 @@ import threading
 from typing import TYPE_CHECKING, NamedTuple
 
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.rules.closed_tiles import new_tile_map
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed, Counters
@@ -65,11 +68,19 @@ class DataLink:
     def _hear(self) -> None:
         try:
             while (received := self._connection.receive()) is not None:
-                tiles = self._tiles
-                assert isinstance(received.message, messages.TilesClosed)
-                if received.message.frame == tiles.frame and len(received.payload) == tiles.map.nbytes:
-                    tiles.map.cast("B")[:] = received.payload
+                HANDLERS[type(received.message)].method(self, *received)
         except VolsplatError as error:
             self._failure = error
         finally:
             self._connection.close()  # a link that nobody hears is lost
+
+    @takes(messages.TilesClosed)
+    def _close_tiles(self, message: messages.TilesClosed, payload: memoryview) -> None:
+        tiles = self._tiles
+        if message.frame == tiles.frame and len(payload) == tiles.map.nbytes:
+            tiles.map.cast("B")[:] = payload
+
+
+HANDLERS = handlers(DataLink)
+
+check_handlers(taken_by(Role.DATA_LINK), DataLink)

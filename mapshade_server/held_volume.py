@@ -1,7 +1,6 @@
 """What a map/shade server holds of the volume: its sub-cubes, and while others get theirs from it, all of it.
 
-Takes the client's requests about the volume and gives the answers; knows no connection. Handlers are found by name:
-`_on_<message>`.
+Takes the client's requests about the volume and gives the answers; knows no connection.
 """
 
 import time
@@ -28,6 +27,7 @@ from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.rules.levels import Prepared, dims_at_level
@@ -57,14 +57,14 @@ class HeldVolume:
         self._lent_for = 0  # assignment
         self._awaited: AwaitedParts | None = None
 
-    def takes(self, request: messages.Message) -> bool:
+    def concerned(self, request: messages.Message) -> bool:
         """Whether the request is about the volume."""
-        return hasattr(self, f"_on_{type(request).__name__}")
+        return type(request) in HANDLERS
 
     def answers(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> list[Answer]:
         """Do what is asked. Raises BadInput if that cannot be done."""
-        handler = getattr(self, f"_on_{type(request).__name__}")
-        answers: list[Answer] = handler(request, payload) if payload else handler(request)
+        handler = HANDLERS[type(request)].method
+        answers: list[Answer] = handler(self, request, payload) if payload else handler(self, request)
         return answers
 
     def check(self, assignment: int, what: str) -> None:
@@ -93,14 +93,16 @@ class HeldVolume:
 
     # -- from values
 
-    def _on_DescribeVolume(self, request: messages.DescribeVolume) -> list[Answer]:
+    @takes(messages.DescribeVolume)
+    def _describe_volume(self, request: messages.DescribeVolume) -> list[Answer]:
         if is_store(Path(request.path)):
             return [_described(*identified_store(request.path))]
         reader, identity = identified_volume(request.path)
         described = messages.VolumeDescribed(description=reader.describe(), prepared=[], identity=identity)
         return [Answer(described)]
 
-    def _on_ReadSubCubes(self, request: messages.ReadSubCubes) -> list[Answer]:
+    @takes(messages.ReadSubCubes)
+    def _read_sub_cubes(self, request: messages.ReadSubCubes) -> list[Answer]:
         """From the volume that was lent to others, if it is that, which is let go; else from the file."""
         started = time.perf_counter()
         loan = self._lent if self._lent_for == request.assignment else None
@@ -121,7 +123,8 @@ class HeldVolume:
         self._levels = {0: sub_cubes}
         return [self._read(sub_cubes, request.assignment, started)]
 
-    def _on_LendVolume(self, request: messages.LendVolume) -> list[Answer]:
+    @takes(messages.LendVolume)
+    def _lend_volume(self, request: messages.LendVolume) -> list[Answer]:
         started = time.perf_counter()
         reader = _reader_of(request)
         self._drop()
@@ -136,19 +139,22 @@ class HeldVolume:
         )
         return [Answer(answer)]
 
-    def _on_ReadPart(self, request: messages.ReadPart) -> list[Answer]:
+    @takes(messages.ReadPart)
+    def _read_part(self, request: messages.ReadPart) -> list[Answer]:
         if self._lent is None or self._lent_for != request.assignment:
             raise BadInput(f"a part is for assignment {request.assignment}, of which nothing is lent")
         read = messages.PartRead(assignment=request.assignment, part=request.part)
         return [Answer(read, (self._lent.part(request.part),))]
 
-    def _on_AwaitParts(self, request: messages.AwaitParts) -> list[Answer]:
+    @takes(messages.AwaitParts)
+    def _await_parts(self, request: messages.AwaitParts) -> list[Answer]:
         _check_within(request.boxes, request.description.geometry)
         self._drop()
         self._awaited = AwaitedParts(request)
         return []
 
-    def _on_HoldPart(self, request: messages.HoldPart, values: memoryview) -> list[Answer]:
+    @takes(messages.HoldPart)
+    def _hold_part(self, request: messages.HoldPart, values: memoryview) -> list[Answer]:
         """Keep a part; with the last one comes the answer of all."""
         awaited = self._awaited
         if awaited is None or awaited.assignment != request.assignment:
@@ -161,7 +167,8 @@ class HeldVolume:
         self._levels = {0: awaited.sub_cubes()}
         return [held, self._read(self._levels[0], awaited.assignment, awaited.began)]
 
-    def _on_CountHistograms(self, request: messages.CountHistograms) -> list[Answer]:
+    @takes(messages.CountHistograms)
+    def _count_histograms(self, request: messages.CountHistograms) -> list[Answer]:
         self.check(request.assignment, "the count of histograms")
         density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
         sub_cubes: Sequence[SubCube | PassedBox] = self._passed or self.sub_cubes(0)
@@ -181,7 +188,8 @@ class HeldVolume:
         payload = (memoryview(density).cast("B"), memoryview(strength).cast("B"), memoryview(extremes.as_bytes()))
         return [Answer(counted, payload)]
 
-    def _on_PackVoxels(self, request: messages.PackVoxels) -> list[Answer]:
+    @takes(messages.PackVoxels)
+    def _pack_voxels(self, request: messages.PackVoxels) -> list[Answer]:
         started = time.perf_counter()
         self.check(request.assignment, "the packing")
         for sub_cube in self.sub_cubes(0):
@@ -190,10 +198,12 @@ class HeldVolume:
 
     # -- from a packet store
 
-    def _on_DescribeMachine(self, request: messages.DescribeMachine) -> list[Answer]:
+    @takes(messages.DescribeMachine)
+    def _describe_machine(self, request: messages.DescribeMachine) -> list[Answer]:
         return [Answer(messages.MachineDescribed(memory_bytes=available_memory()))]
 
-    def _on_OpenPackets(self, request: messages.OpenPackets) -> list[Answer]:
+    @takes(messages.OpenPackets)
+    def _open_packets(self, request: messages.OpenPackets) -> list[Answer]:
         """What is held already stays; what is not wanted any more is let go before anything is read.
 
         Coarse levels come first. If a newer assignment is on its way, this one is given up without an answer.
@@ -255,6 +265,9 @@ class HeldVolume:
             seconds=time.perf_counter() - started,
         )
         return Answer(packed)
+
+
+HANDLERS = handlers(HeldVolume)
 
 
 def _check_within(boxes: Sequence[Box], geometry: Geometry) -> None:

@@ -20,8 +20,10 @@ from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
@@ -92,10 +94,10 @@ class MapShadeServer:
         received = self._client.receive()
         if received is None:
             return False
+        if received.message.ends:
+            self._over = True
+            return False
         match received.message:
-            case messages.EndSession():
-                self._over = True
-                return False
             case messages.RenderFrame(frame=frame):
                 self._newest_frame = frame
             case messages.AbortFrame(frame=frame):
@@ -116,17 +118,18 @@ class MapShadeServer:
 
     def _answer(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> None:
         try:
-            if self._held.takes(request):
+            if self._held.concerned(request):
                 for answer in self._held.answers(request, payload):
                     self._client.send(answer.message, *answer.payload)
             else:
-                getattr(self, f"_on_{type(request).__name__}")(request)
+                HANDLERS[type(request)].method(self, request)
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
             self._client.send(msgspec.structs.replace(refusal(request, error), held=self._held.assignment))
 
     # -- frames
 
-    def _on_ConnectToSplatServers(self, request: messages.ConnectToSplatServers) -> None:
+    @takes(messages.ConnectToSplatServers)
+    def _connect_to_splat_servers(self, request: messages.ConnectToSplatServers) -> None:
         if len(request.routes) != 1:
             raise BadInput(f"this version draws with one splat server, not {len(request.routes)}")
         route = request.routes[0]
@@ -149,11 +152,13 @@ class MapShadeServer:
             self._data_link.close()
         self._data_link = None
 
-    def _on_AbortFrame(self, request: messages.AbortFrame) -> None:
+    @takes(messages.AbortFrame)
+    def _abort_frame(self, request: messages.AbortFrame) -> None:
         # The frame's walk ended before this request's turn came.
         self._client.send(messages.FrameAborted(frame=request.frame))
 
-    def _on_RenderFrame(self, request: messages.RenderFrame) -> None:
+    @takes(messages.RenderFrame)
+    def _render_frame(self, request: messages.RenderFrame) -> None:
         self._held.check(request.assignment, f"frame {request.frame}")
         link = self._data_link
         if link is None:
@@ -176,7 +181,8 @@ class MapShadeServer:
             while self._probes and self._probes[0].assignment == self._held.assignment:
                 self._answer(self._probes[0])
 
-    def _on_ProbeVoxels(self, request: messages.ProbeVoxels) -> None:
+    @takes(messages.ProbeVoxels)
+    def _probe_voxels(self, request: messages.ProbeVoxels) -> None:
         if not self._probes or self._probes[0] is not request:
             return  # it was answered between two batches
         self._probes.popleft()
@@ -202,3 +208,9 @@ class MapShadeServer:
         tally.sending_seconds += time.perf_counter() - started
         tally.waiting_seconds += link.counters.seconds_in_send - waited
         tally.count(batch)
+
+
+OWNERS = (MapShadeServer, HeldVolume)
+HANDLERS = handlers(MapShadeServer)
+
+check_handlers(taken_by(Role.MAPSHADE_SERVER), *OWNERS)

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES
 from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.connection import Connection
@@ -158,8 +159,7 @@ class DataLinks:
             received = link.receive()
             if received is None:
                 return
-            assert isinstance(received.message, messages.Batch), "no other message goes this way"
-            self._take(link, received.message, received.payload)
+            HANDLERS[type(received.message)].method(self, received.message, link, received.payload)
 
     def _hold_back(self, link: Connection) -> bool:
         """Wait while the worker's buffers are full. False where the link is out of use."""
@@ -174,7 +174,8 @@ class DataLinks:
     def _in_use(self, link: Connection) -> bool:
         return self._links.get(link.peer.id) is link and not link.closed
 
-    def _take(self, link: Connection, message: messages.Batch, payload: memoryview) -> None:
+    @takes(messages.Batch)
+    def _take(self, message: messages.Batch, link: Connection, payload: memoryview) -> None:
         """Hand a batch to the merge. Raises RemoteProtocolError where it breaks the rules."""
         runs = payload[: message.run_count * ROW_RUN_BYTES]
         try:
@@ -194,6 +195,9 @@ class DataLinks:
         for instruction in instructions:
             if isinstance(instruction, RefuseBatch):
                 raise _broken(link, instruction.fault)
+
+
+HANDLERS = handlers(DataLinks)
 
 
 def _broken(link: Connection, fault: str) -> RemoteProtocolError:

@@ -8,7 +8,9 @@ honest worker leaves a frame because the client wants a newer one, which ends it
 """
 
 from dataclasses import dataclass
+from typing import get_args
 
+from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.splat_server._kernels import SortedBuffers
 from volsplat.splat_server.merge_events import (
     Batch,
@@ -64,8 +66,7 @@ class Merge:
 
     def handle(self, event: Event) -> list[Instruction]:
         """Raises ValueError for an event that cannot happen here: a frame that starts twice or goes back."""
-        handler = getattr(self, f"_handle_{_snake_case(type(event).__name__)}")
-        instructions: list[Instruction] = handler(event)
+        instructions: list[Instruction] = HANDLERS[type(event)].method(self, event)
         return instructions
 
     @property
@@ -95,7 +96,8 @@ class Merge:
         """
         return self.buffered_bytes(worker) < CONNECTION_BUDGET
 
-    def _handle_frame_started(self, event: FrameStarted) -> list[Instruction]:
+    @takes(FrameStarted)
+    def _frame_started(self, event: FrameStarted) -> list[Instruction]:
         if event.frame <= self._newest:
             raise ValueError(f"frame {event.frame} cannot start after frame {self._newest}")
         if len(set(event.workers)) != len(event.workers):
@@ -114,12 +116,13 @@ class Merge:
         instructions: list[Instruction] = []
         for worker, batches in self._taken_from_held(event.frame):
             for batch in batches:
-                instructions += self._handle_batch_arrived(BatchArrived(worker, event.frame, batch))
+                instructions += self._batch_arrived(BatchArrived(worker, event.frame, batch))
         for worker in sorted((self._gone | self._held.keys()).intersection(event.workers)):
             self._lose(worker)
         return instructions
 
-    def _handle_batch_arrived(self, event: BatchArrived) -> list[Instruction]:
+    @takes(BatchArrived)
+    def _batch_arrived(self, event: BatchArrived) -> list[Instruction]:
         worker, frame, batch = event.worker, event.frame, event.batch
         if worker in self._gone:
             return []
@@ -148,17 +151,20 @@ class Merge:
             running.unfinished.discard(worker)
         return []
 
-    def _handle_worker_lost(self, event: WorkerLost) -> list[Instruction]:
+    @takes(WorkerLost)
+    def _worker_lost(self, event: WorkerLost) -> list[Instruction]:
         self._gone.add(event.worker)
         self._let_go(event.worker)
         self._lose(event.worker)
         return []
 
-    def _handle_worker_linked(self, event: WorkerLinked) -> list[Instruction]:
+    @takes(WorkerLinked)
+    def _worker_linked(self, event: WorkerLinked) -> list[Instruction]:
         self._gone.discard(event.worker)
         return []
 
-    def _handle_splatter_ready(self, event: SplatterReady) -> list[Instruction]:
+    @takes(SplatterReady)
+    def _splatter_ready(self, event: SplatterReady) -> list[Instruction]:
         running = self._running
         if running is None or event.frame != running.frame:
             return []
@@ -174,7 +180,8 @@ class Merge:
             self._running = None
         return instructions
 
-    def _handle_frame_aborted(self, event: FrameAborted) -> list[Instruction]:
+    @takes(FrameAborted)
+    def _frame_aborted(self, event: FrameAborted) -> list[Instruction]:
         self._newest = max(self._newest, event.frame)
         if self._running and self._running.frame <= event.frame:
             self._end_frame()
@@ -183,7 +190,7 @@ class Merge:
 
     def _refuse(self, worker: WorkerId, frame: FrameId, fault: str) -> list[Instruction]:
         instructions: list[Instruction] = [RefuseBatch(worker, frame, f"frame {frame}, worker {worker}: {fault}")]
-        return instructions + self._handle_worker_lost(WorkerLost(worker))
+        return instructions + self._worker_lost(WorkerLost(worker))
 
     def _lose(self, worker: WorkerId) -> None:
         """The running frame, if it is still waiting for the worker's last batch, must do without."""
@@ -264,5 +271,6 @@ class Merge:
         assert not self._held.keys() & running.unfinished, "a worker that has gone on is awaited"
 
 
-def _snake_case(name: str) -> str:
-    return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name).lstrip("_")
+HANDLERS = handlers(Merge)
+
+check_handlers(get_args(Event), Merge)

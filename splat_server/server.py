@@ -15,7 +15,10 @@ from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.exchanges import superseded
+from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.listener import Listener
@@ -105,7 +108,7 @@ class SplatServer:
             elif request is None:
                 return
             else:
-                self._answer(request)
+                HANDLERS[type(request)].method(self, request)
 
     def _wait_for_work(self) -> None:
         assembly = self._assembly if self._drawing else None
@@ -183,24 +186,28 @@ class SplatServer:
 
     # -- the client's requests, on the working thread
 
-    def _answer(self, request: messages.Message) -> None:
-        match request:
-            case messages.RenderFrame():
-                try:
-                    self._begin(request)
-                except Exception as error:
-                    self._refuse_frame(request, error)
-            case messages.AbortFrame(frame=frame):
-                self._abort(frame)
-                self._outbox.post(messages.FrameAborted(frame=frame))
-            case messages.ReadImage() if self._outbox.holds_image:
-                still_wanted = [wanted for wanted in self._images_wanted if not superseded(wanted, request)]
-                self._images_wanted = deque([*still_wanted, request])
-            case messages.ReadImage(frame=frame):
-                try:
-                    self._post_image(frame)
-                except Exception as error:
-                    self._outbox.post(refusal(request, error))
+    @takes(messages.RenderFrame)
+    def _render_frame(self, request: messages.RenderFrame) -> None:
+        try:
+            self._begin(request)
+        except Exception as error:
+            self._refuse_frame(request, error)
+
+    @takes(messages.AbortFrame)
+    def _abort_frame(self, request: messages.AbortFrame) -> None:
+        self._abort(request.frame)
+        self._outbox.post(messages.FrameAborted(frame=request.frame))
+
+    @takes(messages.ReadImage)
+    def _read_image(self, request: messages.ReadImage) -> None:
+        if self._outbox.holds_image:
+            still_wanted = [wanted for wanted in self._images_wanted if not superseded(wanted, request)]
+            self._images_wanted = deque([*still_wanted, request])
+            return
+        try:
+            self._post_image(request.frame)
+        except Exception as error:
+            self._outbox.post(refusal(request, error))
 
     def _begin(self, request: messages.RenderFrame) -> None:
         self._frame_began = time.perf_counter()
@@ -252,16 +259,12 @@ class SplatServer:
     def _receive_requests(self) -> None:
         try:
             while (received := self._client.receive()) is not None:
-                if isinstance(received.message, messages.EndSession):
+                if received.message.ends:
                     break
-                if isinstance(received.message, messages.InviteWorkers):
-                    self._invitations.replace(received.message.keys)
-                    continue
-                with self._changed:
-                    for older in [request for request in self._requests if superseded(request, received.message)]:
-                        self._requests.remove(older)
-                    self._requests.append(received.message)
-                    self._changed.notify_all()
+                if isinstance(received.message, messages.InviteWorkers):  # must not wait behind a frame
+                    self._invite(received.message)
+                else:
+                    self._put(received.message)
             self._end()
         except VolsplatError as error:
             self._end(error)
@@ -270,6 +273,18 @@ class SplatServer:
         except Exception as error:  # whatever it is: nobody else hears the client
             log.exception("the client is not heard any more")
             self._end(VolsplatError(f"the client is not heard any more: {type(error).__name__}: {error}"))
+
+    @takes(messages.InviteWorkers)
+    def _invite(self, request: messages.InviteWorkers) -> None:
+        self._invitations.replace(request.keys)
+
+    def _put(self, request: messages.Message) -> None:
+        """Have the working thread answer it in its turn."""
+        with self._changed:
+            for older in [waiting for waiting in self._requests if superseded(waiting, request)]:
+                self._requests.remove(older)
+            self._requests.append(request)
+            self._changed.notify_all()
 
     def _end(self, failure: VolsplatError | None = None) -> None:
         """The session is over; only the first cause counts."""
@@ -288,3 +303,9 @@ class SplatServer:
     def _notify(self) -> None:
         with self._changed:
             self._changed.notify_all()
+
+
+OWNERS = (SplatServer, DataLinks)
+HANDLERS = handlers(SplatServer)
+
+check_handlers(taken_by(Role.SPLAT_SERVER), *OWNERS)

@@ -46,7 +46,7 @@ from volsplat.protocol.messages.session_messages import (
     Refused,
     Route,
 )
-from volsplat.protocol.messages.vocabulary import sent_to
+from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import VolumeDescribed
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 
@@ -242,4 +242,4 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
 
 OWNERS = (Coordinator, VolumeHolding, Frames, Probes)
 
-check_handlers({*get_args(Event), *sent_to(Role.CLIENT)}, *OWNERS)
+check_handlers({*get_args(Event), *taken_by(Role.CLIENT)}, *OWNERS)

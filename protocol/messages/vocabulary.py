@@ -14,9 +14,9 @@ MESSAGES = tuple(  # of an open connection
 )
 
 
-def sent_to(receiver: Role) -> frozenset[type[Message]]:
-    """What may come to it once the handshake is over."""
-    return frozenset(kind for kind in MESSAGES if any(way.receiver is receiver for way in kind.ways))
+def taken_by(receiver: Role) -> frozenset[type[Message]]:
+    """What it must have handlers for: all that may come once the handshake is over, but for what ends the session."""
+    return frozenset(kind for kind in MESSAGES if not kind.ends and any(way.receiver is receiver for way in kind.ways))
 
 
 def _check() -> None:
