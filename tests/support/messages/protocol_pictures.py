@@ -10,7 +10,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+from volsplat.client.coordinator.coordinator import OWNERS
+from volsplat.client.coordinator.phase import Phase
 from volsplat.protocol.messages.exchanges import EXCHANGES
+from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.wire.handshake import BEGIN, TRANSITIONS, Side
 
@@ -52,11 +55,27 @@ def exchange_table() -> str:
     return "\n".join(lines)
 
 
+def phase_table() -> str:
+    """What servers may say in each phase of the volume's way into them; the rest cuts them off."""
+    states = {
+        kind: handler.states or tuple(Phase)
+        for owner in OWNERS
+        for kind, handler in handlers(owner).items()
+        if kind in MESSAGES
+    }
+    lines = ["| the volume is | a server may say |", "|---|---|"]
+    for phase in Phase:
+        said = sorted(kind.__name__ for kind, phases in states.items() if phase in phases)
+        lines.append(f"| {phase.value} | {', '.join(said)} |")
+    return "\n".join(lines)
+
+
 PICTURES: dict[str, Callable[[], str]] = {
     "dialler": lambda: handshake_picture(Side.DIALLER),
     "accepter": lambda: handshake_picture(Side.ACCEPTER),
     "messages": message_table,
     "exchanges": exchange_table,
+    "phases": phase_table,
 }
 
 _PLACE = re.compile(r"(<!-- picture: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
