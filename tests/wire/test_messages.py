@@ -1,15 +1,19 @@
 """The messages' declarations agree: struct, ways, docstring, recorded bytes; bad fields are named."""
 
-from typing import Any
+from itertools import count
+from typing import Annotated, Any
 
 import msgspec
 import pytest
 
-from support.messages.message_samples import RECORDED, SAMPLES, STRATEGIES, framed, speech_for
+from support.messages import protocol_schema
+from support.messages.message_samples import RECORDED, SAMPLES, SCHEMA, STRATEGIES, framed, speech_for
+from support.messages.protocol_schema import schema_hash
 from volsplat.protocol.messages import greetings, messages
 from volsplat.protocol.messages.control_part import decode_control, encode_control
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import DATA_LINK_TO_SPLAT, Way
+from volsplat.protocol.messages.versions import SPOKEN
 from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
 from volsplat.protocol.text.errors import LocalProtocolError, RemoteProtocolError
 from volsplat.protocol.wire.framing import Decoder
@@ -42,6 +46,29 @@ def test_recorded_bytes_of_this_version_decode_for_ever(kind: type[Message]) -> 
     path = RECORDED / f"{kind.__name__}.bin"
     (received,) = Decoder(speech_for(kind)).feed(path.read_bytes())
     assert (received.message, bytes(received.payload)) == SAMPLES[kind]
+
+
+def test_another_schema_has_another_version() -> None:
+    recorded = SCHEMA.read_text(encoding="ascii").strip()
+    assert schema_hash() == recorded, (
+        f"messages or scenes are not those of version {SPOKEN.newest}: raise the version in protocol's versions.py "
+        f"and record it (see message_samples); if it was not released yet, remove {SCHEMA.name} and record that anew"
+    )
+
+
+def test_the_schema_knows_fields_and_limits_but_no_prose(monkeypatch: pytest.MonkeyPatch) -> None:
+    def hash_with(**fields: Any) -> str:
+        kind = msgspec.defstruct("Limited", list(fields.items()), bases=(Message,))
+        kind.__doc__ = next(prose)
+        monkeypatch.setattr(protocol_schema, "MESSAGES", (*MESSAGES, kind))
+        return schema_hash()
+
+    prose = (f"Said in words {n}." for n in count())
+    hashes = [
+        hash_with(size=Annotated[int, msgspec.Meta(le=limit)], **more)
+        for limit, more in ((9, {}), (9, {}), (8, {}), (9, {"name": str}), (9, {"description": str}))
+    ]
+    assert hashes[0] == hashes[1] and len(set(hashes)) == len(hashes) - 1
 
 
 @kinds

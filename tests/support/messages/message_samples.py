@@ -9,6 +9,7 @@ from typing import Any
 from hypothesis import strategies as st
 
 from support.checkout import ROOT
+from support.messages.protocol_schema import schema_hash
 from support.scenes.arbitrary import geometries, situations
 from support.scenes.scenes import scenes
 from volsplat.protocol.description.kind import Band, Kind
@@ -32,6 +33,7 @@ from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.wire.framing import HEADER, MAGIC
 
 RECORDED = ROOT / "tests" / "recorded" / f"protocol-{SPOKEN.newest}"
+SCHEMA = RECORDED / "schema.sha256"
 
 GEOMETRY = Geometry((4, 5, 6), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)), (1.0, -2.0, 3.0))
 DESCRIPTION = VolumeDescription(
@@ -313,6 +315,9 @@ def main() -> None:
         if not path.exists():
             path.write_bytes(sample_bytes(kind))
             print(f"recorded {path.name}")
+    if not SCHEMA.exists():
+        SCHEMA.write_text(schema_hash() + "\n", encoding="ascii")
+        print(f"recorded {SCHEMA.name}")
 
 
 if __name__ == "__main__":
