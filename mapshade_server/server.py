@@ -5,7 +5,6 @@ requests in order. A frame stops between two batches, so an abort takes no longe
 answered there as well.
 """
 
-import logging
 import sys
 import threading
 import time
@@ -21,7 +20,7 @@ from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
-from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -30,8 +29,6 @@ from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.tokens import Token
-
-log = logging.getLogger(__name__)
 
 
 class MapShadeServer:
@@ -74,13 +71,8 @@ class MapShadeServer:
         try:
             while self._receive_next():
                 pass
-        except VolsplatError as error:
-            self._failure = error
-        except MemoryError:
-            self._failure = VolsplatError(f"the memory does not suffice for what {self._client} sends")
         except Exception as error:  # whatever it is: nobody else hears the client
-            log.exception("the client is not heard any more")
-            self._failure = VolsplatError(f"the client is not heard any more: {type(error).__name__}: {error}")
+            self._failure = why_unheard(self._client, error)
         self._newest_frame = self._newest_assignment = sys.maxsize
         self._requests.end()
         # What is being sent is of no use any more, and a peer that does not read would hold it up for ever.

@@ -6,7 +6,6 @@ and requests for the image never wait long. Others receive from the client, send
 the map/shade servers (see data_links).
 """
 
-import logging
 import threading
 import time
 from collections import deque
@@ -16,7 +15,7 @@ from volsplat.program.this_machine import this_machine
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.exchanges import superseded
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
-from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.text.errors import VolsplatError
@@ -29,8 +28,6 @@ from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import FrameAborted
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.tile_news import TileNews
-
-log = logging.getLogger(__name__)
 
 # What is merged between two looks at the client's requests, by whichever is reached first: some milliseconds.
 PACKETS_AT_ONCE = 1 << 17
@@ -146,8 +143,8 @@ class SplatServer:
             )
         )
         if not progress.lost:
-            self._images_wanted.clear()  # whoever asked for it as it stood gets it finished
-            self._images_wanted.append(messages.ReadImage(frame=assembly.frame))
+            # Whoever asked for it as it stood gets it finished.
+            self._images_wanted = deque([messages.ReadImage(frame=assembly.frame)])
 
     def _may_hide_more(self, assembly: FrameAssembly) -> bool:
         """Whether more is hidden than the workers know of, or is about to be."""
@@ -266,13 +263,8 @@ class SplatServer:
                 else:
                     self._put(received.message)
             self._end()
-        except VolsplatError as error:
-            self._end(error)
-        except MemoryError:
-            self._end(VolsplatError(f"the memory does not suffice for what {self._client} sends"))
         except Exception as error:  # whatever it is: nobody else hears the client
-            log.exception("the client is not heard any more")
-            self._end(VolsplatError(f"the client is not heard any more: {type(error).__name__}: {error}"))
+            self._end(why_unheard(self._client, error))
 
     @takes(messages.InviteWorkers)
     def _invite(self, request: messages.InviteWorkers) -> None:
@@ -281,19 +273,17 @@ class SplatServer:
     def _put(self, request: messages.Message) -> None:
         """Have the working thread answer it in its turn."""
         with self._changed:
-            for older in [waiting for waiting in self._requests if superseded(waiting, request)]:
-                self._requests.remove(older)
-            self._requests.append(request)
+            still_wanted = [waiting for waiting in self._requests if not superseded(waiting, request)]
+            self._requests = deque([*still_wanted, request])
             self._changed.notify_all()
 
     def _end(self, failure: VolsplatError | None = None) -> None:
         """The session is over; only the first cause counts."""
         with self._changed:
-            if self._over:
-                return
-            self._over, self._failure = True, failure
-            self._requests.append(None)
-            self._changed.notify_all()
+            if not self._over:
+                self._over, self._failure = True, failure
+                self._requests.append(None)
+                self._changed.notify_all()
 
     def _note_news(self) -> None:
         with self._changed:

@@ -1,4 +1,4 @@
-"""How a server answers a request that failed: one clear line to the client, whatever went wrong."""
+"""How a server answers a request that failed, or ends without its client: by one clear line, whatever went wrong."""
 
 import logging
 
@@ -23,6 +23,17 @@ def refusal(request: Message, error: Exception) -> Refused:
         peer_lost=isinstance(error, PeerLost),
         probe=getattr(request, "probe", 0),
     )
+
+
+def why_unheard(client: object, error: Exception) -> VolsplatError:
+    """Why a server hears its client no more, once receiving has ended in `error`."""
+    match error:
+        case VolsplatError():
+            return error
+        case MemoryError():
+            return VolsplatError(f"the memory does not suffice for what {client} sends")
+    log.error("the client is not heard any more", exc_info=error)
+    return VolsplatError(f"the client is not heard any more: {type(error).__name__}: {error}")
 
 
 def _cause(error: Exception) -> str:
