@@ -20,7 +20,7 @@ from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import BatchMemory
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
-from volsplat.splat_server.merge_events import Batch, BatchArrived, RefuseBatch, WorkerLinked, WorkerLost
+from volsplat.splat_server.merge_events import BatchArrived, BufferedBatch, RefuseBatch, WorkerLinked, WorkerLost
 
 log = logging.getLogger(__name__)
 
@@ -182,7 +182,7 @@ class DataLinks:
             memory = BatchMemory(runs, payload[len(runs) :])
         except ValueError as fault:
             raise _broken(link, f"frame {message.frame}: {fault}") from fault
-        batch = Batch(memory, (message.reached_sheet, message.reached_row), message.last)
+        batch = BufferedBatch(memory, (message.reached_sheet, message.reached_row), message.last)
         with self._changed:
             if not self._in_use(link):
                 return

@@ -13,8 +13,8 @@ from volsplat.splat_server.edge_layers import edge_layers
 from volsplat.splat_server.image_buffer import ImageBuffer
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
-    Batch,
     BatchArrived,
+    BufferedBatch,
     CompleteFrame,
     Event,
     FrameStarted,
@@ -105,7 +105,7 @@ class FrameAssembly:
             memory = BatchMemory(runs, packets)
         except ValueError as fault:
             raise RemoteProtocolError(f"frame {self.frame}, worker {worker}: {fault}") from None
-        for instruction in self._handle(BatchArrived(worker, self.frame, Batch(memory, reached, last))):
+        for instruction in self._handle(BatchArrived(worker, self.frame, BufferedBatch(memory, reached, last))):
             if isinstance(instruction, RefuseBatch):
                 raise RemoteProtocolError(instruction.fault)
 

@@ -13,11 +13,11 @@ from typing import get_args
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.splat_server._kernels import SortedBuffers
 from volsplat.splat_server.merge_events import (
-    Batch,
     BatchArrived,
+    BufferedBatch,
     CompleteFrame,
     Event,
-    FrameAborted,
+    FrameDropped,
     FrameId,
     FrameStarted,
     Instruction,
@@ -40,7 +40,7 @@ class _RunningFrame:
     frame: FrameId
     workers: tuple[WorkerId, ...]  # in the kernel's order
     buffers: SortedBuffers
-    batches: dict[int, tuple[WorkerId, Batch]]  # by the id that the kernel knows
+    batches: dict[int, tuple[WorkerId, BufferedBatch]]  # by the id that the kernel knows
     unfinished: set[WorkerId]
     lost: set[WorkerId]
 
@@ -50,7 +50,7 @@ class _Held:
     """Batches of one worker for a frame that has not started."""
 
     frame: FrameId
-    batches: list[Batch]
+    batches: list[BufferedBatch]
 
 
 class Merge:
@@ -180,8 +180,8 @@ class Merge:
             self._running = None
         return instructions
 
-    @takes(FrameAborted)
-    def _frame_aborted(self, event: FrameAborted) -> list[Instruction]:
+    @takes(FrameDropped)
+    def _frame_dropped(self, event: FrameDropped) -> list[Instruction]:
         self._newest = max(self._newest, event.frame)
         if self._running and self._running.frame <= event.frame:
             self._end_frame()
@@ -212,7 +212,7 @@ class Merge:
             worker, batch = running.batches.pop(batch_id)
             self._buffer(worker, -batch.weight)
 
-    def _hold(self, worker: WorkerId, frame: FrameId, batch: Batch) -> None:
+    def _hold(self, worker: WorkerId, frame: FrameId, batch: BufferedBatch) -> None:
         """Keep a batch until its frame starts."""
         held = self._held.get(worker)
         if held is None or held.frame != frame:
@@ -221,14 +221,14 @@ class Merge:
         held.batches.append(batch)
         self._buffer(worker, batch.weight)
 
-    def _let_go(self, worker: WorkerId) -> list[Batch]:
+    def _let_go(self, worker: WorkerId) -> list[BufferedBatch]:
         """What was held of the worker."""
         held = self._held.pop(worker, None)
         batches = held.batches if held else []
         self._buffer(worker, -sum(batch.weight for batch in batches))
         return batches
 
-    def _taken_from_held(self, frame: FrameId) -> list[tuple[WorkerId, list[Batch]]]:
+    def _taken_from_held(self, frame: FrameId) -> list[tuple[WorkerId, list[BufferedBatch]]]:
         """Let go of what is held up to this frame; what is held for it is returned."""
         taken = [
             (worker, held.frame, self._let_go(worker))

@@ -11,7 +11,7 @@ BATCH_OVERHEAD = 8 << 10  # bytes that a batch costs beside its own, at most: ob
 
 
 @dataclass(frozen=True)
-class Batch:
+class BufferedBatch:
     """What a worker sent: nothing that it sends later lies before `reached`, and after `last` nothing comes."""
 
     memory: BatchMemory
@@ -38,7 +38,7 @@ class FrameStarted:
 class BatchArrived:
     worker: WorkerId
     frame: FrameId
-    batch: Batch
+    batch: BufferedBatch
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ class SplatterReady:
 
 
 @dataclass(frozen=True)
-class FrameAborted:
+class FrameDropped:
     frame: FrameId
 
 
-Event = FrameStarted | BatchArrived | WorkerLost | WorkerLinked | SplatterReady | FrameAborted
+Event = FrameStarted | BatchArrived | WorkerLost | WorkerLinked | SplatterReady | FrameDropped
 
 
 # Instructions
@@ -78,7 +78,7 @@ Event = FrameStarted | BatchArrived | WorkerLost | WorkerLinked | SplatterReady 
 class SplatSpans:
     frame: FrameId
     spans: SpanList
-    keeps_alive: tuple[Batch, ...]  # the memory that the spans lie in
+    keeps_alive: tuple[BufferedBatch, ...]  # the memory that the spans lie in
 
 
 @dataclass(frozen=True)

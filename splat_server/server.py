@@ -25,7 +25,7 @@ from volsplat.splat_server.data_links import DataLinks
 from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
-from volsplat.splat_server.merge_events import FrameAborted
+from volsplat.splat_server.merge_events import FrameDropped
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.tile_news import TileNews
 
@@ -234,7 +234,7 @@ class SplatServer:
 
     def _abort(self, frame: int) -> None:
         with self._changed:
-            self._merge.handle(FrameAborted(frame))
+            self._merge.handle(FrameDropped(frame))
             self._changed.notify_all()
         if self._assembly is not None and self._assembly.frame <= frame:
             self._assembly.abort()
@@ -297,5 +297,4 @@ class SplatServer:
 
 OWNERS = (SplatServer, DataLinks)
 HANDLERS = handlers(SplatServer)
-
 check_handlers(taken_by(Role.SPLAT_SERVER), *OWNERS)

@@ -17,11 +17,11 @@ from volsplat.splat_server.image_buffer import ImageBuffer
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
     BATCH_OVERHEAD,
-    Batch,
     BatchArrived,
+    BufferedBatch,
     CompleteFrame,
     Event,
-    FrameAborted,
+    FrameDropped,
     FrameStarted,
     Instruction,
     MarkIncomplete,
@@ -60,7 +60,7 @@ class Delivery:
     """All runs of a frame in order, and the same divided among workers and cut into batches."""
 
     runs: list[Run]
-    batches: dict[int, list[Batch]]
+    batches: dict[int, list[BufferedBatch]]
 
 
 @st.composite
@@ -90,7 +90,7 @@ def _dot(chance: random.Random) -> Dot:
     return Dot(chance.randrange(SIZE * 64), chance.randrange(SIZE * 64), chance.randrange(1, OPACITY_CODES), colour)
 
 
-def _cut(runs: list[Run], chance: random.Random) -> list[Batch]:
+def _cut(runs: list[Run], chance: random.Random) -> list[BufferedBatch]:
     """Batches of any size, empty ones among them; `reached` is anything true."""
     batches, at = [], 0
     while at < len(runs):
@@ -235,7 +235,7 @@ def test_an_aborted_frame_lets_go_of_everything() -> None:
     checked.handle(FrameStarted(3, (1,), COUNTS))
     checked.handle(BatchArrived(1, 3, batch_of([run(0, 0)])))
     checked.handle(BatchArrived(1, 4, batch_of([run(0, 0)])))
-    checked.handle(FrameAborted(4))
+    checked.handle(FrameDropped(4))
     assert checked.merge.running_frame is None and checked.merge.buffered_bytes(1) == 0
     assert checked.handle(SplatterReady(3, 100)) == []
     assert checked.handle(BatchArrived(1, 4, batch_of([run(0, 0)]))) == []
@@ -248,7 +248,7 @@ def test_spans_stay_readable_though_their_frame_is_aborted_before_they_are_splat
     merge.handle(BatchArrived(1, 1, batch_of([run(0, 0)])))
     splat = merge.handle(SplatterReady(1, 100))[0]
     assert isinstance(splat, SplatSpans)
-    merge.handle(FrameAborted(1))
+    merge.handle(FrameDropped(1))
     image = ImageBuffer(SIZE, SIZE)
     image.splat(splat.spans, TABLE, Order.BACK_TO_FRONT)
     assert image.snapshot() == one_sequence([run(0, 0)])

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from volsplat.protocol.rules.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN
 from volsplat.splat_server import _kernels
-from volsplat.splat_server.merge_events import Batch
+from volsplat.splat_server.merge_events import BufferedBatch
 
 FARTHEST = (1 << POSITION_BITS) - 1
 
@@ -59,11 +59,11 @@ def batch_bytes(runs: Iterable[Run]) -> tuple[bytes, bytes]:
     return b"".join(run for run, _ in packed), b"".join(packets for _, packets in packed)
 
 
-def batch_of(runs: Sequence[Run], last: bool = False, reached: tuple[int, int] | None = None) -> Batch:
+def batch_of(runs: Sequence[Run], last: bool = False, reached: tuple[int, int] | None = None) -> BufferedBatch:
     """`reached` is the last run's own row unless told."""
     if reached is None:
         reached = (runs[-1].sheet, runs[-1].row) if runs else (0, 0)
-    return Batch(_kernels.BatchMemory(*batch_bytes(runs)), reached, last)
+    return BufferedBatch(_kernels.BatchMemory(*batch_bytes(runs)), reached, last)
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class PinnedSpans:
     """Spans hold addresses only; this keeps their memory."""
 
     spans: _kernels.SpanList
-    batch: Batch
+    batch: BufferedBatch
 
 
 def spans_of(runs: Sequence[Run], counts: tuple[int, int, int] = (1 << 20, 1 << 20, 1 << 20)) -> PinnedSpans:
