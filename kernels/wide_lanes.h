@@ -46,11 +46,13 @@ inline Words looked_up(const std::uint16_t* table, Words places) {
     return (Words)_mm512_i32gather_epi32((__m512i)places, table, 2) & 0xFFFF;
 }
 
-// Of words in memory, a bit for each: the highest one of what is computed of it.
+// Of words in memory, a bit for each: the highest one of what is computed of it. There `bit_as_sign` moves that bit of
+// a word to the highest place which the lowest five bits of `places` number.
 template <class Compute>
 inline std::uint32_t signs_of(const std::uint32_t* words, const Compute& compute) {
     return signs(compute(load<Words>(words)));
 }
+inline Words bit_as_sign(Words words, Words places) { return words << (31 & ~places); }
 
 // A table of eight words, looked up by the lowest three bits of each place.
 class EightWords {
@@ -142,6 +144,7 @@ template <class Compute>
 inline std::uint32_t signs_of(const std::uint32_t* words, const Compute& compute) {
     return signs(compute(load<Words>(words)));
 }
+inline Words bit_as_sign(Words words, Words places) { return words << (31 & ~places); }
 
 class EightWords {
 public:
@@ -246,6 +249,7 @@ inline std::uint32_t signs_of(const std::uint32_t* words, const Compute& compute
     for (int lane = 0; lane < kWidest; ++lane) bits |= compute(words[lane]) >> 31 << lane;
     return bits;
 }
+inline std::uint32_t bit_as_sign(std::uint32_t word, std::uint32_t place) { return word >> (place & 31) << 31; }
 
 class EightWords {
 public:

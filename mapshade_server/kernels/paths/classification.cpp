@@ -15,10 +15,10 @@ public:
 
     // A bit for each packet.
     std::uint32_t operator()(const std::uint32_t* packets) const {
-        // A word of 32 bits is picked by the byte's upper bits, and shifted until the wanted bit is the sign
+        // A word of 32 bits is picked by the byte's upper bits
         return signs_of(packets, [this](auto packet) {
-            const auto strength = packet >> 8;
-            return density_[packet >> 5] << (31 & ~packet) & strength_[packet >> 13] << (31 & ~strength) & ~packet;
+            return bit_as_sign(density_[packet >> 5], packet) & bit_as_sign(strength_[packet >> 13], packet >> 8) &
+                   ~packet;
         });
     }
 

@@ -6,13 +6,16 @@
 namespace volsplat::VOLSPLAT_PATH {
 
 bool opacity_by_packet(const std::uint32_t* packets, std::size_t n, const std::uint16_t* table, std::uint16_t* codes) {
-    std::uint32_t zeros = 0;
-    for (std::size_t at = 0; at < n; at += kWidest) {
+    Words below{};  // the sign of a lane is set once it has met a zero
+    const auto look_up = [&](std::size_t at) {
         const Words found = looked_up(table, load<Words>(packets + at) & 0xFFFF);
         store_narrowed(codes + at, found);
-        zeros |= signs(found - 1) & lanes_before(n - at);
-    }
-    return zeros == 0;
+        return found - 1;
+    };
+    std::size_t at = 0;
+    for (; at + kWidest <= n; at += kWidest) below |= look_up(at);
+    const std::uint32_t last = at < n ? signs(look_up(at)) & lanes_before(n - at) : 0;
+    return (signs(below) | last) == 0;
 }
 
 bool opacity_by_indices(const TableIndices& opac, const TableIndices& modu, std::size_t n, const std::uint16_t* table,
