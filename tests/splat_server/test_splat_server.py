@@ -90,6 +90,14 @@ class Bench:
         hello = new_hello(Role.DATA_LINK, server=worker)
         return connect(self._data.address, hello, self._token.bound_to(KEYS[worker]), Role.SPLAT_SERVER, server=1)
 
+    def link_anew(self, worker: int) -> None:
+        """Once the server has noticed that the worker's link is lost, have it take another one."""
+        for thread in self.link_threads(worker):
+            thread.join(PATIENCE)
+        self.links[worker] = self.linked(worker)
+        while not self.link_threads(worker):
+            assert not self.links[worker].closed
+
     def link_threads(self, worker: int) -> list[threading.Thread]:
         """The server's threads that receive from a worker."""
         name = f"receive from {Role.DATA_LINK} {worker} "
@@ -343,7 +351,6 @@ def test_a_link_that_takes_the_place_of_another_is_no_loss(bench: Bench) -> None
     old.close()
     old_thread.join(PATIENCE)
     assert bench.draws(3, of_workers).complete
-    [thread] = bench.link_threads(worker)
     bench.links[worker].close()
     bench.renders(4)
     for other in (WORKERS[0], WORKERS[2]):
@@ -351,10 +358,7 @@ def test_a_link_that_takes_the_place_of_another_is_no_loss(bench: Bench) -> None
             bench.sends(other, 4, sequence, batch)
     finished = bench.hears(messages.FrameFinished)[0]
     assert isinstance(finished, messages.FrameFinished) and finished.lost == [worker]
-    thread.join(PATIENCE)
-    bench.links[worker] = bench.linked(worker)
-    while not bench.link_threads(worker):
-        assert not bench.links[worker].closed
+    bench.link_anew(worker)
     assert bench.draws(5, of_workers).complete
 
 
@@ -522,5 +526,5 @@ def test_a_link_for_which_there_is_no_thread_is_dropped_and_the_next_one_taken(
         with bench.linked(WORKERS[0]) as link, pytest.raises(PeerLost):
             link.receive()
     bench.links[WORKERS[0]].close()  # it was replaced
-    bench.links[WORKERS[0]] = bench.linked(WORKERS[0])
+    bench.link_anew(WORKERS[0])
     assert bench.draws(1, batches(slabs(0, 8, 16))).complete
