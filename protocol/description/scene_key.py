@@ -125,7 +125,7 @@ class Declared(NamedTuple):
         elif isinstance(value, tuple) and limits is not None:
             for channel in value:
                 check_within(f"a {self.name} channel", channel, limits)
-        elif limits is not None and not isinstance(value, str):
+        elif limits is not None and not isinstance(value, str) and not limits.hold(value):
             check_within(self.name, value, limits, self._after_limits)
 
     @property
