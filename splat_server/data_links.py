@@ -74,6 +74,9 @@ class DataLinks:
 
     def close(self) -> None:
         self._listener.close()
+        self._close_links()
+
+    def _close_links(self) -> None:
         with self._changed:
             links = list(self._links.values())
             self._links.clear()
@@ -118,6 +121,7 @@ class DataLinks:
                 self._take_up(link)
             else:  # the client has thought better of it since the handshake
                 link.close()
+        self._close_links()  # one may have been taken up while all were closed
 
     def _take_up(self, link: Connection) -> None:
         """Read from a link, in the place of the one that its worker had before."""

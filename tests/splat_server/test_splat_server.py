@@ -38,6 +38,7 @@ from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server import merge, server
+from volsplat.splat_server.data_links import DataLinks
 from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.outbox import Outbox
@@ -411,6 +412,24 @@ def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
     assert isinstance(bench.failure, PeerLost)
     with pytest.raises(PeerLost):
         bench.links[WORKERS[0]].receive()
+
+
+def test_a_link_that_is_taken_up_once_the_server_has_ended_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    over, take_up = threading.Event(), DataLinks._take_up
+
+    def late(data_links: DataLinks, link: Connection) -> None:
+        over.wait(PATIENCE)
+        take_up(data_links, link)
+
+    monkeypatch.setattr(DataLinks, "_take_up", late)
+    bench = Bench()
+    bench.control.close()
+    bench.ends()
+    over.set()
+    for link in bench.links.values():
+        with pytest.raises(PeerLost):
+            link.receive()
+    bench.close()
 
 
 def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(bench: Bench) -> None:
