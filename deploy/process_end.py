@@ -5,8 +5,8 @@ import signal
 HINTS = {
     signal.SIGKILL: "by hand, or by the system for want of memory",
     signal.SIGBUS: "a file was cut short or a disk failed while it was read",
-    signal.SIGSEGV: "an error in volsplat itself, please report it",
-    signal.SIGABRT: "an error in volsplat itself, please report it",
+    signal.SIGSEGV: "internal error in volsplat, please report it",
+    signal.SIGABRT: "internal error in volsplat, please report it",
     signal.SIGILL: "this processor lacks an instruction; VOLSPLAT_CPU_PATH=baseline does without",
 }
 

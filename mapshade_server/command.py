@@ -8,7 +8,13 @@ import click
 
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.log_lines import log_to_stderr
-from volsplat.program.server_process import address_option, process_name
+from volsplat.program.server_process import (
+    connect_option,
+    patience_option,
+    process_name,
+    token_file_option,
+    verbose_option,
+)
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
@@ -18,10 +24,10 @@ from volsplat.protocol.wire.tokens import need_token
 
 
 @click.command("volsplat mapshade-server")
-@click.option("--connect", "client", required=True, metavar="HOST:PORT", callback=address_option, help="The client.")
-@click.option("--token-file", type=click.Path(path_type=Path), help="File with the session token (VOLSPLAT_TOKEN).")
-@click.option("--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60).")
-@click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
+@connect_option
+@token_file_option
+@patience_option
+@verbose_option
 def mapshade_server(client: Address, token_file: Path | None, patience: float, verbose: bool) -> None:
     """Join the client at HOST:PORT, hold a sub-cube of its volume, and map and shade it for each frame."""
     log_to_stderr("mapshade-server", logging.INFO if verbose else logging.WARNING)

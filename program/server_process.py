@@ -4,6 +4,7 @@ import os
 import socket
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import NoReturn
 
 import click
@@ -20,13 +21,25 @@ def address_option(context: click.Context, parameter: click.Parameter, value: st
     return parse_address(value)
 
 
+connect_option = click.option(
+    "--connect", "client", required=True, metavar="HOST:PORT", callback=address_option, help="The client."
+)
+token_file_option = click.option(
+    "--token-file", type=click.Path(path_type=Path), help="File with the session token (VOLSPLAT_TOKEN)."
+)
+patience_option = click.option(
+    "--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60)."
+)
+verbose_option = click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
+
+
 def process_name() -> str:
     """What other processes call this one in messages: its host and process id."""
     return f"{socket.gethostname()}, process {os.getpid()}"
 
 
 def run_server(module: str, name: str, title: str) -> NoReturn:
-    """Run the command `name` of a module; an error is one line on stderr, exit status 2 where a person must act."""
+    """Run the command `name` of a module; an error is one line on stderr, exit status 2 if a person must act."""
     try:
         command: click.Command = getattr(import_module(module), name)
         command.main(prog_name=command.name, standalone_mode=False)

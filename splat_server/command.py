@@ -7,7 +7,14 @@ from pathlib import Path
 import click
 
 from volsplat.program.log_lines import log_to_stderr
-from volsplat.program.server_process import address_option, process_name
+from volsplat.program.server_process import (
+    address_option,
+    connect_option,
+    patience_option,
+    process_name,
+    token_file_option,
+    verbose_option,
+)
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
@@ -23,7 +30,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 
 
 @click.command("volsplat splat-server")
-@click.option("--connect", "client", required=True, metavar="HOST:PORT", callback=address_option, help="The client.")
+@connect_option
 @click.option(
     "--listen",
     metavar="HOST:PORT",
@@ -31,10 +38,10 @@ ANY_PORT = f"{LOOPBACK}:0"
     callback=address_option,
     help="Where map/shade servers reach this server (loopback, any free port).",
 )
-@click.option("--token-file", type=click.Path(path_type=Path), help="File with the session token (VOLSPLAT_TOKEN).")
-@click.option("--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60).")
+@token_file_option
+@patience_option
 @click.option("--threads", type=click.IntRange(min=1), default=usable_cores(), help="Threads that splat (cores).")
-@click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
+@verbose_option
 def splat_server(
     client: Address, listen: Address, token_file: Path | None, patience: float, threads: int, verbose: bool
 ) -> None:

@@ -14,7 +14,7 @@ OUT_OF_MEMORY = (
 
 
 def refusal(request: Message, error: Exception) -> Refused:
-    """The answer to `request`, which ended in `error`. What is a mistake of ours is logged with its traceback."""
+    """The answer to `request`, which ended in `error`. An internal error is logged with its traceback."""
     return Refused(
         request=type(request).__name__,
         cause=_cause(error)[:LONGEST_LINE],
@@ -42,5 +42,5 @@ def _cause(error: Exception) -> str:
     line = " ".join(str(error).split())
     if line and isinstance(error, VolsplatError | ValueError | OSError):
         return line
-    log.error("an error in volsplat itself", exc_info=error)
-    return f"an error in volsplat itself, please report it: {type(error).__name__}: {line}"
+    log.error("internal error in volsplat", exc_info=error)
+    return f"internal error in volsplat, please report it: {type(error).__name__}: {line}"

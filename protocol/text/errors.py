@@ -10,7 +10,7 @@ class BadInput(VolsplatError):
 
 
 class LocalProtocolError(VolsplatError):
-    """We were about to break the protocol: a mistake of ours."""
+    """We were about to break the protocol: an internal error."""
 
 
 class RemoteProtocolError(VolsplatError):

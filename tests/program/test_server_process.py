@@ -39,7 +39,7 @@ def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost(se
     [
         (MemoryError(), OUT_OF_MEMORY),
         (ValueError("a line\nand \x1b[2J another"), "a line and ?[2J another"),
-        (KeyError("x"), "an error in volsplat itself, please report it: KeyError: 'x'"),
+        (KeyError("x"), "internal error in volsplat, please report it: KeyError: 'x'"),
         (ValueError("x" * 5000), "x" * messages.LONGEST_LINE),
     ],
     ids=["memory", "control characters", "a mistake", "too long"],

@@ -1,4 +1,4 @@
-"""Well-typed messages with any numbers in them are refused as bad input, or done: none is a mistake of ours."""
+"""Well-typed messages with any numbers in them are refused as bad input, or done: none is an internal error."""
 
 import contextlib
 from collections.abc import Iterator
@@ -90,12 +90,12 @@ def spoilt(draw: st.DrawFn, message: Spoilable) -> Spoilable | None:
 
 @contextlib.contextmanager
 def told(request: Message) -> Iterator[None]:
-    """What goes wrong goes as to a client: in one line, and not as a mistake of ours."""
+    """What goes wrong goes as to a client: in one line, and not as an internal error."""
     try:
         yield
     except Exception as error:
         cause = refusal(request, error).cause
-        assert "error in volsplat itself" not in cause and cause != OUT_OF_MEMORY, repr(error)
+        assert "internal error" not in cause and cause != OUT_OF_MEMORY, repr(error)
 
 
 def held_at(path: Path) -> tuple[HeldVolume, messages.VolumeDescribed]:
