@@ -4,11 +4,11 @@ python -m support.layout ../CONTRIBUTING.md
 """
 
 import ast
-import re
 import sys
 from pathlib import Path
 
 from support.checkout import ROOT
+from support.generated_docs import remake
 
 MAY_IMPORT = {
     "protocol": set(),
@@ -112,15 +112,8 @@ def _height(room: Path) -> int:
     return floor_of(room, part)[0] if part else 0
 
 
-_PLACE = re.compile(r"(<!-- picture: layout -->\n).*?(<!-- end -->)", re.DOTALL)
-
-
-def redrawn(page: str) -> str:
-    """The page with the drawing made anew."""
-    return _PLACE.sub(lambda place: f"{place[1]}{drawing()}\n{place[2]}", page)
+PICTURES = {"layout": drawing}
 
 
 if __name__ == "__main__":
-    for name in sys.argv[1:]:
-        path = Path(name)
-        path.write_text(redrawn(path.read_text(encoding="utf-8")), encoding="utf-8")
+    remake(map(Path, sys.argv[1:]), PICTURES)

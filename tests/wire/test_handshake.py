@@ -7,8 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.checkout import ROOT
+from support.generated_docs import remade
 from support.messages.message_samples import SAMPLES
-from support.messages.protocol_pictures import PICTURES, redrawn
+from support.messages.protocol_pictures import PICTURES
 from volsplat.protocol.messages import greetings
 from volsplat.protocol.messages.greetings import Challenge, Hello, Proof, Rejected, Welcome
 from volsplat.protocol.messages.messages import Message
@@ -275,6 +276,6 @@ def test_what_one_side_sends_the_other_receives() -> None:
 
 def test_the_page_shows_the_tables_as_they_are() -> None:
     page = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
-    assert redrawn(page) == page, "run: python -m support.messages.protocol_pictures ../docs/protocol.md"
+    assert remade(page, PICTURES) == page, "run: python -m support.messages.protocol_pictures ../docs/protocol.md"
     for picture in PICTURES.values():
         assert picture() in page

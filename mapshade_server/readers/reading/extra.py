@@ -3,7 +3,7 @@
 import importlib
 from types import ModuleType
 
-from volsplat.protocol.text.errors import BadInput
+from volsplat.program.extras import lacking
 
 
 def library(name: str, what: str) -> ModuleType:
@@ -13,4 +13,4 @@ def library(name: str, what: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is None or error.name.partition(".")[0] != name.partition(".")[0]:
             raise
-        raise BadInput(f"{what} needs {name}, which is not installed: pip install 'volsplat[formats]'") from None
+        raise lacking(name, what, "formats") from None

@@ -5,11 +5,10 @@
 They stand in the page between "<!-- picture: name -->" and "<!-- end -->", so that page and code cannot drift.
 """
 
-import re
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
+from support.generated_docs import Parts, remake
 from volsplat.client.coordinator.coordinator import OWNERS
 from volsplat.client.coordinator.phase import Phase
 from volsplat.protocol.messages.exchanges import EXCHANGES
@@ -70,7 +69,7 @@ def phase_table() -> str:
     return "\n".join(lines)
 
 
-PICTURES: dict[str, Callable[[], str]] = {
+PICTURES: Parts = {
     "dialler": lambda: handshake_picture(Side.DIALLER),
     "accepter": lambda: handshake_picture(Side.ACCEPTER),
     "messages": message_table,
@@ -78,19 +77,6 @@ PICTURES: dict[str, Callable[[], str]] = {
     "phases": phase_table,
 }
 
-_PLACE = re.compile(r"(<!-- picture: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-
-
-def redrawn(page: str) -> str:
-    """The page with all of its pictures drawn anew. Raises KeyError for one that does not exist."""
-    return _PLACE.sub(lambda place: f"{place[1]}{PICTURES[place[2]]()}\n{place[3]}", page)
-
-
-def main() -> None:
-    for name in sys.argv[1:]:
-        path = Path(name)
-        path.write_text(redrawn(path.read_text(encoding="utf-8")), encoding="utf-8")
-
 
 if __name__ == "__main__":
-    main()
+    remake(map(Path, sys.argv[1:]), PICTURES)

@@ -6,13 +6,12 @@ They stand between "<!-- table: name -->" and "<!-- end -->", so that pages and 
 """
 
 import inspect
-import re
-from collections.abc import Callable
 from typing import Any, get_args
 
 import msgspec
 
 from support.checkout import ROOT
+from support.generated_docs import Parts, remake
 from volsplat.client.scene.scene_file import default_toml
 from volsplat.client.scene.scene_keys import KEYS, SECTIONS
 from volsplat.client.ui.viewport.viewport_messages import PageMessage, ProcessMessage
@@ -50,20 +49,12 @@ def _one_line(text: str) -> str:
     return " ".join(text.split()).replace("|", "\\|")
 
 
-TABLES: dict[str, Callable[[], str]] = {
+TABLES: Parts = {
     "scene": scene_tables,
     "page": lambda: message_table(PageMessage),
     "process": lambda: message_table(ProcessMessage),
 }
 
-_PLACE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-
-
-def remade(page: str) -> str:
-    """The page with all of its tables made anew. Raises KeyError for one that does not exist."""
-    return _PLACE.sub(lambda place: f"{place[1]}{TABLES[place[2]]()}\n{place[3]}", page)
-
 
 if __name__ == "__main__":
-    for path in PAGES:
-        path.write_text(remade(path.read_text(encoding="utf-8")), encoding="utf-8")
+    remake(PAGES, TABLES)
