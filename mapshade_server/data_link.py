@@ -10,7 +10,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
-from volsplat.protocol.rules.closed_tiles import new_tile_map
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map, tile_map_bytes
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed, Counters
 
@@ -77,8 +77,10 @@ class DataLink:
     @takes(messages.TilesClosed)
     def _close_tiles(self, message: messages.TilesClosed, payload: memoryview) -> None:
         tiles = self._tiles
-        if message.frame == tiles.frame and len(payload) == tiles.map.nbytes:
-            tiles.map.cast("B")[:] = payload
+        whole = tiles.map.cast("B")
+        begin = message.begin // TILE_SIDE * tile_map_bytes(message.width, TILE_SIDE)
+        if message.frame == tiles.frame and begin + len(payload) <= len(whole):
+            whole[begin : begin + len(payload)] = payload
 
 
 HANDLERS = handlers(DataLink)

@@ -187,10 +187,10 @@ class MapShadeServer:
         message = messages.Batch(
             frame=frame,
             worker=self._client.id,
+            walker=0,
             sequence=tally.batches,
             encoding=messages.RAW,
-            run_count=batch.run_count,
-            packet_count=batch.packet_count,
+            parts=[messages.BatchPart(batch.run_count, batch.packet_count)],
             reached_sheet=batch.reached[0],
             reached_row=batch.reached[1],
             last=batch.last,

@@ -181,7 +181,9 @@ class DataLinks:
     @takes(messages.Batch)
     def _take(self, message: messages.Batch, link: Connection, payload: memoryview) -> None:
         """Hand a batch to the merge. Raises RemoteProtocolError where it breaks the rules."""
-        runs = payload[: message.run_count * ROW_RUN_BYTES]
+        if len(message.parts) != 1:
+            raise _broken(link, f"frame {message.frame}: a batch of {len(message.parts)} parts for one region")
+        runs = payload[: message.parts[0].run_count * ROW_RUN_BYTES]
         try:
             memory = BatchMemory(runs, payload[len(runs) :])
         except ValueError as fault:

@@ -162,7 +162,7 @@ class SplatServer:
         self._hidden_told = assembly.hidden_packets
         self._next_tile_news = now + max(TILE_NEWS_SECONDS, len(tile_map) * len(links) / TILE_NEWS_RATE)
         plan = assembly.plan
-        closed = messages.TilesClosed(frame=assembly.frame, width=plan.width, height=plan.height)
+        closed = messages.TilesClosed(frame=assembly.frame, width=plan.width, begin=0, end=plan.height)
         self._tile_news.post(closed, tile_map, links)
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
@@ -177,6 +177,7 @@ class SplatServer:
             waiting_seconds=self._waiting_seconds,
             answering_seconds=self._answering_seconds,
             held_back_seconds=self._data_links.held_back(),
+            work=[],
             peak_memory_bytes=peak_memory(),
             machine=this_machine(),
         )
@@ -217,7 +218,7 @@ class SplatServer:
         self._assembly = FrameAssembly(
             request.plan,
             request.frame,
-            request.workers,
+            list(request.workers),
             image=before.image if before is not None else None,
             merge=self._merge,
             lock=self._changed,
@@ -247,7 +248,8 @@ class SplatServer:
         idle = Idle(assembly)
         width, height = assembly.plan.image_size
         complete = assembly.complete and not assembly.lost
-        image = messages.ImageRead(frame=frame, step=assembly.plan.step, complete=complete, width=width, height=height)
+        step = assembly.plan.step
+        image = messages.ImageRead(frame=frame, step=step, complete=complete, left=0, top=0, width=width, height=height)
         self._outbox.post_image(image, assembly.published())
         self._answering_seconds += idle.seconds
 

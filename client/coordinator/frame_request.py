@@ -6,6 +6,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
 
 
@@ -17,16 +18,19 @@ def frame_request(
     geometry: Geometry,
     quantisation: Quantisation,
     resolution: Resolution,
-    workers: list[int],
+    workers: dict[int, int],
+    splat_server: int,
 ) -> messages.RenderFrame:
-    """Raises ValueError where the scene does not fit the volume."""
+    """`workers` are the map/shade servers with their walkers. Raises ValueError where the scene does not fit."""
+    plan = plan_frame(scene, geometry, step, resolution)
     return messages.RenderFrame(
         frame=frame,
         assignment=assignment,
-        plan=plan_frame(scene, geometry, step, resolution),
+        plan=plan,
         shading=shading_rule(scene, step),
         geometry=geometry,
         quantisation=quantisation,
         level=resolution.level,
         workers=workers,
+        regions=[Region(splat_server, 0, plan.height)],
     )

@@ -73,7 +73,8 @@ class Frames:
                 geometry,
                 packing.quantisation,
                 resolution,
-                list(holding.boxes),
+                dict.fromkeys(holding.boxes, 1),
+                self._servers.splat,
             )
         except BadInput as error:
             return self.end(error)
@@ -176,9 +177,10 @@ class Frames:
         if frame is None:
             return []
         wanted = frame.scene.image
-        if (message.width, message.height, message.step) != (wanted.width, wanted.height, frame.step):
-            said = f"the image of frame {frame.frame} is step {message.step}, {message.width} x {message.height} pixels"
-            raise RemoteProtocolError(f"{said}, not step {frame.step}, {wanted.width} x {wanted.height}")
+        said, asked = (message.left, message.top, message.width, message.height), (0, 0, wanted.width, wanted.height)
+        if (said, message.step) != (asked, frame.step):
+            shown = f"step {message.step} and the rectangle {said}, not step {frame.step} and {asked}"
+            raise RemoteProtocolError(f"the image of frame {frame.frame} is {shown}")
         image = PublishImage(
             frame.frame, frame.step, message.width, message.height, event.payload, complete=message.complete
         )

@@ -182,6 +182,7 @@ class SingleProcess:
             waiting_seconds=waiting_seconds,
             answering_seconds=0.0,
             held_back_seconds={},
+            work=[],
             peak_memory_bytes=peak_memory(),
             machine=this_machine(),
         )

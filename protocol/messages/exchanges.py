@@ -90,10 +90,11 @@ class Exchanges:
 
     def _check_size(self, image: ImageRead) -> None:
         """Before there is memory for it: what was not asked for may be larger than any memory."""
-        width, height = self._sizes.get(image.frame, (image.width, image.height))
-        if (image.width, image.height) != (width, height):
+        right, bottom = image.left + image.width, image.top + image.height
+        width, height = self._sizes.get(image.frame, (right, bottom))
+        if right > width or bottom > height:
             raise ValueError(
-                f"{_told(image)} has {image.width} x {image.height} pixels, but {width} x {height} were asked for"
+                f"{_told(image)} reaches to {right} x {bottom} pixels, but {width} x {height} were asked for"
             )
 
     def _note_size(self, request: RenderFrame) -> None:

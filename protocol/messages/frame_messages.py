@@ -25,17 +25,21 @@ from volsplat.protocol.messages.message import (
     says,
 )
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, DATA_LINK_TO_SPLAT
-from volsplat.protocol.rules.closed_tiles import tile_map_bytes
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
+from volsplat.protocol.rules.regions import MOST_REGIONS, LineNumber, Regions, check_regions
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
 RGBA_BYTES = 16  # four float32
 RAW: Literal["raw"] = "raw"  # the one encoding of batches so far
 
+MOST_WALKERS = 1024
+
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
+Walkers = Annotated[int, Meta(ge=1, le=MOST_WALKERS)]
 
 
 class MapShadeStats(Detail, frozen=True):
@@ -63,7 +67,8 @@ class SplatStats(Detail, frozen=True):
     `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, splatted and
     published, and, while nothing was splatted, merged, waited and answered requests for partial images.
     `held_back_seconds` tells for each worker how long its connection was not read because its buffers were full.
-    `hidden_packets` came, but were left out as hidden.
+    `hidden_packets` came, but were left out as hidden. `work` counts the splatted pixels of each row of tiles of its
+    regions' lines: the next frame's regions are cut by it.
     """
 
     packets: Count
@@ -76,6 +81,7 @@ class SplatStats(Detail, frozen=True):
     waiting_seconds: Seconds
     answering_seconds: Seconds
     held_back_seconds: dict[ServerId, Seconds]
+    work: Annotated[list[Count], Meta(max_length=LARGEST_EXTENT // TILE_SIDE + 1)]
     peak_memory_bytes: Count
     machine: Machine
 
@@ -100,15 +106,20 @@ class FrameFinished(Message, frozen=True):
 
 
 class ImageRead(Message, frozen=True):
-    """Splat server to client: payload (height, width, 4) float32, RGBA 0..1, alpha associated, top row first."""
+    """Splat server to client: what its regions are of the published image, which begins at column `left` of row `top`.
+
+    The payload is (height, width, 4) float32, RGBA 0..1, alpha associated, top row first.
+    """
 
     largest_payload: ClassVar[int] = LARGEST_EXTENT * LARGEST_EXTENT * RGBA_BYTES
 
     frame: FrameId
     step: Step
     complete: bool
-    width: Extent
-    height: Extent
+    left: LineNumber
+    top: LineNumber
+    width: LineNumber
+    height: LineNumber
 
     def payload_bytes(self) -> int:
         return self.width * self.height * RGBA_BYTES
@@ -120,7 +131,8 @@ class RenderFrame(Message, frozen=True):
     """Client to map/shade server and splat server: begin this frame; it ends any older one.
 
     All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
-    map/shade servers whose batches make up the image. `geometry` is the volume's, whatever level is drawn.
+    map/shade servers whose batches make up the image, each with the number of its threads that walk. `regions` say
+    which splat server splats which lines. `geometry` is the volume's, whatever level is drawn.
     """
 
     frame: FrameId
@@ -130,7 +142,11 @@ class RenderFrame(Message, frozen=True):
     geometry: Geometry
     quantisation: Quantisation
     level: LevelNumber
-    workers: ServerIds
+    workers: Annotated[dict[ServerId, Walkers], Meta(max_length=MAX_SERVERS)]
+    regions: Regions
+
+    def __post_init__(self) -> None:
+        check_regions(self.regions, self.plan.height)
 
 
 @asks(CLIENT_TO_SPLAT, ImageRead, at_once=MAX_SERVERS, newest=True)
@@ -157,26 +173,11 @@ class AbortFrame(Message, frozen=True):
 # On a data link.
 
 
-@says(DATA_LINK_TO_SPLAT)
-class Batch(Message, frozen=True):
-    """Map/shade data link to splat server: the next shaded packets of `worker`, in traversal order.
+class BatchPart(Detail, frozen=True):
+    """What of a batch is for one region."""
 
-    The payload holds the row runs, then the shaded packets (see packet_layout). `sequence` counts a frame's batches
-    of one worker from 0. Everything that the worker has before row (reached_sheet, reached_row) has been sent, this
-    batch included; after `last` nothing of the frame follows. A batch may be empty to say only that.
-    """
-
-    largest_payload: ClassVar[int] = 1 << 24  # senders choose far less
-
-    frame: FrameId
-    worker: ServerId
-    sequence: Count
-    encoding: Line
     run_count: Ordinal
     packet_count: Ordinal
-    reached_sheet: Ordinal
-    reached_row: Ordinal
-    last: bool
 
     def __post_init__(self) -> None:
         if self.run_count > self.packet_count or (self.packet_count and not self.run_count):
@@ -185,31 +186,63 @@ class Batch(Message, frozen=True):
                 f"packet_count is {self.packet_count}"
             )
 
+    @property
+    def bytes(self) -> int:
+        return self.run_count * ROW_RUN_BYTES + self.packet_count * SHADED_PACKET_BYTES
+
+
+@says(DATA_LINK_TO_SPLAT)
+class Batch(Message, frozen=True):
+    """Map/shade data link to splat server: the next shaded packets of a walker of `worker`, in traversal order.
+
+    There is a part for each region of the splat server, in their order. The payload holds of each its row runs, then
+    its shaded packets (see packet_layout). `sequence` counts a frame's batches of one walker from 0. Everything that
+    the walker has before row (reached_sheet, reached_row) has been sent, this batch included; after `last` nothing of
+    the frame follows from it. A batch may be empty to say only that.
+    """
+
+    largest_payload: ClassVar[int] = 1 << 24  # senders choose far less
+
+    frame: FrameId
+    worker: ServerId
+    walker: Annotated[int, Meta(ge=0, lt=MOST_WALKERS)]
+    sequence: Count
+    encoding: Line
+    parts: Annotated[list[BatchPart], Meta(min_length=1, max_length=MOST_REGIONS)]
+    reached_sheet: Ordinal
+    reached_row: Ordinal
+    last: bool
+
     def payload_bytes(self) -> int:
         if self.encoding != RAW:
             raise ValueError(
                 f"Batch.encoding is {self.encoding!r}, but this version takes only {RAW!r} batches; let both "
                 "servers run the same version of volsplat"
             )
-        return self.run_count * ROW_RUN_BYTES + self.packet_count * SHADED_PACKET_BYTES
+        return sum(part.bytes for part in self.parts)
 
 
 @says(DATA_LINK_TO_SPLAT.back)
 class TilesClosed(Message, frozen=True):
     """Splat server to map/shade data link: no sample of this frame can change these parts of the image any more.
 
-    The payload is the map of closed tiles (see closed_tiles) of an image of `width` x `height` pixels. Samples that
-    reach closed tiles only may be left out from now on.
+    The payload is what the map of closed tiles (see closed_tiles) of a plan `width` pixels wide has for the lines
+    `begin` to before `end`, those of the splat server's regions. Samples that reach closed tiles only may be left out.
     """
 
     largest_payload: ClassVar[int] = tile_map_bytes(LARGEST_EXTENT, LARGEST_EXTENT)
 
     frame: FrameId
     width: Extent
-    height: Extent
+    begin: LineNumber
+    end: LineNumber
+
+    def __post_init__(self) -> None:
+        if self.begin % TILE_SIDE or self.end < self.begin:
+            raise ValueError(f"closed tiles cannot be those of lines {self.begin} to {self.end}")
 
     def payload_bytes(self) -> int:
-        return tile_map_bytes(self.width, self.height)
+        return tile_map_bytes(self.width, self.end - self.begin)
 
 
 # Between frames, or between two batches of one.

@@ -148,7 +148,7 @@ def bench() -> Iterator[Bench]:
 
 def render(frame: int, geometry: Geometry, scene: Scene = SCENE, assignment: int = 1) -> messages.RenderFrame:
     resolution = own_resolution(geometry, Step.F)
-    return frame_request(frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, workers=[1])
+    return frame_request(frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, {1: 1}, 2)
 
 
 def test_a_link_whose_route_is_unchanged_is_kept(bench: Bench, shells: Path) -> None:
@@ -260,13 +260,13 @@ def test_what_lies_behind_closed_tiles_is_left_out(bench: Bench, tmp_path: Path)
         assert first is not None and isinstance(first.message, messages.Batch)
         tiles = new_tile_map(*size)
         tiles.cast("B")[:] = b"\xff" * tiles.nbytes
-        link.send(messages.TilesClosed(1, *size), tiles.cast("B"))
-        packets, batch = first.message.packet_count, first.message
+        link.send(messages.TilesClosed(1, size[0], 0, size[1]), tiles.cast("B"))
+        packets, batch = first.message.parts[0].packet_count, first.message
         while not batch.last:
             received = link.receive()
             assert received is not None and isinstance(received.message, messages.Batch)
             batch = received.message
-            packets += batch.packet_count
+            packets += batch.parts[0].packet_count
         mapped = bench.hears(messages.FrameMapped)
     assert isinstance(mapped, messages.FrameMapped)
     assert packets == mapped.stats.packets < side**3
@@ -297,7 +297,7 @@ def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_pa
             received = link.receive()
             assert received is not None and isinstance(received.message, messages.Batch)
             batch = received.message
-            sent += batch.packet_count
+            sent += batch.parts[0].packet_count
         probed = bench.hears(messages.VoxelProbed)
         mapped = bench.hears(messages.FrameMapped)
     assert isinstance(probed, messages.VoxelProbed) and isinstance(mapped, messages.FrameMapped)

@@ -118,7 +118,7 @@ class Situation(msgspec.Struct):
 
 
 def render(step: Step) -> messages.RenderFrame:
-    return frame_request(1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), [1])
+    return frame_request(1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), {1: 1}, 2)
 
 
 @settings(max_examples=150)

@@ -59,6 +59,7 @@ def outcome(step: Step) -> StepOutcome:
         waiting_seconds=0.0625,
         answering_seconds=0.03125,
         held_back_seconds={2: 0.5, 3: 0.25},
+        work=[],
         peak_memory_bytes=40_000_000,
         machine=this_machine(),
     )

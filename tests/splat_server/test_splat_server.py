@@ -54,7 +54,7 @@ KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WOR
 
 def request(frame: int, scene: Scene = SCENE, step: Step = Step.F) -> messages.RenderFrame:
     resolution = own_resolution(GEOMETRY, step)
-    return frame_request(frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, list(WORKERS))
+    return frame_request(frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, dict.fromkeys(WORKERS, 1), 1)
 
 
 class Bench:
@@ -123,10 +123,10 @@ class Bench:
         message = messages.Batch(
             frame,
             worker,
+            0,
             sequence,
             messages.RAW,
-            batch.run_count,
-            batch.packet_count,
+            [messages.BatchPart(batch.run_count, batch.packet_count)],
             batch.reached[0],
             batch.reached[1],
             batch.last,
@@ -332,7 +332,14 @@ def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else
     hostile = bytearray(batch.runs)
     hostile[:12] = b"\xff" * 12  # a sheet, row and sample far beyond the volume
     message = messages.Batch(
-        1, WORKERS[0], 0, messages.RAW, batch.run_count, batch.packet_count, batch.reached[0], batch.reached[1], False
+        1,
+        WORKERS[0],
+        0,
+        0,
+        messages.RAW,
+        [messages.BatchPart(batch.run_count, batch.packet_count)],
+        *batch.reached,
+        False,
     )
     bench.links[WORKERS[0]].send(message, hostile, batch.packets)
     with pytest.raises(VolsplatError):
@@ -450,7 +457,7 @@ def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(
             control.send(request)
             client.receive()
         pixels = bytes(2048 * 2048 * 16)  # far more than sockets buffer
-        outbox.post_image(messages.ImageRead(1, Step.F, True, 2048, 2048), pixels)
+        outbox.post_image(messages.ImageRead(1, Step.F, True, 0, 0, 2048, 2048), pixels)
         outbox.post(messages.FrameAborted(2))
         assert outbox.holds_image and not sent.is_set()
         image, abort = control.receive(), control.receive()
@@ -503,7 +510,7 @@ def test_unfinished_workers_hear_which_tiles_are_closed_and_these_are_frozen(ben
     for worker, sequence, batch in rest:
         bench.sends(worker, 1, sequence, batch)
     received = bench.links[last[0]].receive()
-    assert received is not None and received.message == messages.TilesClosed(1, width, height)
+    assert received is not None and received.message == messages.TilesClosed(1, width, 0, height)
     tiles = received.payload.cast("Q", tile_map_shape(width, height))
     bench.sends(last[0], 1, *last[1:])
     finished = bench.hears(messages.FrameFinished)[0]

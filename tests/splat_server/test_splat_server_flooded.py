@@ -78,8 +78,8 @@ class Attacked:
         return self.finishes()
 
     def begins(self, frame: int, workers: list[int]) -> None:
-        resolution = own_resolution(GEOMETRY, Step.F)
-        self.control.send(frame_request(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, workers))
+        resolution, walkers = own_resolution(GEOMETRY, Step.F), dict.fromkeys(workers, 1)
+        self.control.send(frame_request(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, walkers, 1))
 
     def finishes(self) -> messages.FrameFinished:
         while (received := self.control.receive()) is not None:
@@ -89,7 +89,7 @@ class Attacked:
 
 
 def empty(frame: int, worker: int, sequence: int, last: bool = False) -> messages.Batch:
-    return messages.Batch(frame, worker, sequence, messages.RAW, 0, 0, 0, 0, last)
+    return messages.Batch(frame, worker, 0, sequence, messages.RAW, [messages.BatchPart(0, 0)], 0, 0, last)
 
 
 @pytest.fixture

@@ -91,7 +91,7 @@ def test_a_bar_is_as_long_as_its_stage_took(stats: MapShadeStats | SplatStats) -
 
 
 def _servers(stats: MapShadeStats | SplatStats) -> FrameOutcome:
-    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0, this_machine())
+    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, [], 0, this_machine())
     return FrameOutcome({7: stats}, nothing) if isinstance(stats, MapShadeStats) else FrameOutcome({}, stats)
 
 

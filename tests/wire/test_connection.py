@@ -109,7 +109,7 @@ def in_thread(work: Callable[[], object]) -> Iterator["queue.SimpleQueue[object]
 
 
 def batch(packets: int, sequence: int = 0) -> Batch:
-    return Batch(1, 4, sequence, messages.RAW, 1, packets, 0, 0, False)
+    return Batch(1, 4, 0, sequence, messages.RAW, [messages.BatchPart(1, packets)], 0, 0, False)
 
 
 def payload_of(packets: int, fill: int = 0) -> bytearray:
@@ -222,7 +222,7 @@ def test_messages_of_several_threads_do_not_mix(host: str) -> None:
             for _ in range(each * threads):
                 received = far.receive()
                 assert received is not None and isinstance(received.message, Batch)
-                assert received.payload == payload_of(received.message.packet_count, received.message.sequence)
+                assert received.payload == payload_of(received.message.parts[0].packet_count, received.message.sequence)
                 seen.add(received.message.sequence)
         assert len(seen) == each * threads
 

@@ -38,6 +38,7 @@ from volsplat.protocol.messages.message import OTHERS_AT_ONCE, Message
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, SPLAT_TO_CLIENT, Role, Way
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.messages.vocabulary import MESSAGES
+from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -80,7 +81,7 @@ def test_nothing_is_answered_unasked_and_nothing_twice(way: Way) -> None:
             answer = msgspec.structs.replace(SAMPLES[answer_kind][0], **ids)
             if isinstance(answer, messages.ImageRead) and isinstance(asked, messages.RenderFrame):
                 width, height = asked.plan.image_size
-                answer = msgspec.structs.replace(answer, width=width, height=height)
+                answer = msgspec.structs.replace(answer, left=0, top=0, width=width, height=height)
             exchanges = Exchanges(way)
             with pytest.raises(ValueError, match=rf"^{answer_kind.__name__}.* came unasked$"):
                 exchanges.check(answer)
@@ -124,7 +125,7 @@ def test_what_is_answered_of_a_frame_ends_what_was_owed_of_older_ones() -> None:
     finished = SAMPLES[messages.FrameFinished][0]
     exchanges.check(msgspec.structs.replace(finished, frame=1))  # on its way when the newer ones were asked for
     exchanges.said(msgspec.structs.replace(finished, frame=2))
-    for late in (msgspec.structs.replace(finished, frame=1), messages.ImageRead(1, "F", True, 1, 1)):  # type: ignore[arg-type]
+    for late in (msgspec.structs.replace(finished, frame=1), messages.ImageRead(1, "F", True, 0, 0, 1, 1)):  # type: ignore[arg-type]
         with pytest.raises(ValueError, match="unasked"):
             exchanges.check(late)
     exchanges.check(msgspec.structs.replace(finished, frame=3))
@@ -136,7 +137,7 @@ def test_an_image_of_another_size_than_was_asked_for_is_given_no_memory() -> Non
     assert isinstance(render, messages.RenderFrame)
     for frame, side in ((1, 32), (2, 64)):
         plan = msgspec.structs.replace(render.plan, width=side, height=side)
-        exchanges.said(msgspec.structs.replace(render, frame=frame, plan=plan))
+        exchanges.said(msgspec.structs.replace(render, frame=frame, plan=plan, regions=[Region(3, 0, side)]))
     exchanges.said(messages.ReadImage(2))
     allocated: list[int] = []
 
@@ -144,14 +145,14 @@ def test_an_image_of_another_size_than_was_asked_for_is_given_no_memory() -> Non
         allocated.append(nbytes)
         return bytearray(nbytes)
 
-    for side in (32, 64, 16384):
-        control = encode_control(messages.ImageRead(2, Step.F, False, side, side))
+    for side in (65, 64, 16384):
+        control = encode_control(messages.ImageRead(2, Step.F, False, 0, 0, side, side))
         head = HEADER.pack(MAGIC, len(control), side * side * 16) + control
         decoder = Decoder(Speech(SPLAT_TO_CLIENT, exchanges=exchanges), allocate)
         if side == 64:
             assert list(decoder.feed(head)) == []
         else:
-            told = rf"^ImageRead \(frame=2\) has {side} x {side} pixels, but 64 x 64 were asked for$"
+            told = rf"^ImageRead \(frame=2\) reaches to {side} x {side} pixels, but 64 x 64 were asked for$"
             with pytest.raises(RemoteProtocolError, match=told):
                 list(decoder.feed(head))
     assert allocated == [64 * 64 * 16]

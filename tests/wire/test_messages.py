@@ -144,13 +144,13 @@ def test_boxes_without_voxels_are_refused() -> None:
 @pytest.mark.parametrize("shape", [(1, 0), (0, 1), (3, 2)])
 def test_a_batch_has_a_run_for_each_packet_and_a_packet_in_each_run(shape: tuple[int, int]) -> None:
     fields: dict[str, Any] = msgspec.msgpack.decode(encode_control(SAMPLES[messages.Batch][0]))
-    control = msgspec.msgpack.encode({**fields, "run_count": shape[0], "packet_count": shape[1]})
+    control = msgspec.msgpack.encode({**fields, "parts": [{"run_count": shape[0], "packet_count": shape[1]}]})
     with pytest.raises(RemoteProtocolError, match="each packet is in a run"):
         list(Decoder(speech_for(messages.Batch)).feed(framed(control)))
 
 
 def test_an_empty_batch_may_say_that_a_worker_is_done() -> None:
-    control = encode_control(messages.Batch(1, 2, 0, messages.RAW, 0, 0, 3, 4, True))
+    control = encode_control(messages.Batch(1, 2, 0, 0, messages.RAW, [messages.BatchPart(0, 0)], 3, 4, True))
     (received,) = Decoder(speech_for(messages.Batch)).feed(framed(control))
     assert received.payload.nbytes == 0
 

@@ -24,11 +24,13 @@ from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.messages.versions import SPOKEN
 from volsplat.protocol.messages.vocabulary import GREETINGS, MESSAGES
-from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE
+from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.levels import Prepared
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.packet_layout import ROW_RUN
+from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.wire.framing import HEADER, MAGIC
 
@@ -59,10 +61,11 @@ SCENE = Scene(
 )
 PLAN, SHADING = plan_frame(SCENE, GEOMETRY, Step.F), shading_rule(SCENE, Step.F)
 LINE = line_of_sight(SCENE, GEOMETRY, 12.5, 7.25)
+REGIONS = [Region(3, 0, 0), Region(3, 0, 256), Region(4, 256, PLAN.height)]
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 MACHINE = Machine("node-1", "Linux", "a processor", 8)
 SPLAT_STATS = messages.SplatStats(
-    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 1 << 30, MACHINE
+    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, [5, 0, 7], 1 << 30, MACHINE
 )
 
 SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
@@ -94,7 +97,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
-        (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, [1, 2]), b""),
+        (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, {1: 1, 2: 4}, REGIONS), b""),
         (messages.AbortFrame(7), b""),
         (messages.FrameAborted(7), b""),
         (
@@ -105,12 +108,12 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         ),
         (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
         (messages.ReadImage(7), b""),
-        (messages.ImageRead(7, Step.C, True, 2, 1), struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0)),
+        (messages.ImageRead(7, Step.C, True, 0, 4, 2, 1), struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0)),
         (
-            messages.Batch(7, 2, 0, "raw", 1, 2, 4, 3, True),
+            messages.Batch(7, 2, 1, 0, "raw", [messages.BatchPart(0, 0), messages.BatchPart(1, 2)], 4, 3, True),
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
         ),
-        (messages.TilesClosed(7, 260, 5), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
+        (messages.TilesClosed(7, 260, 4, 9), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
         (messages.ProbeVoxels(5, 1, LINE, SHADING, GEOMETRY, QUANTISATION, 0), b""),
         (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
         (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
@@ -198,6 +201,7 @@ _splat_stats = st.builds(
     *[counts] * 3,
     *[seconds] * 6,
     st.dictionaries(ids, seconds, max_size=3),
+    st.lists(counts, max_size=4),
     counts,
     _machines,
 )
@@ -209,21 +213,18 @@ def _greeting(kind: type[Message], *more: st.SearchStrategy[Any]) -> st.SearchSt
     return parts.map(lambda p: kind(p[0], p[1][0], p[1][1], *p[2:]))
 
 
-def _batches(shape: tuple[int, int]) -> st.SearchStrategy[Message]:
-    runs = min(shape) if max(shape) else 0
-    packets = max(shape) if runs else 0
-    return st.builds(
-        messages.Batch,
-        ids,
-        ids,
-        counts,
-        st.just("raw"),
-        st.just(runs),
-        st.just(packets),
-        ordinals,
-        ordinals,
-        st.booleans(),
-    )
+def _part(shape: tuple[int, int]) -> messages.BatchPart:
+    return messages.BatchPart(min(shape) if max(shape) else 0, max(shape) if min(shape) else 0)
+
+
+_batch_parts = st.tuples(st.integers(0, 9), st.integers(0, 9)).map(_part)
+
+
+def _render_frame(plan: FramePlan, cut: int, *others: Any) -> messages.RenderFrame:
+    middle = min(cut * TILE_SIDE, plan.height)
+    frame, assignment, shading, geometry, quantisation, level, workers = others
+    regions = [Region(5, 0, middle), Region(2, middle, plan.height)]
+    return messages.RenderFrame(frame, assignment, plan, shading, geometry, quantisation, level, workers, regions)
 
 
 STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
@@ -271,15 +272,16 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     ),
     messages.ConnectedToSplatServers: st.builds(messages.ConnectedToSplatServers, st.lists(ids, max_size=3)),
     messages.RenderFrame: st.builds(
-        messages.RenderFrame,
-        ids,
-        ids,
+        _render_frame,
         _plans,
+        st.integers(0, 9),
+        ids,
+        ids,
         _shadings,
         geometries(),
         quantisations,
         _level_numbers,
-        st.lists(ids, max_size=3),
+        st.dictionaries(ids, st.integers(1, 64), max_size=3),
     ),
     messages.AbortFrame: st.builds(messages.AbortFrame, ids),
     messages.FrameAborted: st.builds(messages.FrameAborted, ids),
@@ -289,10 +291,23 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     ),
     messages.ReadImage: st.builds(messages.ReadImage, ids),
     messages.ImageRead: st.builds(
-        messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), st.integers(1, 8), st.integers(1, 8)
+        messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), *[st.integers(0, 8)] * 4
     ),
-    messages.Batch: st.tuples(st.integers(0, 9), st.integers(0, 9)).flatmap(_batches),
-    messages.TilesClosed: st.builds(messages.TilesClosed, ids, st.integers(1, 600), st.integers(1, 40)),
+    messages.Batch: st.builds(
+        messages.Batch,
+        ids,
+        ids,
+        st.integers(0, 9),
+        counts,
+        st.just("raw"),
+        st.lists(_batch_parts, min_size=1, max_size=3),
+        ordinals,
+        ordinals,
+        st.booleans(),
+    ),
+    messages.TilesClosed: st.builds(
+        messages.TilesClosed, ids, st.integers(1, 600), st.integers(0, 5).map(TILE_SIDE.__mul__), st.integers(20, 40)
+    ),
     messages.ProbeVoxels: st.builds(
         messages.ProbeVoxels, ids, ids, _lines, _shadings, geometries(), quantisations, _level_numbers
     ),
