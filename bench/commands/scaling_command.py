@@ -19,6 +19,12 @@ from volsplat.bench.scaling.scaling_tables import (
     servers_table,
     where_they_run,
 )
+from volsplat.bench.scaling.thread_shares import (
+    check_threads_are_seen,
+    shares_of_threads,
+    thread_figures,
+    threads_table,
+)
 from volsplat.bench.subject import shares, subject_of, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import record
@@ -35,6 +41,7 @@ PACKED_VOXEL_BYTES = 4
 @click.command()
 @subject_options
 @click.option("--workers", default="1,2,4,8", help="Numbers of map/shade servers (1,2,4,8).")
+@click.option("--threads", metavar="1,2,4", help="Numbers of threads of the single process, to see what each does.")
 @click.option("--sizes", default="0.125,0.25,0.5,1", help="Shares of the volume's voxels, drawn by bounds.")
 @click.option("--images", default="256,512,1024", help="Sides of the square images, pixels (256,512,1024).")
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views of each setting (7).")
@@ -50,6 +57,7 @@ def scaling(
     scene: Path | None,
     preset: str | None,
     workers: str,
+    threads: str | None,
     sizes: str,
     images: str,
     repeats: int,
@@ -64,7 +72,8 @@ def scaling(
     """Measure how a frame's time grows with servers, pixels, voxels and visible voxels, and name what limits it.
 
     With --listen it measures a cluster that is already up: --workers is then the number of its map/shade servers, and
-    the single process is measured as well where this machine sees the volume.
+    the single process is measured as well where this machine sees the volume. With --threads it also counts what each
+    thread of the single process takes of a frame, in the largest image.
     """
     spawns = spawn == "local" or (spawn is None and listen is None)
     if not spawns and listen is None:
@@ -74,6 +83,11 @@ def scaling(
     shares_drawn, sides = fractions("--sizes", sizes), whole_numbers("--images", images)
     if not spawns and len(counts) != 1:
         raise BadInput(f"--workers {workers}: a cluster has one number of map/shade servers; give it")
+    thread_counts = whole_numbers("--threads", threads, most=256) if threads else []
+    if thread_counts and not spawns:
+        raise BadInput("--threads measures the single process of this machine; leave it out with a cluster")
+    if thread_counts:
+        check_threads_are_seen()
     servers = servers_from_options(counts[0], listen, token_file, memory=memory)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
@@ -99,8 +113,11 @@ def scaling(
             cases += visible_cases(shown, lambda changed: views(changed, middle))
             taken = frames_of(rows, cases)
             found = str(shares(rows[0].renderer, cases[0].scenes[0]))
+        by_threads = shares_of_threads(path, thread_counts, views(shown, sides[-1]))
     at_middle = [one for one in taken if one.case.group == "pixels" and one.case.value == middle * middle / 1e6]
     tables_shown = [servers_table(at_middle, middle), growth_table(taken)]
+    if by_threads:
+        tables_shown.append(threads_table(by_threads, sides[-1]))
     by_servers = [one for one in at_middle if one.row.workers]
     facts = {
         "volume": volume_words(known),
@@ -112,7 +129,8 @@ def scaling(
         **{f"machines of {one.row.name}": "; ".join(where_they_run(one)) for one in by_servers},
         **{f"link of {one.row.name}": link_words(one) for one in by_servers},
     }
-    outputs.deliver(record("scaling", facts, figures_of(taken)), tables_shown, panels(taken, at_middle))
+    figures = [*figures_of(taken), *thread_figures(by_threads)]
+    outputs.deliver(record("scaling", facts, figures), tables_shown, panels(taken, at_middle))
 
 
 @contextmanager

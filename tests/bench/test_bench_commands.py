@@ -14,6 +14,7 @@ from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.bench.commands.command import SUMMARIES, bench
+from volsplat.bench.scaling.thread_shares import THREADS_OF_PROCESS
 from volsplat.bench.tables.record import Record, read_record
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -74,6 +75,15 @@ def test_scaling_grows_one_thing_at_a_time_and_names_what_limits(person: Person)
     assert "efficiency" in markdown and "MB into the splat server" in markdown and "| M packets |" in markdown
     assert f"machines of 2 servers: {this_machine().host} (" in printed
     assert "link of 2 servers: " in printed and "MB of image out of it" in printed
+
+
+@pytest.mark.skipif(not THREADS_OF_PROCESS.is_dir(), reason="only Linux shows what each thread takes")
+def test_scaling_counts_what_each_thread_takes(person: Person) -> None:
+    options = ("--workers", "1", "--threads", "1,3", "--sizes", "1", "--images", "32", "--repeats", "2")
+    found, markdown, _ = measured(person, "scaling", *PHANTOM, *options)
+    figures = {one.name: one for one in found.figures}
+    assert 0 <= figures["3 threads: serial part"].median < 1 and figures["1 thread: processor time"].low > 0
+    assert "| serial part, % |" in markdown
 
 
 def test_scaling_measures_a_cluster_that_is_already_up(person: Person) -> None:
@@ -163,6 +173,8 @@ def test_two_records_are_compared(person: Person) -> None:
         (("paper", *PHANTOM, "--tables", "skin", "--preset", "ct-bone"), "--tables skin"),
         (("scaling", *PHANTOM, "--sizes", "2"), "--sizes 2"),
         (("scaling", *PHANTOM, "--spawn", "none"), "--listen"),
+        (("scaling", *PHANTOM, "--threads", "none"), "--threads none"),
+        (("scaling", "a.nrrd", "--listen", "127.0.0.1:0", "--workers", "1", "--threads", "2"), "with a cluster"),
         (("scaling", "a.nrrd", "--listen", "127.0.0.1:0", "--workers", "1,2"), "one number"),
         (("peers", *PHANTOM, "--distances", "0"), "--distances 0"),
         (("peers", *PHANTOM, "--images", "-4"), "--images -4"),
