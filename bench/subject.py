@@ -135,7 +135,7 @@ def shares(renderer: Renderer, scene: Scene) -> Shares:
     for order in (Order.BACK_TO_FRONT, Order.FRONT_TO_BACK):
         outcome = renderer.finish(msgspec.structs.replace(scene, order=order)).outcome
         assert outcome is not None
-        sent[order] = outcome.servers.splat.packets - outcome.servers.splat.hidden_packets
+        sent[order] = sum(splat.packets - splat.hidden_packets for splat in outcome.servers.splat.values())
     visible = sent[Order.BACK_TO_FRONT]
     return Shares(visible / voxels, 1 - sent[Order.FRONT_TO_BACK] / visible if visible else 0.0)
 

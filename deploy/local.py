@@ -5,7 +5,7 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from volsplat.deploy.process_end import told_end
 from volsplat.deploy.server_command import Program, server_command
@@ -28,10 +28,11 @@ class LocalServers:
         self._on_end = on_end
         self._processes: list[subprocess.Popen[bytes]] = []
 
-    def start(self, program: Program, address: str, token: Token) -> None:
-        """Start one server that dials `address` (HOST:PORT)."""
+    def start(self, program: Program, address: str, token: Token, threads: int) -> None:
+        """Start one server that dials `address` (HOST:PORT) and may use so many threads."""
+        options = ("--connect", address, "--patience", str(PATIENCE_SECONDS), "--threads", str(threads))
         process = subprocess.Popen(
-            server_command(program, "--connect", address, "--patience", str(PATIENCE_SECONDS)),
+            server_command(program, *options),
             env=token.added_to(os.environ),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -50,18 +51,15 @@ class LocalServers:
         status = process.wait()
         self._on_end(f"the {program.title} (process {process.pid}) {told_end(status)}")
 
-    def told_end(self, name: str) -> str:
-        """How the server of this name (see process_name) ended; "" if it was not started here or goes on.
+    def told_ends(self, names: Iterable[str]) -> dict[str, str]:
+        """How the servers of these names (see process_name) ended, of those that were started here and have.
 
         Waits a moment: a process is gone a little later than its connections.
         """
-        process = next((one for one in self._processes if name == f"{socket.gethostname()}, process {one.pid}"), None)
-        if process is None:
-            return ""
-        try:
-            return told_end(process.wait(REAPED_SECONDS))
-        except subprocess.TimeoutExpired:
-            return ""
+        here = {f"{socket.gethostname()}, process {process.pid}": process for process in self._processes}
+        asked = [name for name in names if name in here]
+        deadline = time.monotonic() + REAPED_SECONDS
+        return {name: told_end(here[name].returncode) for name in asked if _ended_by(deadline, here[name])}
 
     def stop(self) -> None:
         """End every server: wait for them, then terminate, then kill. Returns when none is left."""
@@ -81,3 +79,8 @@ def _ended_by(deadline: float, process: "subprocess.Popen[bytes]") -> bool:
     except subprocess.TimeoutExpired:
         return False
     return True
+
+
+def shared_out(threads: int, servers: int) -> list[int]:
+    """Threads for each server, of so many for all of them; each has one at least."""
+    return [max(1, (threads + n) // servers) for n in range(servers)]

@@ -9,12 +9,14 @@ import click
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.log_lines import log_to_stderr
 from volsplat.program.server_process import (
+    THREADS,
     connect_option,
     patience_option,
     process_name,
     token_file_option,
     verbose_option,
 )
+from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
@@ -27,11 +29,12 @@ from volsplat.protocol.wire.tokens import need_token
 @connect_option
 @token_file_option
 @patience_option
+@click.option("--threads", type=THREADS, default=usable_cores(), help="Threads that walk (cores).")
 @verbose_option
-def mapshade_server(client: Address, token_file: Path | None, patience: float, verbose: bool) -> None:
+def mapshade_server(client: Address, token_file: Path | None, patience: float, threads: int, verbose: bool) -> None:
     """Join the client at HOST:PORT, hold a sub-cube of its volume, and map and shade it for each frame."""
     log_to_stderr("mapshade-server", logging.INFO if verbose else logging.WARNING)
     token = need_token(os.environ, token_file)
     hello = new_hello(Role.MAPSHADE_SERVER, name=process_name())
     connection = connect(client, hello, token, Role.CLIENT, patience=patience, allocate=BufferPool())
-    MapShadeServer(connection, token).run()
+    MapShadeServer(connection, token, threads).run()

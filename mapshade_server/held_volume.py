@@ -9,7 +9,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from volsplat.mapshade_server.available_memory import available_memory
 from volsplat.mapshade_server.awaited_parts import AwaitedParts
 from volsplat.mapshade_server.lent_volume import LentVolume, lent
 from volsplat.mapshade_server.packet_store import PacketStore, is_store
@@ -197,10 +196,6 @@ class HeldVolume:
         return [self._packed(request.assignment, started)]
 
     # -- from a packet store
-
-    @takes(messages.DescribeMachine)
-    def _describe_machine(self, request: messages.DescribeMachine) -> list[Answer]:
-        return [Answer(messages.MachineDescribed(memory_bytes=available_memory()))]
 
     @takes(messages.OpenPackets)
     def _open_packets(self, request: messages.OpenPackets) -> list[Answer]:

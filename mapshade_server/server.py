@@ -18,6 +18,7 @@ from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
+from volsplat.program.available_memory import available_memory
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.refusals import refusal, why_unheard
@@ -34,9 +35,11 @@ from volsplat.protocol.wire.tokens import Token
 class MapShadeServer:
     """One client's map/shade server. `run` returns when the client ends the session."""
 
-    def __init__(self, client: Connection, token: Token) -> None:
+    def __init__(self, client: Connection, token: Token, threads: int) -> None:
+        """`threads` may walk."""
         self._client = client
         self._token = token
+        self._threads = threads
         self._requests = WaitingRequests()
         self._probes: deque[messages.ProbeVoxels] = deque()  # among the requests, not answered yet
         self._newest_frame = 0  # written by the receiving thread, read by the working one
@@ -118,6 +121,10 @@ class MapShadeServer:
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
             self._client.send(msgspec.structs.replace(refusal(request, error), held=self._held.assignment))
 
+    @takes(messages.DescribeMachine)
+    def _describe_machine(self, request: messages.DescribeMachine) -> None:
+        self._client.send(messages.MachineDescribed(memory_bytes=available_memory(), threads=self._threads))
+
     # -- frames
 
     @takes(messages.ConnectToSplatServers)
@@ -167,7 +174,7 @@ class MapShadeServer:
             batch = walk.next_batch()
             tally.map_shade_seconds += time.perf_counter() - started
             if batch is None:
-                self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats()))
+                self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats(), lost=[]))
                 return
             self._send_batch(link, request.frame, tally, batch)
             while self._probes and self._probes[0].assignment == self._held.assignment:

@@ -11,6 +11,7 @@ import click
 
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 from volsplat.program.load_failures import load_failure
+from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import Address, parse_address
@@ -31,6 +32,9 @@ patience_option = click.option(
     "--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60)."
 )
 verbose_option = click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
+
+
+THREADS = click.IntRange(1, MOST_THREADS)
 
 
 def process_name() -> str:

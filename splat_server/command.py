@@ -8,6 +8,7 @@ import click
 
 from volsplat.program.log_lines import log_to_stderr
 from volsplat.program.server_process import (
+    THREADS,
     address_option,
     connect_option,
     patience_option,
@@ -40,7 +41,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 )
 @token_file_option
 @patience_option
-@click.option("--threads", type=click.IntRange(min=1), default=usable_cores(), help="Threads that splat (cores).")
+@click.option("--threads", type=THREADS, default=usable_cores(), help="Threads that splat (cores).")
 @verbose_option
 def splat_server(
     client: Address, listen: Address, token_file: Path | None, patience: float, threads: int, verbose: bool

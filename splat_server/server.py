@@ -10,6 +10,7 @@ import threading
 import time
 from collections import deque
 
+from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.messages import messages
@@ -183,6 +184,11 @@ class SplatServer:
         )
 
     # -- the client's requests, on the working thread
+
+    @takes(messages.DescribeMachine)
+    def _describe_machine(self, request: messages.DescribeMachine) -> None:
+        described = messages.MachineDescribed(memory_bytes=available_memory(), threads=self._threads)
+        self._outbox.post(described)
 
     @takes(messages.RenderFrame)
     def _render_frame(self, request: messages.RenderFrame) -> None:

@@ -103,8 +103,8 @@ def figures_of(taken: Sequence[Taken]) -> list[Figure]:
         figures += [
             one.seconds,
             one.figure("packets", "1/s", lambda report: report.packets_sent / report.wall_seconds),
-            one.figure("bytes into the splat server", "B", lambda report: float(report.bytes_sent)),
-            one.figure("bytes of image out of it", "B", lambda report: float(report.image_bytes)),
+            one.figure("bytes into splat servers", "B", lambda report: float(report.bytes_sent)),
+            one.figure("bytes of image out of them", "B", lambda report: float(report.image_bytes)),
             one.figure("waiting for the slowest", "s", lambda report: report.splat_waiting_seconds),
         ]
         if one.row.workers:
@@ -117,23 +117,26 @@ def figures_of(taken: Sequence[Taken]) -> list[Figure]:
 def where_they_run(taken: Taken) -> list[str]:
     """A line for each machine of the servers, with what runs there."""
     report = taken.usual
-    mapping = Counter(worker.machine for worker in report.workers.values())
+    mapping, splatting = (
+        Counter(server.machine for server in servers.values()) for servers in (report.workers, report.splat_servers)
+    )
     lines = []
-    for machine in dict.fromkeys([report.splat_server.machine, *mapping]):
-        splatting = ["the splat server"] if machine == report.splat_server.machine else []
-        count = mapping[machine]
-        workers = [f"{count} map/shade server{'s' if count > 1 else ''}"] if count else []
-        lines.append(f"{machine.host} ({machine_words(machine)}): {' and '.join([*workers, *splatting])}")
+    for machine in dict.fromkeys([*splatting, *mapping]):
+        counts = (("map/shade server", mapping[machine]), ("splat server", splatting[machine]))
+        servers = [f"{count} {role}{'s' if count > 1 else ''}" for role, count in counts if count]
+        lines.append(f"{machine.host} ({machine_words(machine)}): {' and '.join(servers)}")
     return lines
 
 
 def link_words(taken: Taken) -> str:
-    """What crosses the splat server's link in a frame, and where it comes from."""
+    """What crosses the splat servers' links in a frame, and where it comes from."""
     report = taken.usual
-    here = report.splat_server.machine.host
-    far = [worker for worker in report.workers.values() if worker.machine.host != here]
-    into = f"{report.bytes_sent / 1e6:.3g} MB into the splat server"
-    out = f"{report.image_bytes / 1e6:.3g} MB of image out of it"
+    hosts = list(dict.fromkeys(splat.machine.host for splat in report.splat_servers.values()))
+    here = " and ".join(hosts)
+    far = [worker for worker in report.workers.values() if [worker.machine.host] != hosts]
+    several = len(report.splat_servers) > 1
+    into = f"{report.bytes_sent / 1e6:.3g} MB into {'the splat servers' if several else 'the splat server'}"
+    out = f"{report.image_bytes / 1e6:.3g} MB of image out of {'them' if several else 'it'}"
     if not far:
         return f"{into} on {here}, all from the same machine; {out}"
     bytes_far = sum(worker.bytes for worker in far)

@@ -4,13 +4,16 @@ An event is something that happened (a server joined, a message came, a person a
 list of instructions that the session carries out. This file holds the servers and the volume that they share, `frames`
 and `probes` what is asked of it; each method says which event or message it takes, and in which phase that may come
 (see handlers; the table is printed in docs/protocol.md). Servers may join at any time; those that join after the
-sub-cubes were handed out stay idle. When a map/shade server is lost, the others draw what is left. A server that says
-what cannot be, or says it in the wrong phase, is cut off.
+sub-cubes were handed out stay idle. When a map/shade server is lost, the others draw what is left; when a splat server
+is, the others take over its part of the image. A server that says what cannot be, or says it in the wrong phase, is cut
+off.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import get_args
 
+from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.coordinator_events import (
     AnswerProbe,
     CutOff,
@@ -28,23 +31,23 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerProcessEnded,
     VolumeAsked,
 )
+from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.frames import Frames
 from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.probes import Probes
 from volsplat.client.coordinator.server_states import ServerState, incomplete
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.volume_holding import VolumeHolding
-from volsplat.protocol.messages.frame_messages import FrameFinished
+from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
 from volsplat.protocol.messages.handlers import Handler, check_handlers, handlers, takes
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.session_messages import (
-    ConnectedToSplatServers,
     ConnectToSplatServers,
+    DescribeMachine,
     EndSession,
-    InviteWorkers,
+    MachineDescribed,
     Refused,
-    Route,
 )
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import VolumeDescribed
@@ -57,13 +60,14 @@ class Coordinator:
     def __init__(self) -> None:
         self.servers = Servers()
         self.holding = VolumeHolding()
+        self.routes = DataRoutes(self.servers)
         self.frames = Frames(self.servers, self.holding)
         self.probes = Probes(self.holding)
         self.failure: VolsplatError | None = None
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.holding, self.frames, self.probes)
+            for owner in (self, self.holding, self.routes, self.frames, self.probes)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -101,6 +105,11 @@ class Coordinator:
     @takes(ServerJoined)
     def _joined(self, event: ServerJoined) -> list[Instruction]:
         self.servers.add(event)
+        return [Send(event.server, DescribeMachine())]
+
+    @takes(MachineDescribed)
+    def _machine_described(self, message: MachineDescribed, event: MessageReceived) -> list[Instruction]:
+        self.servers.describe(event.server, message)
         return self._gathered()
 
     @takes(ServerLost)
@@ -108,15 +117,23 @@ class Coordinator:
         return self._lose(event.server, event.cause)
 
     def _lose(self, number: int, cause: str) -> list[Instruction]:
-        """Go on without this server if others hold parts of the volume; else the session fails."""
+        """Go on without this server if others hold parts of the volume, or draw; else the session fails."""
         lost = self.servers.lose(number, cause)
         if lost is None:
             return []
-        if self.holding.volume is None or number == self.servers.splat or len(self.holding.boxes) == 1:
+        if lost.role is Role.SPLAT_SERVER:
+            return self._lose_splat_server(lost)
+        if self.holding.volume is None or len(self.holding.boxes) == 1:
             return self._fail(PeerLost(cause))
         held = self.holding.lose(number)
         error = incomplete([lost])
         return [ReportProgress(str(error)), *self.frames.end(error), *held, *self.probes.lost(number)]
+
+    def _lose_splat_server(self, lost: ServerState) -> list[Instruction]:
+        if not self.servers.splat_servers:
+            return self._fail(PeerLost(lost.cause))
+        told = ReportProgress(f"{lost.cause}; others take over its part of the image")
+        return [told, *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
 
     @takes(ServerProcessEnded)
     def _process_ended(self, event: ServerProcessEnded) -> list[Instruction]:
@@ -133,13 +150,23 @@ class Coordinator:
         asked, servers = self._asked, self.servers
         if self.holding.phase != Phase.GATHERING or asked is None:
             return []
-        workers, splat_servers = servers.of_role(Role.MAPSHADE_SERVER), servers.of_role(Role.SPLAT_SERVER)
-        if len(workers) < asked.workers or not splat_servers:
-            missing = f"{len(workers)} of {asked.workers} map/shade servers, {len(splat_servers)} of 1 splat server"
+        workers, splat_servers = servers.ready(Role.MAPSHADE_SERVER), servers.ready(Role.SPLAT_SERVER)
+        if len(workers) < asked.workers or len(splat_servers) < asked.splat_servers:
+            missing = (
+                f"{len(workers)} of {asked.workers} map/shade servers, "
+                f"{len(splat_servers)} of {asked.splat_servers} splat server{'s' if asked.splat_servers > 1 else ''}"
+            )
             return [ReportProgress(f"waiting for servers: {missing} joined")]
-        servers.workers, servers.splat = workers[: asked.workers], splat_servers[0]
-        hosts = {worker: servers.joined[worker].host for worker in servers.workers}
-        return self.holding.begin(asked.path, hosts, asked.memory, asked.held)
+        servers.workers, servers.splat_servers = workers[: asked.workers], splat_servers[: asked.splat_servers]
+        return self.holding.begin(asked.path, self._memory(asked), asked.held)
+
+    def _memory(self, asked: VolumeAsked) -> dict[int, int]:
+        """What of a prepared volume each worker may hold."""
+        servers = self.servers
+        if asked.memory is not None:
+            return dict.fromkeys(servers.workers, asked.memory)
+        left = {worker: servers.machines[worker].memory_bytes for worker in servers.workers}
+        return budgets(left, {worker: servers.joined[worker].host for worker in left})
 
     # -- what servers say
 
@@ -166,22 +193,11 @@ class Coordinator:
 
     @takes(VolumeDescribed, Phase.DESCRIBING)
     def _volume_described(self, message: VolumeDescribed, event: MessageReceived) -> list[Instruction]:
-        """Have every server that is to hold a part of the volume link to the splat server, and the volume read."""
+        """Have every server that is to hold a part of the volume link to the splat servers, and the volume read."""
         told = self.holding.described(message, event.payload)
-        joined, boxes, splat = self.servers.joined, self.holding.boxes, self.servers.splat
+        boxes = self.holding.boxes
         self.servers.note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in boxes.items())
-        data = joined[splat].data
-        keys = {worker: joined[worker].key for worker in boxes}
-        routes = {worker: Route(server=splat, host=data.host, port=data.port, key=key) for worker, key in keys.items()}
-        return [
-            Send(splat, InviteWorkers(keys=keys)),
-            *(Send(worker, ConnectToSplatServers(routes=[route])) for worker, route in routes.items()),
-            *told,
-        ]
-
-    @takes(ConnectedToSplatServers)
-    def _connected(self, message: ConnectedToSplatServers, event: MessageReceived) -> list[Instruction]:
-        return []
+        return [*self.routes.invite(boxes), *self.routes.connect(boxes), *told]
 
     @takes(Refused)
     def _refused(self, message: Refused, event: MessageReceived) -> list[Instruction]:
@@ -197,8 +213,10 @@ class Coordinator:
     def _assignment_refused(self, server: int, message: Refused, error: VolsplatError) -> list[Instruction]:
         """Whoever waits for what is refused is told; the session goes on once the volume is surveyed."""
         holding = self.holding
-        if message.request == ConnectToSplatServers.__name__ and len(holding.boxes) > 1:
-            if holding.volume is not None and server in holding.boxes:  # the others can draw
+        if message.request == ConnectToSplatServers.__name__:
+            if not self.routes.refused(server):
+                return []  # it has been told since whom it can reach
+            if holding.volume is not None and server in holding.boxes and len(holding.boxes) > 1:  # the others can draw
                 return [Send(server, EndSession()), *self._lose(server, str(error))]
         if holding.volume is None or not message.assignment:
             return self._fail(error)
@@ -211,12 +229,20 @@ class Coordinator:
 
     @takes(FrameFinished, *SURVEYED_PHASES)
     def _frame_finished(self, message: FrameFinished, event: MessageReceived) -> list[Instruction]:
-        """Workers from which the splat server hears no more count as lost, whether or not they live."""
+        return self._unreachable(self.frames.finished(message, event), event.server)
+
+    @takes(FrameMapped, *SURVEYED_PHASES)
+    def _frame_mapped(self, message: FrameMapped, event: MessageReceived) -> list[Instruction]:
+        lost = self.frames.mapped(message, event.server)
+        return self._unreachable(lost, event.server) or self.frames.publish()
+
+    def _unreachable(self, lost: Iterable[int], teller: int) -> list[Instruction]:
+        """Servers that hear nothing of each other any more cannot draw together, whether or not they live."""
         told: list[Instruction] = []
-        for worker in self.frames.finished(message, event.at):
-            if worker in self.servers.joined:
-                cause = f"{self.servers.name(worker)} has lost its connection to the splat server"
-                told += [Send(worker, EndSession()), *self._lose(worker, cause)]
+        for server in lost:
+            if server in self.servers.joined:
+                cause = f"{self.servers.name(server)} has lost its connection to {self.servers.name(teller)}"
+                told += [Send(server, EndSession()), *self._lose(server, cause)]
         return told
 
     def validate_state(self) -> None:
@@ -240,6 +266,6 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
         raise RemoteProtocolError(f"{type(message).__name__} came while the volume is {phase.value}")
 
 
-OWNERS = (Coordinator, VolumeHolding, Frames, Probes)
+OWNERS = (Coordinator, VolumeHolding, DataRoutes, Frames, Probes)
 
 check_handlers({*get_args(Event), *taken_by(Role.CLIENT)}, *OWNERS)

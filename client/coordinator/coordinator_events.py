@@ -8,6 +8,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.addresses import Address
 
@@ -20,7 +21,7 @@ class FrameOutcome:
     """
 
     map_shade: dict[int, messages.MapShadeStats]
-    splat: messages.SplatStats
+    splat: dict[int, messages.SplatStats]
     missing: tuple[Box, ...] = ()
     level: int = 0
     why_level: str = ""
@@ -67,6 +68,7 @@ class MessageReceived:
 class VolumeAsked:
     path: str
     workers: int
+    splat_servers: int = 1
     memory: int | None = None  # bytes that each map/shade server may hold of a prepared volume; None: as it sees fit
     held: bool = True  # else only surveyed, until a frame is wanted
 
@@ -146,9 +148,18 @@ class PublishVolume:
 
 
 @dataclass(frozen=True)
+class ImagePart:
+    """What one splat server has drawn of an image."""
+
+    rectangle: Rectangle
+    pixels: memoryview  # float32 RGBA, associated
+
+
+@dataclass(frozen=True)
 class PublishImage:
     """An image of `frame` arrived; `complete` where the frame is done, and then statistics come with it.
 
+    What is not in its `parts` is `missing`, lost with a splat server; that is drawn by others in another frame.
     `drawn_at` is when the news came that the frame was done, as in MessageReceived.
     """
 
@@ -156,8 +167,9 @@ class PublishImage:
     step: Step
     width: int
     height: int
-    pixels: memoryview  # float32 RGBA, associated
+    parts: tuple[ImagePart, ...]
     complete: bool
+    missing: tuple[Rectangle, ...] = ()
     outcome: FrameOutcome | None = None
     drawn_at: float = 0.0
 

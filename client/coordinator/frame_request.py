@@ -1,12 +1,12 @@
 """What servers are told of a frame: its plan, made once for all of them, and its shading rule."""
 
+from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
-from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
 
 
@@ -19,9 +19,13 @@ def frame_request(
     quantisation: Quantisation,
     resolution: Resolution,
     workers: dict[int, int],
-    splat_server: int,
+    owners: dict[int, int],
+    shares: RegionShares,
 ) -> messages.RenderFrame:
-    """`workers` are the map/shade servers with their walkers. Raises ValueError where the scene does not fit."""
+    """`workers` are the map/shade servers with their walkers, `owners` the splat servers with theirs.
+
+    Raises ValueError where the scene does not fit the volume.
+    """
     plan = plan_frame(scene, geometry, step, resolution)
     return messages.RenderFrame(
         frame=frame,
@@ -32,5 +36,5 @@ def frame_request(
         quantisation=quantisation,
         level=resolution.level,
         workers=workers,
-        regions=[Region(splat_server, 0, plan.height)],
+        regions=shares.regions(plan, owners),
     )

@@ -4,17 +4,18 @@ from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     EndFrame,
     FrameAsked,
+    ImagePart,
     Instruction,
     MessageReceived,
     PartialImageAsked,
-    PublishImage,
     ReportProgress,
     Send,
 )
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.coordinator.running_frame import RunningFrame
-from volsplat.client.coordinator.server_states import incomplete
+from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, incomplete
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.messages.frame_messages import (
@@ -26,6 +27,7 @@ from volsplat.protocol.messages.frame_messages import (
     ReadImage,
 )
 from volsplat.protocol.messages.handlers import takes
+from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, VolsplatError
 
 
@@ -36,6 +38,7 @@ class Frames:
         self.frame: RunningFrame | None = None
         self._servers = servers
         self._holding = holding
+        self._shares = RegionShares()
 
     @takes(FrameAsked)
     def asked(self, event: FrameAsked) -> list[Instruction]:
@@ -74,14 +77,14 @@ class Frames:
                 packing.quantisation,
                 resolution,
                 dict.fromkeys(holding.boxes, 1),
-                self._servers.splat,
+                self._servers.owners,
+                self._shares,
             )
         except BadInput as error:
             return self.end(error)
         except ValueError as error:
             return self.end(BadInput(str(error)))
-        frame.level, frame.why_level = resolution.level, packing.why_level
-        frame.started = True
+        frame.start(render, packing.why_level)
         partial = self.read_partial(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
         return [
             ReportProgress(f"step {frame.step}"),
@@ -112,8 +115,8 @@ class Frames:
         return [Send(server, AbortFrame(frame=frame.frame)) for server in self._drawing()]
 
     def _drawing(self) -> list[int]:
-        """The servers of a frame: the splat server last, since all others have work to do before it has any."""
-        return [*self._holding.boxes, self._servers.splat]
+        """The servers of a frame: splat servers last, since all others have work to do before these have any."""
+        return [*self._holding.boxes, *self._servers.splat_servers]
 
     @takes(AbortAsked)
     def abort(self, event: AbortAsked) -> list[Instruction]:
@@ -131,7 +134,11 @@ class Frames:
         frame = self.current(message.frame)
         if frame is None:
             return []
-        frame.unacknowledged.discard(event.server)
+        return self._acknowledged(frame, event.server)
+
+    def _acknowledged(self, frame: RunningFrame, server: int) -> list[Instruction]:
+        """A server does nothing more for a frame that is being aborted."""
+        frame.unacknowledged.discard(server)
         if frame.unacknowledged:
             return []
         self.frame = None
@@ -140,31 +147,53 @@ class Frames:
     @takes(PartialImageAsked)
     def read_partial(self, event: PartialImageAsked) -> list[Instruction]:
         frame = self.current(event.frame)
-        if frame is None or frame.unacknowledged or frame.splat is not None:
+        if frame is None or frame.unacknowledged:
             return []
         if not frame.started:
             frame.partial_wanted = True
             return []
-        return [Send(self._servers.splat, ReadImage(frame=event.frame))]
+        frame.awaited = {server for server in frame.rectangles if not frame.done(server)}
+        return [Send(server, ReadImage(frame=event.frame)) for server in sorted(frame.awaited - frame.splat.keys())]
 
-    @takes(FrameMapped, *SURVEYED_PHASES)
-    def _mapped(self, message: FrameMapped, event: MessageReceived) -> list[Instruction]:
-        frame = self.current(message.frame)
-        if frame is None:
+    def lose(self, lost: ServerState) -> list[Instruction]:
+        """Go on without a splat server. If its part is unfinished the frame ends, and the others' parts are shown."""
+        self._shares.lose(lost.id)
+        frame = self.frame
+        if frame is None or not frame.started:
             return []
-        frame.map_shade[event.server] = message.stats
-        return self._published(frame)
+        if frame.unacknowledged:
+            return self._acknowledged(frame, lost.id)
+        if frame.done(lost.id):
+            return []
+        shown = frame.left_by(lost.id)
+        return [*([shown] if shown else []), *self.end(ImageIncomplete(lost.cause))]
 
-    def finished(self, message: FrameFinished, at: float) -> list[int]:
-        """Note that the image will not change any more; the workers that it lacks are in the answer.
+    def mapped(self, message: FrameMapped, worker: int) -> list[int]:
+        """Note that a worker has done its part; the splat servers that it does not reach are in the answer.
 
-        Raises RemoteProtocolError unless these are workers of the frame.
+        Raises RemoteProtocolError unless these are splat servers of the frame.
+        """
+        frame = self.current(message.frame)
+        if frame is None or frame.unacknowledged:
+            return []
+        if not set(message.lost) <= frame.rectangles.keys():
+            said = f"it cannot reach {message.lost} for frame {frame.frame}"
+            raise RemoteProtocolError(f"{said}, but its splat servers are {list(frame.rectangles)}")
+        frame.map_shade[worker] = message.stats
+        return message.lost
+
+    def finished(self, message: FrameFinished, event: MessageReceived) -> list[int]:
+        """Note that a part of the image will not change any more; the workers that it lacks are in the answer.
+
+        Raises RemoteProtocolError unless these are workers of the frame, and the sender is one of its splat servers.
         """
         frame, workers = self.current(message.frame), list(self._holding.boxes)
         if frame is None or frame.unacknowledged:
             return []
+        if event.server not in frame.rectangles:
+            raise RemoteProtocolError(f"it draws nothing of frame {frame.frame}")
         if message.complete:
-            frame.splat, frame.drawn_at = message.stats, at
+            frame.splat[event.server], frame.drawn_at = message.stats, event.at
             return []
         if not message.lost or not set(message.lost) <= set(workers):
             said = f"frame {frame.frame} is incomplete for lack of {message.lost or 'nobody'}"
@@ -176,24 +205,21 @@ class Frames:
         frame = self.current(message.frame)
         if frame is None:
             return []
-        wanted = frame.scene.image
-        said, asked = (message.left, message.top, message.width, message.height), (0, 0, wanted.width, wanted.height)
-        if (said, message.step) != (asked, frame.step):
-            shown = f"step {message.step} and the rectangle {said}, not step {frame.step} and {asked}"
+        rectangle = Rectangle(message.left, message.top, message.width, message.height)
+        asked = frame.rectangles.get(event.server)
+        if (rectangle, message.step) != (asked, frame.step):
+            shown = f"step {message.step} and {rectangle}, not step {frame.step} and {asked}"
             raise RemoteProtocolError(f"the image of frame {frame.frame} is {shown}")
-        image = PublishImage(
-            frame.frame, frame.step, message.width, message.height, event.payload, complete=message.complete
-        )
-        if not message.complete:
-            return [image]
-        frame.image = image
-        return self._published(frame)
+        partial = frame.take(event.server, ImagePart(rectangle, event.payload), message.complete)
+        return [partial] if partial else self.publish()
 
-    def _published(self, frame: RunningFrame) -> list[Instruction]:
-        """The image, once all is here that comes with it."""
-        image = frame.finished(self._holding.boxes, self._servers.missing)
-        if image is None:
+    def publish(self) -> list[Instruction]:
+        """The finished image, once all is here that comes with it."""
+        frame = self.frame
+        image = frame.finished(self._holding.boxes, self._servers.missing) if frame is not None else None
+        if frame is None or frame.request is None or image is None:
             return []
+        self._shares.measured(frame.request, frame.splat)
         self.frame = None
         return [image]
 
@@ -208,5 +234,8 @@ class Frames:
             return
         assert self._holding.volume is not None, "a frame of an unknown volume runs"
         assert frame.unacknowledged <= set(self._drawing()), "a server that does not draw must acknowledge an abort"
+        drawing = {server for server in frame.rectangles if not frame.done(server)}
+        assert drawing <= set(self._servers.splat_servers), "a part of the image is awaited of a server that is gone"
+        assert frame.awaited <= drawing, "a partial image waits for a part that is whole"
         assert frame.map_shade.keys() <= self._holding.boxes.keys(), "a frame counts a server that holds nothing"
         assert frame.finished(self._holding.boxes, ()) is None, "a frame that is whole was not published"

@@ -1,12 +1,13 @@
 """A frame on its way, as the coordinator knows it."""
 
 from collections.abc import Collection
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
-from volsplat.client.coordinator.coordinator_events import FrameOutcome, PublishImage
+from volsplat.client.coordinator.coordinator_events import FrameOutcome, ImagePart, PublishImage
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box
-from volsplat.protocol.messages.frame_messages import MapShadeStats, SplatStats
+from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats
+from volsplat.protocol.rules.regions import Rectangle, lines_of, rectangle_of
 
 
 @dataclass
@@ -15,19 +16,63 @@ class RunningFrame:
     scene: Scene
     step: Step
     require_complete: bool  # only an image that shows the whole volume is wanted
-    started: bool = False  # sent to the servers
-    level: int = 0  # that is drawn
+    request: RenderFrame | None = None  # as it was sent to the servers
+    rectangles: dict[int, Rectangle] = field(default_factory=dict)  # of the image, by splat server
     why_level: str = ""
     partial_wanted: bool = False  # as soon as it has started
     unacknowledged: set[int] = field(default_factory=set)  # servers that were told to abort and have not said so
-    image: PublishImage | None = None
+    parts: dict[int, ImagePart] = field(default_factory=dict)  # that have come, by splat server: the newest of each
+    awaited: set[int] = field(default_factory=set)  # splat servers whose parts the next partial image waits for
+    whole: set[int] = field(default_factory=set)  # splat servers whose part is finished and here
     map_shade: dict[int, MapShadeStats] = field(default_factory=dict)
-    splat: SplatStats | None = None
+    splat: dict[int, SplatStats] = field(default_factory=dict)  # of those that have finished
     drawn_at: float = 0.0
 
-    def finished(self, workers: Collection[int], missing: tuple[Box, ...]) -> PublishImage | None:
-        """The finished image, once it and the statistics of all its servers are here."""
-        if self.image is None or self.splat is None or set(self.map_shade) != set(workers):
+    @property
+    def started(self) -> bool:
+        """Sent to the servers."""
+        return self.request is not None
+
+    @property
+    def drawn(self) -> bool:
+        """All of the image is here, and will not change."""
+        return bool(self.rectangles) and all(map(self.done, self.rectangles))
+
+    def done(self, server: int) -> bool:
+        """Whether nothing more is to come from a splat server."""
+        return server in self.splat and server in self.whole
+
+    def start(self, request: RenderFrame, why_level: str) -> None:
+        plan, regions = request.plan, request.regions
+        servers = dict.fromkeys(region.server for region in regions)
+        self.request, self.why_level = request, why_level
+        self.rectangles = {server: rectangle_of(plan, lines_of(regions, server)) for server in servers}
+
+    def take(self, server: int, part: ImagePart, complete: bool) -> PublishImage | None:
+        """The newest of a splat server. If it is the last that a partial image waited for: that image."""
+        self.parts[server] = part
+        if complete:
+            self.whole.add(server)
+        if server not in self.awaited:
             return None
-        outcome = FrameOutcome(self.map_shade, self.splat, missing, self.level, self.why_level)
-        return replace(self.image, outcome=outcome, drawn_at=self.drawn_at)
+        self.awaited.discard(server)
+        return None if self.awaited or self.drawn else self._image(complete=False)
+
+    def left_by(self, server: int) -> PublishImage | None:
+        """The image as it stands, if any of it is here, without the part of a splat server that is lost."""
+        self.parts.pop(server, None)
+        return self._image(complete=False, missing=(self.rectangles[server],)) if self.parts else None
+
+    def finished(self, workers: Collection[int], missing: tuple[Box, ...]) -> PublishImage | None:
+        """The finished image, once all of it and the statistics of all its servers are here."""
+        if self.request is None or not self.drawn or self.map_shade.keys() != set(workers):
+            return None
+        outcome = FrameOutcome(self.map_shade, self.splat, missing, self.request.level, self.why_level)
+        return self._image(complete=True, outcome=outcome)
+
+    def _image(
+        self, complete: bool, missing: tuple[Rectangle, ...] = (), outcome: FrameOutcome | None = None
+    ) -> PublishImage:
+        size = self.scene.image.width, self.scene.image.height
+        parts = tuple(self.parts.values())
+        return PublishImage(self.frame, self.step, *size, parts, complete, missing, outcome, self.drawn_at)

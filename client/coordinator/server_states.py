@@ -12,6 +12,10 @@ class VolumeIncomplete(PeerLost):
     """Servers are gone with their parts of the volume; what the others hold can still be drawn."""
 
 
+class ImageIncomplete(PeerLost):
+    """A splat server is gone with its part of the image that was being drawn; others can draw it anew."""
+
+
 @dataclass(frozen=True)
 class ServerState:
     """One server, as it stands."""
@@ -19,6 +23,7 @@ class ServerState:
     id: int
     role: Role
     host: str  # where it dials from
+    threads: int = 0  # that it may use; 0 until it has told
     boxes: tuple[Box, ...] = ()  # what it holds of the volume, or held when it was lost
     lost: bool = False
     cause: str = ""  # how it was lost, in one line

@@ -1,4 +1,4 @@
-"""The servers of a session: who is there, who shares the volume, who was lost with a part of it."""
+"""The servers of a session: who is there, who shares the volume and the image, who was lost with a part of either."""
 
 from collections.abc import Iterable
 from dataclasses import replace
@@ -7,24 +7,32 @@ from volsplat.client.coordinator.coordinator_events import ServerJoined
 from volsplat.client.coordinator.server_states import ServerState, missing_boxes
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.messages.session_messages import MachineDescribed
 
 
 class Servers:
-    """`states` holds those that are there, and those that were lost with a part of the volume."""
+    """`states` holds those that are there, and those that were lost after they had been chosen."""
 
     def __init__(self) -> None:
         self.joined: dict[int, ServerJoined] = {}  # those that are there
+        self.machines: dict[int, MachineDescribed] = {}  # of those of them that have told
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
-        self.splat = 0  # the one that draws
+        self.splat_servers: list[int] = []  # those that draw, as long as they are there
 
     @property
     def missing(self) -> tuple[Box, ...]:
         """The parts of the volume that were lost with their servers."""
         return missing_boxes(self.states.values())
 
-    def of_role(self, role: Role) -> list[int]:
-        return sorted(n for n, server in self.joined.items() if server.role == role)
+    @property
+    def owners(self) -> dict[int, int]:
+        """The splat servers that draw, each with the number of its threads that may own a region."""
+        return dict.fromkeys(self.splat_servers, 1)
+
+    def ready(self, role: Role) -> list[int]:
+        """Those of a role that have told what they have."""
+        return sorted(n for n in self.machines if self.joined[n].role == role)
 
     def name(self, server: int) -> str:
         return self.joined[server].name
@@ -36,13 +44,19 @@ class Servers:
     def note(self, states: Iterable[ServerState]) -> None:
         self.states = self.states | {state.id: state for state in states}
 
+    def describe(self, server: int, machine: MachineDescribed) -> None:
+        self.machines[server] = machine
+        self.note([replace(self.states[server], threads=machine.threads)])
+
     def lose(self, server: int, cause: str) -> ServerState | None:
         """It is gone. Its state, if the session needed it: then that is kept."""
         if self.joined.pop(server, None) is None:
             return None
-        if server != self.splat and server not in self.workers:
+        self.machines.pop(server, None)
+        if server not in (*self.splat_servers, *self.workers):
             self.states = {n: state for n, state in self.states.items() if n != server}
             return None
+        self.splat_servers = [n for n in self.splat_servers if n != server]
         lost = replace(self.states[server], lost=True, cause=cause)
         self.note([lost])
         return lost
@@ -51,4 +65,6 @@ class Servers:
         """Raises AssertionError if an invariant is broken."""
         present = {n for n, state in self.states.items() if not state.lost}
         assert present == self.joined.keys(), "the states are not those of the servers that are there"
+        assert self.machines.keys() <= present, "a machine is known whose server is gone"
+        assert set(self.splat_servers) <= self.machines.keys(), "a splat server draws that is gone, or unknown"
         assert all(state.lost == bool(state.cause) for state in self.states.values()), "a loss without a cause"

@@ -5,7 +5,7 @@ A state machine like the coordinator, which hands it the answers of the servers:
 
 from collections.abc import Mapping
 
-from volsplat.client.coordinator.base_level import LevelChoice, budgets
+from volsplat.client.coordinator.base_level import LevelChoice
 from volsplat.client.coordinator.coordinator_events import (
     Instruction,
     MessageReceived,
@@ -26,11 +26,9 @@ from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.volume_messages import (
-    DescribeMachine,
     DescribeVolume,
     HistogramsCounted,
     LendVolume,
-    MachineDescribed,
     PackVoxels,
     PartHeld,
     PartRead,
@@ -53,10 +51,8 @@ class VolumeHolding:
         self.volume: SurveyedVolume | None = None
         self.packing: Packing | None = None  # what is held, or on its way
         self._path = ""
-        self._hosts: Mapping[int, str] = {}  # of the servers that share the volume
         self._held = True  # else only surveyed
-        self._memory: int | None = None  # for each, where a person has set it
-        self._memories: dict[int, int] = {}  # what their machines have left
+        self._memory: Mapping[int, int] = {}  # of a prepared volume, for each of the servers that share it
         self._levels: StoredLevels | None = None  # of a prepared volume
         self._known: VolumeSurvey | None = None
         self._pending: set[int] = set()  # servers whose answer the phase waits for
@@ -70,16 +66,17 @@ class VolumeHolding:
         """Nothing is on its way: frames can be drawn, or their packets be made."""
         return self.phase in SETTLED
 
-    def begin(
-        self, path: str, hosts: Mapping[int, str], memory: int | None = None, held: bool = True
-    ) -> list[Instruction]:
-        """Have the servers that run on these hosts share the volume at `path`; not `held`, only survey it at first."""
+    def begin(self, path: str, memory: Mapping[int, int], held: bool = True) -> list[Instruction]:
+        """Have these servers share the volume at `path`; not `held`, only survey it at first.
+
+        `memory` is how many bytes of a prepared volume each of them may hold.
+        """
         self.phase = Phase.DESCRIBING
         self._held = held
-        self._path, self._hosts, self._memory = path, hosts, memory
+        self._path, self._memory = path, memory
         return [
             ReportProgress("reading the volume's header"),
-            Send(next(iter(hosts)), DescribeVolume(path=path)),
+            Send(next(iter(memory)), DescribeVolume(path=path)),
         ]
 
     def outdated(self, message: Message) -> bool:
@@ -180,25 +177,13 @@ class VolumeHolding:
     def described(self, message: VolumeDescribed, payload: memoryview) -> list[Instruction]:
         """Divide the volume among the servers. Raises BadInput if it has too few voxels for so many."""
         self._known = VolumeSurvey(message, payload)
-        boxes = divided(message.description.geometry, len(self._hosts), message.description.chunk)
-        self.boxes = {worker: [box] for worker, box in zip(self._hosts, boxes, strict=True)}
-        if not message.prepared:
+        boxes = divided(message.description.geometry, len(self._memory), message.description.chunk)
+        self.boxes = {worker: [box] for worker, box in zip(self._memory, boxes, strict=True)}
+        prepared = self._known.prepared
+        if prepared is None:
             return self._read_sub_cubes()
-        self._pending = set(self.boxes)
-        return [Send(worker, DescribeMachine()) for worker in self.boxes]
-
-    @takes(MachineDescribed, Phase.DESCRIBING)
-    def _machine_described(self, message: MachineDescribed, event: MessageReceived) -> list[Instruction]:
-        self._memories[event.server] = message.memory_bytes
-        self._pending.discard(event.server)
-        if self._pending:
-            return []
-        assert self._known is not None and self._known.prepared is not None
-        memory = budgets(self._memories, self._hosts)
-        if self._memory is not None:
-            memory = dict.fromkeys(memory, self._memory)
-        choice = LevelChoice(self._known.prepared.levels, self.boxes, memory)
-        self._levels = StoredLevels(self._known.prepared.quantisation, choice)
+        choice = LevelChoice(prepared.levels, self.boxes, self._memory)
+        self._levels = StoredLevels(prepared.quantisation, choice)
         return self._surveyed()
 
     def _open_packets(self, levels: StoredLevels, packing: Packing) -> list[Instruction]:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from volsplat.client.session.frame_report import StepReport
 from volsplat.protocol.description.machine import Machine
+from volsplat.protocol.messages.messages import SplatStats
 
 ALL_CORES = 0.85  # of a machine's cores' time: from here on more processes on it bring nothing
 
@@ -25,10 +26,10 @@ def bottleneck(report: StepReport) -> Bottleneck:
     all its cores busy, these are named with whatever takes most of the frame. The image is sent after the finished
     frame. The client has what is left: asking for it, the messages' ways, and what nothing accounts for.
     """
-    wall = report.wall_seconds
+    wall, splat = report.wall_seconds, report.slowest_splat_server
     parts = {
         "slowest map/shade": report.map_shade_seconds_slowest,
-        "splat server": _splat_seconds(report),
+        "slowest splat server" if len(report.splat_servers) > 1 else "splat server": _splat_seconds(splat),
         "links": min(report.splat_waiting_seconds, report.map_shade_waiting_seconds_slowest),
         "image": report.image_seconds,
         "client": report.messages_seconds + (1 - report.accounted_share) * wall,
@@ -41,14 +42,15 @@ def bottleneck(report: StepReport) -> Bottleneck:
     return Bottleneck(f"{cores}, most by {name}", parts[name] / wall)
 
 
-def _splat_seconds(report: StepReport) -> float:
-    seconds = report.planning_seconds + report.merge_seconds + report.splat_seconds
-    return seconds + report.splat_server.answering_seconds
+def _splat_seconds(splat: SplatStats) -> float:
+    return splat.planning_seconds + splat.merge_seconds + splat.splat_seconds + splat.answering_seconds
 
 
 def _work(report: StepReport) -> dict[Machine, list[float]]:
     """The seconds that each server of each machine worked."""
-    work = defaultdict(list, {report.splat_server.machine: [_splat_seconds(report)]})
+    work = defaultdict(list)
+    for splat in report.splat_servers.values():
+        work[splat.machine].append(_splat_seconds(splat))
     for worker in report.workers.values():
         work[worker.machine].append(worker.map_shade_seconds)
     return work

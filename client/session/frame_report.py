@@ -1,7 +1,7 @@
 """What the steps of an image took, in numbers: report.json, and the table beside the paper's."""
 
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import msgspec
@@ -47,7 +47,10 @@ class VolumeFacts(msgspec.Struct, frozen=True):
 
 
 class StepReport(msgspec.Struct, frozen=True):
-    """One step. Of the workers, seconds are given as their sum and as the slowest one's."""
+    """One step. Of the workers, seconds are given as their sum and as the slowest one's.
+
+    Of the splat servers they are those of the slowest, whose part of the image was finished last.
+    """
 
     step: Step
     level: int  # that was drawn; 0 is the volume itself
@@ -59,19 +62,24 @@ class StepReport(msgspec.Struct, frozen=True):
     map_shade_seconds_slowest: float
     map_shade_waiting_seconds: float  # in sends that back-pressure held up
     map_shade_waiting_seconds_slowest: float
-    planning_seconds: float  # of the splat server, as the three that follow
+    planning_seconds: float  # of the slowest splat server, as the three that follow
     merge_seconds: float
     splat_seconds: float
     splat_waiting_seconds: float  # with nothing to splat
     messages_seconds: float  # what is left: of asking for the frame, and of messages on their way
     image_seconds: float  # until the finished image was here
-    image_bytes: int  # of the finished image, as the splat server sends it
-    accounted_share: float  # of the wall seconds, by the splat server's stages, the messages and the image
-    hidden_packets: int  # of those sent, left out by the splat server
-    held_back_seconds: float  # that connections were not read because their buffers were full, over all workers
+    image_bytes: int  # of the finished image, as the splat servers send it
+    accounted_share: float  # of the wall seconds, by the slowest splat server's stages, the messages and the image
+    hidden_packets: int  # of those sent, left out by the splat servers
+    held_back_seconds: float  # that connections were not read because their buffers were full, over all of them
     peak_memory_bytes: dict[str, int]  # of each process so far
     workers: dict[int, MapShadeStats]
-    splat_server: SplatStats
+    splat_servers: dict[int, SplatStats]
+
+    @property
+    def slowest_splat_server(self) -> SplatStats:
+        """Whose part of the image was finished last."""
+        return slowest(self.splat_servers)
 
 
 class FrameReport(msgspec.Struct, frozen=True):
@@ -149,9 +157,10 @@ def step_table(report: FrameReport) -> Table:
 
 
 def _step_report(outcome: StepOutcome, scene: Scene) -> StepReport:
-    workers, splat = outcome.servers.map_shade, outcome.servers.splat
-    stats = list(workers.values())
-    memory = {f"map/shade server {server}": worker.peak_memory_bytes for server, worker in sorted(workers.items())}
+    workers, splat_servers = outcome.servers.map_shade, outcome.servers.splat
+    stats, splat = list(workers.values()), slowest(splat_servers)
+    memory = {f"splat server {server}": one.peak_memory_bytes for server, one in sorted(splat_servers.items())}
+    memory |= {f"map/shade server {server}": worker.peak_memory_bytes for server, worker in sorted(workers.items())}
     return StepReport(
         step=outcome.step,
         level=outcome.servers.level,
@@ -171,21 +180,26 @@ def _step_report(outcome: StepOutcome, scene: Scene) -> StepReport:
         image_seconds=outcome.image_seconds,
         image_bytes=scene.image.width * scene.image.height * IMAGE_PIXEL_BYTES,
         accounted_share=_accounted_seconds(outcome) / outcome.wall_seconds,
-        hidden_packets=splat.hidden_packets,
-        held_back_seconds=sum(splat.held_back_seconds.values()),
-        peak_memory_bytes={"client": peak_memory(), "splat server": splat.peak_memory_bytes, **memory},
+        hidden_packets=sum(one.hidden_packets for one in splat_servers.values()),
+        held_back_seconds=sum(seconds for one in splat_servers.values() for seconds in one.held_back_seconds.values()),
+        peak_memory_bytes={"client": peak_memory(), **memory},
         workers=workers,
-        splat_server=splat,
+        splat_servers=splat_servers,
     )
 
 
 def _accounted_seconds(outcome: StepOutcome) -> float:
-    """What follows each other: the splat server's stages, waiting included, with the messages before and the image."""
-    splat = outcome.servers.splat
+    """What follows each other: a splat server's stages, waiting included, with the messages before and the image."""
+    splat = slowest(outcome.servers.splat)
     stages = (splat.planning_seconds, splat.merge_seconds, splat.splat_seconds, splat.waiting_seconds)
     return sum(stages) + splat.answering_seconds + _messages_seconds(outcome) + outcome.image_seconds
 
 
 def _messages_seconds(outcome: StepOutcome) -> float:
-    """When neither the splat server had the frame nor its image was on its way."""
-    return max(0.0, outcome.wall_seconds - outcome.servers.splat.frame_seconds - outcome.image_seconds)
+    """When neither a splat server had the frame nor its image was on its way."""
+    return max(0.0, outcome.wall_seconds - slowest(outcome.servers.splat).frame_seconds - outcome.image_seconds)
+
+
+def slowest(splat_servers: Mapping[int, SplatStats]) -> SplatStats:
+    """The one that was at its part of the frame for longest."""
+    return max(splat_servers.values(), key=lambda splat: splat.frame_seconds)

@@ -1,10 +1,12 @@
-"""An image as a splat server published it: for the client's own files a numpy array, for Python a tensor."""
+"""An image as splat servers published it: for the client's own files a numpy array, for Python a tensor."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+from volsplat.client.coordinator.coordinator_events import ImagePart
 from volsplat.program.extras import need
 
 if TYPE_CHECKING:
@@ -28,6 +30,20 @@ class PublishedImage:
         array = np.ascontiguousarray(pixels, np.float32)
         height, width, _ = array.shape
         return cls(array.data.cast("B"), width, height)
+
+    @classmethod
+    def of_parts(cls, parts: Sequence[ImagePart], width: int, height: int) -> PublishedImage:
+        """Laid together; in the memory of the one part if there are no others. Empty where there is none."""
+        if len(parts) == 1 and parts[0].rectangle == (0, 0, width, height):
+            return cls(parts[0].pixels, width, height)
+        import numpy as np
+
+        whole = np.zeros((height, width, 4), np.float32)
+        for part in parts:
+            left, top, columns, rows = part.rectangle
+            pixels = np.frombuffer(part.pixels, np.float32).reshape(rows, columns, 4)
+            whole[top : top + rows, left : left + columns] = pixels
+        return cls.of(whole)
 
     @cached_property
     def pixels(self) -> NDArray[np.float32]:

@@ -16,7 +16,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerProcessEnded,
 )
 from volsplat.client.session.outgoing import Outgoing
-from volsplat.deploy.local import LocalServers
+from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.greetings import Hello
@@ -67,10 +67,11 @@ class ServerLinks:
         """Of the servers that were started here."""
         return self._local.process_ids
 
-    def start(self, workers: int) -> None:
-        """Start a splat server and as many map/shade servers on this machine."""
-        for program in (Program.SPLAT_SERVER, *[Program.MAPSHADE_SERVER] * workers):
-            self._local.start(program, str(self.address), self._token)
+    def start(self, workers: int, splat_servers: int, threads: int) -> None:
+        """Start as many map/shade servers and splat servers on this machine; those of each kind share the threads."""
+        for program, count in ((Program.SPLAT_SERVER, splat_servers), (Program.MAPSHADE_SERVER, workers)):
+            for share in shared_out(threads, count):
+                self._local.start(program, str(self.address), self._token, share)
 
     def send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
         """Have it sent; nobody waits for a server that does not read."""
@@ -162,18 +163,21 @@ class ServerLinks:
         match message:
             case messages.FrameFinished(frame=frame, lost=lost) if frame == self._newest_frame():
                 missed = [self._peers[worker] for worker in lost if worker in self._peers]
+            case messages.FrameMapped(frame=frame, lost=lost) if frame == self._newest_frame():
+                missed = [self._peers[splat] for splat in lost if splat in self._peers]
             case messages.Refused(peer_lost=True):
                 missed = [peer for peer in list(self._peers.values()) if peer.role == Role.SPLAT_SERVER]
             case _:
                 return
+        ended = self._local.told_ends([peer.name for peer in missed])
         for peer in missed:
-            if ended := self._local.told_end(peer.name):
-                self._on_event(ServerLost(peer.id, f"{peer} is gone: it {ended}"))
+            if peer.name in ended:
+                self._on_event(ServerLost(peer.id, f"{peer} is gone: it {ended[peer.name]}"))
 
     def _cause_of_loss(self, peer: Peer, error: VolsplatError) -> str:
         """Why a server is lost, with how its process ended if that is known."""
-        ended = self._local.told_end(peer.name) if OWN_OUTPUT in str(error) else ""
-        return str(error).replace(OWN_OUTPUT, f"it {ended}") if ended else str(error)
+        ended = self._local.told_ends([peer.name]) if OWN_OUTPUT in str(error) else {}
+        return str(error).replace(OWN_OUTPUT, f"it {ended[peer.name]}") if ended else str(error)
 
     def _unsent(self, peer: Peer, message: messages.Message, error: VolsplatError) -> None:
         if isinstance(error, LocalProtocolError):  # nothing of it went out: as if the server had refused it

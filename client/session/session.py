@@ -47,7 +47,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
     VolumeAsked,
 )
-from volsplat.client.coordinator.server_states import ServerState, VolumeIncomplete
+from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, VolumeIncomplete
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.probe_answers import ProbeAnswers
 from volsplat.client.session.published_image import PublishedImage
@@ -79,13 +79,13 @@ ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
 
 
 class Session:
-    """A volume held by map/shade servers and a splat server.
+    """A volume held by map/shade servers, and drawn by splat servers that share out the image.
 
-    `volume` is a path as the servers see it. With `spawn` the servers are started on this machine; without it they
-    are started by hand and join at `listen`. `memory` is how many bytes each map/shade server may hold of a prepared
-    volume; by default half of what its machine has left, shared with the others there. A volume that is not `held` is
-    surveyed a few sheets at a time, and only read when something is drawn of it. `on_progress` gets one line for each
-    thing that takes time, on a thread of the session.
+    `volume` is a path as the servers see it. With `spawn` the servers are started on this machine, and share out its
+    cores or as many `threads`; without it they are started by hand and join at `listen`. `memory` is how many bytes
+    each map/shade server may hold of a prepared volume; by default half of what its machine has left, shared with the
+    others there. A volume that is not `held` is surveyed a few sheets at a time, and only read when something is drawn
+    of it. `on_progress` gets one line for each thing that takes time, on a thread of the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
     is none, as all methods do, and the session goes on.
@@ -96,6 +96,8 @@ class Session:
         volume: str | Path,
         *,
         workers: int | None = None,
+        splat_servers: int = 1,
+        threads: int | None = None,
         listen: Address = ANY_LOOPBACK_PORT,
         spawn: bool = True,
         token: Token | None = None,
@@ -106,8 +108,9 @@ class Session:
         name = checked_volume(volume)
         listen = checked_address(listen, "listen")
         memory = None if memory is None else checked_count(memory, "memory")
-        if workers is not None:
-            workers = checked_count(workers, "workers")
+        splat_servers = checked_count(splat_servers, "splat_servers")
+        workers = usable_cores() if workers is None else checked_count(workers, "workers")
+        threads = usable_cores() if threads is None else checked_count(threads, "threads")
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
@@ -122,11 +125,11 @@ class Session:
         self._links = ServerLinks(listen, token or new_token(), self._events.put, lambda: self._frames.newest)
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
-        wanted = workers or usable_cores()
+        path = absolute_name(name) if spawn else name
         try:
             if spawn:
-                self._links.start(wanted)
-            self._events.put(VolumeAsked(absolute_name(name) if spawn else name, wanted, memory, held))
+                self._links.start(workers, splat_servers, threads)
+            self._events.put(VolumeAsked(path, workers, splat_servers, memory, held))
         except BaseException:
             self.close()
             raise
@@ -171,8 +174,14 @@ class Session:
     def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
         """As `render`, with what it took."""
         scene, step = checked_scene(scene), checked_step(step)
-        *_, finished = self._drawn(*self._ask(scene, step, require_complete=True), step, partial_interval=None)
-        return finished
+        frame: int | None = None
+        while True:
+            frame, answers = self._ask(scene, step, require_complete=True, after=frame)
+            try:
+                *_, finished = self._drawn(frame, answers, step, partial_interval=None)
+                return finished
+            except ImageIncomplete:  # other splat servers can draw all of it
+                continue
 
     def refine(
         self,
@@ -187,7 +196,8 @@ class Session:
         Ends early, without an error, when something else is asked for or all is aborted.
 
         Goes on if a map/shade server is lost while others hold parts of the volume: then the outcome of each finished
-        image says what is missing from it. Raises PeerLost if nothing can be drawn any more.
+        image says what is missing from it. If one of several splat servers is lost, the others draw the step anew.
+        Raises PeerLost if nothing can be drawn any more.
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
@@ -203,7 +213,7 @@ class Session:
                 try:
                     yield from self._drawn(frame, answers, step, partial_interval)
                     return
-                except VolumeIncomplete:  # lost while it was drawn: once more, with what is left
+                except (VolumeIncomplete, ImageIncomplete):  # lost while it was drawn: once more, with what is left
                     continue
 
         try:
@@ -324,4 +334,4 @@ class Session:
 
 
 def _published(image: PublishImage) -> PublishedImage:
-    return PublishedImage(image.pixels, image.width, image.height)
+    return PublishedImage.of_parts(image.parts, image.width, image.height)

@@ -19,6 +19,7 @@ from volsplat.client.caller.arguments import (
     checked_step,
     checked_volume,
 )
+from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.coordinator_events import (
     FrameOutcome,
     Instruction,
@@ -35,6 +36,7 @@ from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.held_volume import Answer, HeldVolume
 from volsplat.mapshade_server.probe import front_most
+from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
@@ -85,7 +87,8 @@ class SingleProcess:
         self._walker = ThreadPoolExecutor(1, "walk") if threads >= WALKED_APART_FROM else None
         self._held = HeldVolume()
         self._holding = VolumeHolding()
-        self._carry_out(self._holding.begin(name, {WORKER: "here"}, memory))
+        left = budgets({WORKER: available_memory()}, {WORKER: "here"})
+        self._carry_out(self._holding.begin(name, left if memory is None else {WORKER: memory}))
         self._image: ImageBuffer | None = None
         self._frame = 0
         self._ahead: Future[ShadedBatch | None] | None = None  # the batch that the walker is at
@@ -188,7 +191,7 @@ class SingleProcess:
         )
         assert self._holding.packing is not None
         why = self._holding.packing.why_level
-        outcome = FrameOutcome({WORKER: tally.stats()}, splat, level=resolution.level, why_level=why)
+        outcome = FrameOutcome({WORKER: tally.stats()}, {WORKER: splat}, level=resolution.level, why_level=why)
         now = time.perf_counter()
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, outcome))
 

@@ -9,6 +9,7 @@ from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
+    MOST_THREADS,
     AssignmentId,
     Count,
     Detail,
@@ -21,6 +22,7 @@ from volsplat.protocol.messages.message import (
     Seconds,
     ServerId,
     ServerIds,
+    Threads,
     asks,
     says,
 )
@@ -36,10 +38,7 @@ from volsplat.protocol.rules.shading_rule import ShadingRule
 RGBA_BYTES = 16  # four float32
 RAW: Literal["raw"] = "raw"  # the one encoding of batches so far
 
-MOST_WALKERS = 1024
-
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
-Walkers = Annotated[int, Meta(ge=1, le=MOST_WALKERS)]
 
 
 class MapShadeStats(Detail, frozen=True):
@@ -87,10 +86,11 @@ class SplatStats(Detail, frozen=True):
 
 
 class FrameMapped(Message, frozen=True):
-    """Map/shade server to client: all batches of the frame are on their way."""
+    """Map/shade server to client: all batches of the frame are on their way. `lost` are splat servers that get none."""
 
     frame: FrameId
     stats: MapShadeStats
+    lost: ServerIds
 
 
 class FrameFinished(Message, frozen=True):
@@ -142,7 +142,7 @@ class RenderFrame(Message, frozen=True):
     geometry: Geometry
     quantisation: Quantisation
     level: LevelNumber
-    workers: Annotated[dict[ServerId, Walkers], Meta(max_length=MAX_SERVERS)]
+    workers: Annotated[dict[ServerId, Threads], Meta(max_length=MAX_SERVERS)]
     regions: Regions
 
     def __post_init__(self) -> None:
@@ -205,7 +205,7 @@ class Batch(Message, frozen=True):
 
     frame: FrameId
     worker: ServerId
-    walker: Annotated[int, Meta(ge=0, lt=MOST_WALKERS)]
+    walker: Annotated[int, Meta(ge=0, lt=MOST_THREADS)]
     sequence: Count
     encoding: Line
     parts: Annotated[list[BatchPart], Meta(min_length=1, max_length=MOST_REGIONS)]

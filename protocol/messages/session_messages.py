@@ -1,4 +1,4 @@
-"""Messages about the session itself: who links to whom, what cannot be done, and its end."""
+"""Messages about the session itself: what servers have, who links to whom, what cannot be done, and its end."""
 
 from typing import Annotated
 
@@ -7,12 +7,14 @@ from msgspec import Meta
 
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
+    Count,
     Detail,
     IdOrNone,
     Line,
     Message,
     ServerId,
     ServerIds,
+    Threads,
     asks,
     says,
 )
@@ -24,6 +26,19 @@ WORKER_KEY_BYTES = 32
 # Drawn by the client, for one worker and the splat servers.
 WorkerKey = Annotated[bytes, Meta(min_length=WORKER_KEY_BYTES, max_length=WORKER_KEY_BYTES)]
 Port = Annotated[int, Meta(ge=1, le=65535)]
+
+
+class MachineDescribed(Message, frozen=True):
+    """Map/shade server or splat server to client: the memory and the threads that it could take."""
+
+    memory_bytes: Count
+    threads: Threads
+
+
+@asks(CLIENT_TO_MAPSHADE, MachineDescribed)
+@asks(CLIENT_TO_SPLAT, MachineDescribed)
+class DescribeMachine(Message, frozen=True):
+    """Client to map/shade server and splat server: tell what your machine has left for you."""
 
 
 class Route(Detail, frozen=True):

@@ -77,7 +77,7 @@ def _check_boxes(boxes: list[Box]) -> None:
             raise ValueError(f"a box of {box.size} voxels from {box.low} on lies in no volume")
 
 
-# What it is, and what the machine has that is to hold it.
+# What it is.
 
 
 class VolumeDescribed(Message, frozen=True):
@@ -105,17 +105,6 @@ class DescribeVolume(Message, frozen=True):
     """Client to map/shade server: tell what the volume at `path` is, without reading its voxels."""
 
     path: Path
-
-
-class MachineDescribed(Message, frozen=True):
-    """Map/shade server to client: the memory that it could take."""
-
-    memory_bytes: Count
-
-
-@asks(CLIENT_TO_MAPSHADE, MachineDescribed)
-class DescribeMachine(Message, frozen=True):
-    """Client to map/shade server: tell what your machine has left."""
 
 
 # Its values.

@@ -4,13 +4,14 @@ Lines are those of the frame's plan: rows of the image, or its columns if the pl
 """
 
 from collections.abc import Sequence
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
 from volsplat.protocol.description.scene import LARGEST_EXTENT
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
+from volsplat.protocol.rules.frame_plan import FramePlan
 
 MOST_REGIONS = 4096
 
@@ -55,3 +56,20 @@ def lines_of(regions: Sequence[Region], server: int) -> tuple[int, int]:
     if not own:
         raise ValueError(f"no region of the frame is of splat server {server}")
     return own[0].begin, own[-1].end
+
+
+class Rectangle(NamedTuple):
+    """A part of the published image, in pixels from its top left corner; it may be empty."""
+
+    left: int
+    top: int
+    width: int
+    height: int
+
+
+def rectangle_of(plan: FramePlan, lines: tuple[int, int]) -> Rectangle:
+    """What lines of the plan are of the published image."""
+    begin, end = lines
+    if plan.turned:
+        return Rectangle(begin, 0, end - begin, plan.width)
+    return Rectangle(0, begin, plan.width, end - begin)

@@ -16,6 +16,7 @@ from support.patience import PATIENCE, wait_until
 from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.coordinator.frame_request import frame_request
+from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.server import MapShadeServer
@@ -58,7 +59,7 @@ class Bench:
         self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token, token_of=lambda _: links) for _ in range(2)]
         hello = new_hello(Role.MAPSHADE_SERVER)
         self.connection = connect(self._clients.address, hello, self.token, Role.CLIENT, allocate=allocate)
-        self._server = MapShadeServer(self.connection, self.token)
+        self._server = MapShadeServer(self.connection, self.token, threads=1)
         self.failure: VolsplatError | None = None  # of the server
         self._thread = threading.Thread(target=self._run, name="map/shade server under test", daemon=True)
         self._thread.start()
@@ -148,7 +149,9 @@ def bench() -> Iterator[Bench]:
 
 def render(frame: int, geometry: Geometry, scene: Scene = SCENE, assignment: int = 1) -> messages.RenderFrame:
     resolution = own_resolution(geometry, Step.F)
-    return frame_request(frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, {1: 1}, 2)
+    return frame_request(
+        frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, {1: 1}, {2: 1}, RegionShares()
+    )
 
 
 def test_a_link_whose_route_is_unchanged_is_kept(bench: Bench, shells: Path) -> None:

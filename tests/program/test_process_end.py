@@ -36,7 +36,7 @@ def test_a_start_that_is_interrupted_leaves_no_process(monkeypatch: pytest.Monke
     with monkeypatch.context() as patched:
         patched.setattr(threading.Thread, "start", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            servers.start(Program.SPLAT_SERVER, "127.0.0.1:9", new_token())
+            servers.start(Program.SPLAT_SERVER, "127.0.0.1:9", new_token(), threads=1)
     servers.stop()
     (process,) = servers.process_ids
     with pytest.raises(ProcessLookupError):

@@ -16,6 +16,7 @@ from support.messages.message_samples import SAMPLES
 from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.frame_request import frame_request
+from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
@@ -118,7 +119,9 @@ class Situation(msgspec.Struct):
 
 
 def render(step: Step) -> messages.RenderFrame:
-    return frame_request(1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), {1: 1}, 2)
+    return frame_request(
+        1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), {1: 1}, {2: 1}, RegionShares()
+    )
 
 
 @settings(max_examples=150)

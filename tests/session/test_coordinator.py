@@ -9,7 +9,7 @@ from support.messages.coordinated import (
     ASKED,
     DATA,
     FIRST,
-    JOINS,
+    JOINED,
     LENT,
     MAP_STATS,
     NO_DATA,
@@ -22,6 +22,7 @@ from support.messages.coordinated import (
     CheckedCoordinator,
     counted,
     drawing,
+    joins,
     lending,
     opened_store,
     packed,
@@ -59,12 +60,12 @@ from volsplat.protocol.rules.index_rules import Survey
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 
-@pytest.mark.parametrize("order", list(permutations([*JOINS, ASKED])))
-def test_servers_may_join_in_any_order(order: list[Event]) -> None:
+@pytest.mark.parametrize("order", list(permutations([*(joins(one) for one in JOINED), [ASKED]])))
+def test_servers_may_join_in_any_order(order: list[list[Event]]) -> None:
     coordinator = CheckedCoordinator()
     instructions: list[Instruction] = []
-    for event in order:
-        assert sent(instructions) == []
+    for event in [event for events in order for event in events]:
+        assert all(kind is messages.DescribeMachine for _, kind in sent(instructions))
         instructions = coordinator.handle(event)
     assert sent(instructions) == [(FIRST, messages.DescribeVolume)]
 
@@ -95,8 +96,8 @@ FINISHED, IMAGE = 2, 3  # the splat server sends the complete image only after i
 def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[int, ...]) -> None:
     coordinator = drawing()
     answers = [
-        said(FIRST, messages.FrameMapped(1, MAP_STATS)),
-        said(SECOND, messages.FrameMapped(1, MAP_STATS)),
+        said(FIRST, messages.FrameMapped(1, MAP_STATS, [])),
+        said(SECOND, messages.FrameMapped(1, MAP_STATS, [])),
         said(SPLAT, messages.FrameFinished(1, True, [], SPLAT_STATS)),
         said(SPLAT, messages.ImageRead(1, Step.F, True, 0, 0, 1, 1), bytes(16)),
     ]
@@ -172,7 +173,7 @@ def test_a_lost_splat_server_fails_the_frame_and_the_session() -> None:
 def test_a_server_that_joins_late_or_leaves_idle_changes_nothing() -> None:
     coordinator = drawing()
     late = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
-    assert coordinator.handle(late) == []
+    assert [coordinator.handle(event) for event in joins(late)] == [[Send(4, messages.DescribeMachine())], []]
     assert coordinator.handle(ServerLost(4, "left")) == []
     assert coordinator.holding.phase == Phase.READY
 
@@ -186,7 +187,7 @@ def test_a_process_that_ends_before_it_joined_fails_the_session() -> None:
 
 def test_what_a_server_refuses_is_bad_input_with_its_cause() -> None:
     coordinator = CheckedCoordinator()
-    for event in [*JOINS, ASKED]:
+    for event in [*joins(*JOINED), ASKED]:
         coordinator.handle(event)
     (failed,) = coordinator.handle(said(FIRST, messages.Refused("DescribeVolume", "head.nrrd: truncated")))
     assert isinstance(failed, FailSession) and isinstance(failed.error, BadInput)
@@ -197,7 +198,7 @@ def test_what_a_server_of_another_machine_refuses_names_it() -> None:
     coordinator = CheckedCoordinator()
     name = "map/shade server 2 (node1, process 12) at 10.0.0.1:4711"
     far = ServerJoined(FIRST, Role.MAPSHADE_SERVER, name, "10.0.0.1", NO_DATA, elsewhere=True)
-    for event in [JOINS[0], far, JOINS[2], ASKED]:
+    for event in [*joins(JOINED[0], far, JOINED[2]), ASKED]:
         coordinator.handle(event)
     (failed,) = coordinator.handle(said(FIRST, messages.Refused("DescribeVolume", "head.nrrd: truncated")))
     assert isinstance(failed, FailSession) and str(failed.error) == f"{name}: head.nrrd: truncated"
@@ -223,7 +224,7 @@ def test_bounds_outside_the_volume_end_the_frame_but_not_the_session() -> None:
 @pytest.mark.parametrize("server", [SPLAT, FIRST, SECOND])
 def test_a_server_that_is_lost_while_the_volume_is_described_fails_the_session(server: int) -> None:
     coordinator = CheckedCoordinator()
-    for event in [*JOINS, ASKED]:
+    for event in [*joins(*JOINED), ASKED]:
         coordinator.handle(event)
     (failed,) = coordinator.handle(ServerLost(server, "it is gone"))
     assert isinstance(failed, FailSession)
@@ -280,7 +281,7 @@ def ended_by(instructions: list[Instruction]) -> str:
 def finished(coordinator: CheckedCoordinator, frame: int, workers: list[int]) -> PublishImage:
     """What is published once these workers and the splat server are done."""
     for worker in workers:
-        coordinator.handle(said(worker, messages.FrameMapped(frame, MAP_STATS)))
+        coordinator.handle(said(worker, messages.FrameMapped(frame, MAP_STATS, [])))
     coordinator.handle(said(SPLAT, messages.FrameFinished(frame, True, [], SPLAT_STATS)))
     (image,) = coordinator.handle(said(SPLAT, messages.ImageRead(frame, Step.F, True, 0, 0, 1, 1), bytes(16)))
     assert isinstance(image, PublishImage) and image.outcome is not None
@@ -351,9 +352,9 @@ def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already
 def test_a_worker_that_the_splat_server_lost_first_counts_as_lost_once() -> None:
     coordinator = drawing()
     told = coordinator.handle(said(SPLAT, messages.FrameFinished(1, False, [FIRST], SPLAT_STATS)))
-    assert "map/shade server 2 has lost its connection to the splat server; i 0-7" in ended_by(told)
+    assert "map/shade server 2 has lost its connection to splat server 1; i 0-7" in ended_by(told)
     assert sent(told)[0] == (FIRST, messages.EndSession)
-    assert coordinator.handle(said(FIRST, messages.FrameMapped(1, MAP_STATS))) == []
+    assert coordinator.handle(said(FIRST, messages.FrameMapped(1, MAP_STATS, []))) == []
     assert coordinator.handle(ServerLost(FIRST, GONE)) == []
 
 
@@ -515,7 +516,7 @@ def test_one_server_reads_for_all_and_each_gets_one_part_at_a_time(monkeypatch: 
 
 def test_a_single_server_reads_for_itself() -> None:
     coordinator = CheckedCoordinator()
-    for event in [*JOINS[:2], VolumeAsked("/volumes/head.nrrd", workers=1)]:
+    for event in [*joins(*JOINED[:2]), VolumeAsked("/volumes/head.nrrd", workers=1)]:
         coordinator.handle(event)
     told = coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY)))
     assert (FIRST, messages.ReadSubCubes) in sent(told)

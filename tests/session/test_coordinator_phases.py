@@ -9,13 +9,14 @@ from support.messages.coordinated import (
     ASKED,
     DESCRIPTION,
     FIRST,
-    JOINS,
+    JOINED,
     NO_DATA,
     SCENE,
     SECOND,
     THIRD,
     CheckedCoordinator,
     drawing,
+    joins,
     read_by,
     said,
     surveyed,
@@ -43,7 +44,7 @@ NARROW = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
 
 def gathering() -> CheckedCoordinator:
     coordinator = CheckedCoordinator()
-    for event in JOINS:
+    for event in joins(*JOINED):
         coordinator.handle(event)
     return coordinator
 
@@ -130,4 +131,4 @@ def test_the_wrong_phase_ends_a_connection_and_not_the_session(phase: Phase, kin
 
 def test_every_message_that_a_server_may_say_at_any_time_is_no_answer_about_the_volume() -> None:
     free = {kind for owner in OWNERS for kind, handler in handlers(owner).items() if kind in MESSAGES}
-    assert free - STATES.keys() == {messages.ConnectedToSplatServers, messages.Refused}
+    assert free - STATES.keys() == {messages.MachineDescribed, messages.ConnectedToSplatServers, messages.Refused}

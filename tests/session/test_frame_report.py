@@ -63,7 +63,7 @@ def outcome(step: Step) -> StepOutcome:
         peak_memory_bytes=40_000_000,
         machine=this_machine(),
     )
-    return StepOutcome(step, 1.5, 0.25, FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, splat))
+    return StepOutcome(step, 1.5, 0.25, FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, {1: splat}))
 
 
 def report(*steps: Step) -> FrameReport:
@@ -88,7 +88,7 @@ def test_the_stages_that_follow_each_other_account_for_the_wall_time() -> None:
 
 def test_every_process_tells_its_peak_memory() -> None:
     memory = report(Step.F).steps[0].peak_memory_bytes
-    assert set(memory) == {"client", "splat server", "map/shade server 2", "map/shade server 3"}
+    assert set(memory) == {"client", "splat server 1", "map/shade server 2", "map/shade server 3"}
     assert memory["map/shade server 3"] == 20_000_000
     assert memory["client"] > 10_000_000  # a Python process with torch in it, counted in bytes
 

@@ -217,11 +217,11 @@ def test_nobody_waits_for_the_end_of_workers_that_have_gone_on_to_a_newer_frame(
     session.render(skin(session))
     waited_for: list[str] = []
 
-    def told_end(name: str) -> str:
-        waited_for.append(name)
-        return ""
+    def told_ends(names: list[str]) -> dict[str, str]:
+        waited_for.extend(names)
+        return {}
 
-    monkeypatch.setattr(session._links._local, "told_end", told_end)
+    monkeypatch.setattr(session._links._local, "told_ends", told_ends)
     worker = next(server.id for server in session.servers if server.role is Role.MAPSHADE_SERVER)
     sample = SAMPLES[messages.FrameFinished][0]
     for frame, times in ((session._frames.newest - 1, 0), (session._frames.newest, 1)):

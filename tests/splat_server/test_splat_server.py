@@ -20,6 +20,7 @@ from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from support.scenes.threaded import everything_threaded
 from volsplat.client.coordinator.frame_request import frame_request
+from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
@@ -54,7 +55,9 @@ KEYS = {worker: secrets.token_bytes(messages.WORKER_KEY_BYTES) for worker in WOR
 
 def request(frame: int, scene: Scene = SCENE, step: Step = Step.F) -> messages.RenderFrame:
     resolution = own_resolution(GEOMETRY, step)
-    return frame_request(frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, dict.fromkeys(WORKERS, 1), 1)
+    return frame_request(
+        frame, 1, scene, step, GEOMETRY, QUANTISATION, resolution, dict.fromkeys(WORKERS, 1), {1: 1}, RegionShares()
+    )
 
 
 class Bench:

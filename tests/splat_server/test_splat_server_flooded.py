@@ -14,6 +14,7 @@ import pytest
 from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.coordinator.frame_request import frame_request
+from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
@@ -79,7 +80,9 @@ class Attacked:
 
     def begins(self, frame: int, workers: list[int]) -> None:
         resolution, walkers = own_resolution(GEOMETRY, Step.F), dict.fromkeys(workers, 1)
-        self.control.send(frame_request(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, walkers, 1))
+        self.control.send(
+            frame_request(frame, 1, SCENE, Step.F, GEOMETRY, QUANTISATION, resolution, walkers, {1: 1}, RegionShares())
+        )
 
     def finishes(self) -> messages.FrameFinished:
         while (received := self.control.receive()) is not None:

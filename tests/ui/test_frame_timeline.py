@@ -61,7 +61,9 @@ outcomes = st.builds(
     wall_seconds=seconds,
     image_seconds=seconds,
     servers=st.builds(
-        FrameOutcome, map_shade=st.dictionaries(st.integers(1, 99), map_shade_stats, max_size=8), splat=splat_stats
+        FrameOutcome,
+        map_shade=st.dictionaries(st.integers(1, 99), map_shade_stats, max_size=8),
+        splat=st.dictionaries(st.integers(100, 199), splat_stats, min_size=1, max_size=4),
     ),
 )
 names = st.dictionaries(st.integers(1, 99), st.text(st.characters(codec="utf-8", exclude_categories=["C"])))
@@ -70,8 +72,11 @@ names = st.dictionaries(st.integers(1, 99), st.text(st.characters(codec="utf-8",
 @given(outcomes)
 def test_each_server_has_a_lane_with_its_stages_in_turn(outcome: StepOutcome) -> None:
     lanes = lanes_of(outcome, {})
-    workers = sorted(outcome.servers.map_shade)
-    assert [lane.name for lane in lanes] == [*(f"map/shade {n}" for n in workers), "splat server"]
+    workers, splat_servers = sorted(outcome.servers.map_shade), sorted(outcome.servers.splat)
+    assert [lane.name for lane in lanes] == [
+        *(f"map/shade {n}" for n in workers),
+        *(f"splat server {n}" for n in splat_servers),
+    ]
     for lane in lanes:
         at = 0.0
         for bar in lane.bars:
@@ -92,7 +97,7 @@ def test_a_bar_is_as_long_as_its_stage_took(stats: MapShadeStats | SplatStats) -
 
 def _servers(stats: MapShadeStats | SplatStats) -> FrameOutcome:
     nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, [], 0, this_machine())
-    return FrameOutcome({7: stats}, nothing) if isinstance(stats, MapShadeStats) else FrameOutcome({}, stats)
+    return FrameOutcome({7: stats}, {8: nothing}) if isinstance(stats, MapShadeStats) else FrameOutcome({}, {8: stats})
 
 
 @given(outcomes, names)

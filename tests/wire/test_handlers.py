@@ -59,7 +59,7 @@ def test_who_takes_what_never_comes_or_comes_to_another_is_named() -> None:
     [
         ("volsplat.mapshade_server.command", "volsplat.mapshade_server.held_volume.HeldVolume", "PackVoxels"),
         ("volsplat.splat_server.command", "volsplat.splat_server.data_links.DataLinks", "Batch"),
-        ("volsplat.client.session.session", "volsplat.client.coordinator.frames.Frames", "FrameMapped"),
+        ("volsplat.client.session.session", "volsplat.client.coordinator.frames.Frames", "ImageRead"),
     ],
 )
 def test_a_program_that_lacks_a_handler_ends_at_start(program: str, place: str, lacks: str) -> None:

@@ -17,7 +17,6 @@ from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
 STAGES = ("planning", "map/shade", "merge", "splat", "sending", "waiting")
 """All that a bar can be, in the legend's order; CSS classes are vs-stage-… of these, "/" left out."""
 
-SPLAT_SERVER = "splat server"
 LANE_HEIGHT = 1.6  # times the font's size, as all that follow
 BAR_HEIGHT = 1.0
 AXIS_HEIGHT = 1.5
@@ -41,14 +40,17 @@ class Lane:
 
 
 def lanes_of(outcome: StepOutcome, names: Mapping[int, str]) -> list[Lane]:
-    """A lane for each map/shade server, by number, and one for the splat server. `names` are the servers'."""
-    map_shade = sorted(outcome.servers.map_shade.items())
+    """A lane for each map/shade server, by number, and one for each splat server. `names` are the servers'."""
+    map_shade, splat = sorted(outcome.servers.map_shade.items()), sorted(outcome.servers.splat.items())
     lanes = [Lane(names.get(server, f"map/shade {server}"), _in_turn(stages_of(stats))) for server, stats in map_shade]
-    splat = _in_turn(stages_of(outcome.servers.splat))
-    image_began = max(splat[-1].end if splat else 0.0, outcome.wall_seconds - outcome.image_seconds)
-    if image_began < outcome.wall_seconds:
-        splat = (*splat, Bar("sending", image_began, outcome.wall_seconds))
-    return [*lanes, Lane(SPLAT_SERVER, splat)]
+    return [*lanes, *(Lane(names.get(server, f"splat server {server}"), _with_image(stats, outcome)) for server, stats in splat)]
+
+
+def _with_image(stats: SplatStats, outcome: StepOutcome) -> tuple[Bar, ...]:
+    """A splat server's stages, and the sending of its part of the image."""
+    bars = _in_turn(stages_of(stats))
+    image_began = max(bars[-1].end if bars else 0.0, outcome.wall_seconds - outcome.image_seconds)
+    return (*bars, Bar("sending", image_began, outcome.wall_seconds)) if image_began < outcome.wall_seconds else bars
 
 
 def stages_of(stats: MapShadeStats | SplatStats) -> list[tuple[str, float]]:

@@ -17,7 +17,6 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.volume import Box
-from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
 from volsplat.protocol.messages.roles import Role
 
 INTERVAL = 0.25  # seconds between updates
@@ -26,6 +25,7 @@ HEADS = (
     "host",
     "sub-cube",
     "voxels",
+    "threads",
     "visible packets",
     *(f"{name}, ms" for name in STAGES),
     "MB/s",
@@ -114,7 +114,7 @@ def servers_table(servers: list[ServerState], outcome: StepOutcome | None, drawi
 
 def _row(server: ServerState, outcome: StepOutcome | None, drawing: bool) -> str:
     cells = [server_name(server), server.host, "; ".join(box_text(box) for box in server.boxes)]
-    cells.append(f"{server.voxels:,}" if server.boxes else "")
+    cells += [f"{server.voxels:,}" if server.boxes else "", str(server.threads or "")]
     cells += _figures(server, outcome) or [""] * (2 + len(STAGES))
     state = f"lost: {server.cause}" if server.lost else "drawing" if drawing else "idle"
     kind = "lost" if server.lost else state
@@ -126,9 +126,8 @@ def _figures(server: ServerState, outcome: StepOutcome | None) -> list[str]:
     """Packets, milliseconds of each stage and megabytes a second of the frame, or nothing if it took no part."""
     if outcome is None or server.lost:
         return []
-    stats: MapShadeStats | SplatStats | None = outcome.servers.splat
-    if server.role == Role.MAPSHADE_SERVER:
-        stats = outcome.servers.map_shade.get(server.id)
+    servers = outcome.servers.map_shade if server.role == Role.MAPSHADE_SERVER else outcome.servers.splat
+    stats = servers.get(server.id)
     if stats is None:
         return []
     seconds = dict(stages_of(stats))

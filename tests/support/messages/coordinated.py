@@ -30,11 +30,12 @@ from volsplat.protocol.wire.addresses import Address
 SPLAT, FIRST, SECOND = 1, 2, 3
 DATA = Address("127.0.0.1", 4000)
 NO_DATA = Address("", 0)
-JOINS: list[Event] = [
+JOINED = [
     ServerJoined(SPLAT, Role.SPLAT_SERVER, "splat server 1", "node1", DATA),
     ServerJoined(FIRST, Role.MAPSHADE_SERVER, "map/shade server 2", "node2", NO_DATA),
     ServerJoined(SECOND, Role.MAPSHADE_SERVER, "map/shade server 3", "node3", NO_DATA),
 ]
+MEMORY = 1 << 40
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
 SCENE = msgspec.structs.replace(preset_scene("ct-skin"), image=Image(width=1, height=1))
 DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint16")
@@ -49,6 +50,12 @@ class CheckedCoordinator(Coordinator):
         told = super().handle(event)
         self.validate_state()
         return told
+
+
+def joins(*joined: ServerJoined, memory: int = MEMORY) -> list[Event]:
+    """These servers join, and tell what they have."""
+    machine = messages.MachineDescribed(memory, threads=1)
+    return [event for one in joined for event in (one, said(one.server, machine))]
 
 
 def said(server: int, message: messages.Message, payload: bytes = b"") -> MessageReceived:
@@ -76,7 +83,7 @@ def read_by(coordinator: CheckedCoordinator, server: int) -> MessageReceived:
 
 def surveyed() -> CheckedCoordinator:
     coordinator = CheckedCoordinator()
-    for event in [*JOINS, ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))]:
+    for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))]:
         coordinator.handle(event)
     for server, low, high in ((FIRST, 0.0, 50.0), (SECOND, -3.0, 20.0)):
         survey = Survey(low=low, high=high, max_gradient=high, voxels=360, no_data=1)
@@ -109,7 +116,7 @@ LENT = messages.VolumeLent(1, ["uint16"], 1440, 0.1)
 def lending(workers: int = 3) -> CheckedCoordinator:
     coordinator = CheckedCoordinator()
     third = ServerJoined(THIRD, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
-    for event in [*JOINS, third, VolumeAsked("/volumes/head.nrrd", workers=workers)]:
+    for event in [*joins(*JOINED, third), VolumeAsked("/volumes/head.nrrd", workers=workers)]:
         coordinator.handle(event)
     asked = sent(coordinator.handle(said(FIRST, messages.VolumeDescribed(WHOLE, [], IDENTITY))))
     assert asked[0] == (SPLAT, messages.InviteWorkers), "before any of them links to it"
@@ -127,15 +134,12 @@ PREPARED = Prepared(
 )
 
 
-def opened_store(memory: int | None = None, has: int = 1 << 40) -> CheckedCoordinator:
+def opened_store(memory: int | None = None, has: int = MEMORY) -> CheckedCoordinator:
     coordinator = CheckedCoordinator()
-    for event in [*JOINS, VolumeAsked("/volumes/head.zarr", workers=2, memory=memory)]:
+    for event in [*joins(*JOINED, memory=has), VolumeAsked("/volumes/head.zarr", workers=2, memory=memory)]:
         coordinator.handle(event)
     described = messages.VolumeDescribed(msgspec.structs.replace(DESCRIPTION, geometry=CUBE), [PREPARED], IDENTITY)
     extremes = BlockExtremes.nothing(CUBE.dims).as_bytes()
-    asked = coordinator.handle(said(FIRST, described, bytes(16 * HISTOGRAM_BINS) + extremes))
-    assert sent(asked)[-2:] == [(FIRST, messages.DescribeMachine), (SECOND, messages.DescribeMachine)]
-    assert coordinator.handle(said(FIRST, messages.MachineDescribed(has))) == []
-    told = coordinator.handle(said(SECOND, messages.MachineDescribed(has)))
-    assert [type(one) for one in told] == [PublishVolume]
+    told = coordinator.handle(said(FIRST, described, bytes(16 * HISTOGRAM_BINS) + extremes))
+    assert isinstance(told[-1], PublishVolume)
     return coordinator

@@ -92,7 +92,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.PackVoxels(1, QUANTISATION), b""),
         (messages.VoxelsPacked(1, 120, 480, 0.0625), b""),
         (messages.DescribeMachine(), b""),
-        (messages.MachineDescribed(1 << 34), b""),
+        (messages.MachineDescribed(1 << 34, 8), b""),
         (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
@@ -102,7 +102,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.FrameAborted(7), b""),
         (
             messages.FrameMapped(
-                7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29, MACHINE)
+                7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29, MACHINE), [3]
             ),
             b"",
         ),
@@ -257,7 +257,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.PackVoxels: st.builds(messages.PackVoxels, ids, quantisations),
     messages.VoxelsPacked: st.builds(messages.VoxelsPacked, ids, counts, counts, seconds),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
-    messages.MachineDescribed: st.builds(messages.MachineDescribed, counts),
+    messages.MachineDescribed: st.builds(messages.MachineDescribed, counts, st.integers(1, messages.MOST_THREADS)),
     messages.OpenPackets: st.builds(
         messages.OpenPackets,
         ids,
@@ -287,7 +287,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     ),
     messages.AbortFrame: st.builds(messages.AbortFrame, ids),
     messages.FrameAborted: st.builds(messages.FrameAborted, ids),
-    messages.FrameMapped: st.builds(messages.FrameMapped, ids, _map_shade_stats),
+    messages.FrameMapped: st.builds(messages.FrameMapped, ids, _map_shade_stats, st.lists(ids, max_size=3)),
     messages.FrameFinished: st.builds(
         messages.FrameFinished, ids, st.booleans(), st.lists(ids, max_size=3), _splat_stats
     ),
