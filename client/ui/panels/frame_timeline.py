@@ -43,7 +43,10 @@ def lanes_of(outcome: StepOutcome, names: Mapping[int, str]) -> list[Lane]:
     """A lane for each map/shade server, by number, and one for each splat server. `names` are the servers'."""
     map_shade, splat = sorted(outcome.servers.map_shade.items()), sorted(outcome.servers.splat.items())
     lanes = [Lane(names.get(server, f"map/shade {server}"), _in_turn(stages_of(stats))) for server, stats in map_shade]
-    return [*lanes, *(Lane(names.get(server, f"splat server {server}"), _with_image(stats, outcome)) for server, stats in splat)]
+    return [
+        *lanes,
+        *(Lane(names.get(server, f"splat server {server}"), _with_image(stats, outcome)) for server, stats in splat),
+    ]
 
 
 def _with_image(stats: SplatStats, outcome: StepOutcome) -> tuple[Bar, ...]:
