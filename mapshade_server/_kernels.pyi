@@ -137,8 +137,21 @@ class FrameWalk:
         gradient_bytes: Array,
         grid_bytes: Sequence[Array],
         closed_tiles: Array | None,
-    ) -> None: ...
+        regions: Sequence[tuple[int, int]],
+        walkers: int,
+        limits: tuple[int, int],
+    ) -> None:
+        """`regions` are lines, half open; `limits` are the packets and voxels of a source's batch."""
+
+    def walker(self, number: int) -> Walker:
+        """It keeps the walk alive, but its source does not."""
+
+class Walker:
+    @property
+    def source(self) -> object:
+        """A capsule: see kernels/batch_source.h."""
+
     def next_batch(
         self, max_packets: int, max_voxels: int
-    ) -> tuple[memoryview, memoryview, int, int, tuple[int, int], bool, int]:
-        """Runs, shaded packets, their counts, the (sheet, row) reached, whether it is the last, voxels visited."""
+    ) -> tuple[list[tuple[memoryview, memoryview, int, int]], tuple[int, int], bool, int]:
+        """Runs, shaded packets and their counts for each region; (sheet, row) reached, if the last, voxels visited."""

@@ -26,7 +26,7 @@ class FrameTally:
         self.batches += 1
         self.voxels_visited += batch.voxels_visited
         self.packets += batch.packet_count
-        self.bytes += len(batch.runs) + len(batch.packets)
+        self.bytes += sum(len(part.runs) + len(part.packets) for part in batch.parts)
 
     def stats(self) -> messages.MapShadeStats:
         return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory(), machine=this_machine())

@@ -10,30 +10,68 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB: few hand-overs, and the next stage still finds it in the cache
-FIRST_PACKETS = 4096  # a frame's batches start small and double, so that the splatter soon has something to do
 DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
+
+NEAREST = 0.5  # pixels: no centre of a pixel is further away than the nearest one
 
 FIELDS = list(Field)  # the kernel knows fields by their place here
 
 
 @dataclass(frozen=True)
-class ShadedBatch:
-    """Shaded packets of one frame in traversal order, with the directory of their row runs; see packet_layout."""
+class ShadedPart:
+    """Shaded packets for one region in traversal order, with the directory of their row runs; see packet_layout."""
 
     runs: memoryview  # bytes, 24 for each run
     packets: memoryview  # bytes, 8 for each packet
     run_count: int
     packet_count: int
-    reached: tuple[int, int]  # (sheet, row): all that comes before it in traversal order has been delivered
+
+
+@dataclass(frozen=True)
+class ShadedBatch:
+    """What a walker delivers at once."""
+
+    parts: list[ShadedPart]  # for each region
+    reached: tuple[int, int]  # (sheet, row): all that the walker has before it in traversal order has been delivered
     last: bool
     voxels_visited: int  # samples of the step within the bounds, those left out as hidden or outside the image included
 
+    @property
+    def packet_count(self) -> int:
+        return sum(part.packet_count for part in self.parts)
+
+
+class Walker:
+    """Walks a part of a server's sub-cubes. One thread at a time may have it walk, by `next_batch` or its source."""
+
+    def __init__(self, kernel: _kernels.Walker) -> None:
+        self._kernel = kernel
+        self._ended = False
+
+    @property
+    def source(self) -> object:
+        """For kernels that walk without Python: see kernels/batch_source.h. The frame's walk must outlive it."""
+        return self._kernel.source
+
+    def next_batch(self, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
+        """What comes next, or None after the batch that was the last. There is always a last one, if empty.
+
+        The limits decide on which row batches end, not what they hold together; a frame's first batches are smaller.
+        The memory of a batch is used again once its memoryviews are gone.
+        """
+        if self._ended:
+            return None
+        parts, reached, last, visited = self._kernel.next_batch(max_packets, max_voxels)
+        self._ended = last
+        return ShadedBatch([ShadedPart(*part) for part in parts], reached, last, visited)
+
 
 class FrameWalk:
-    """Walks a server's packed sub-cubes in visibility order, the only walk over them at its time."""
+    """Walks a server's packed sub-cubes in visibility order, each of its walkers a part of them."""
 
     def __init__(
         self,
@@ -43,6 +81,8 @@ class FrameWalk:
         shading: ShadingRule,
         plan: FramePlan,
         closed_tiles: "_kernels.Array | None" = None,
+        regions: Sequence[Region] = (),
+        walkers: int = 1,
     ) -> None:
         """Start at the first sample.
 
@@ -50,12 +90,14 @@ class FrameWalk:
 
         `closed_tiles` is the image's map of closed tiles, uint64 shaped `protocol.closed_tiles.tile_map_shape`; it may
         be written meanwhile. What is hidden by it is left out where the plan allows that.
+
+        `regions` are those of the plan's lines; without any the image is one. A batch has a part for each.
         """
         octahedral = quantisation.directions == "octahedral"
         cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
         hides = plan.order == Order.FRONT_TO_BACK and plan.reach != Reach.PIXEL
         distinct = sorted(set(plan.opacity_exponents))
-        self._walk = _kernels.FrameWalk(
+        walk = _kernels.FrameWalk(
             boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
             axes=plan.traversal.axes,
             ascending=plan.traversal.ascending,
@@ -78,37 +120,19 @@ class FrameWalk:
                 for size, factor in zip(geometry.dims, plan.factors, strict=True)
             ],
             closed_tiles=closed_tiles if hides else None,
+            regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
+            walkers=walkers,
+            limits=(DEFAULT_PACKETS, DEFAULT_VOXELS),
         )
-        self._ended = False
-        self._ramp = FIRST_PACKETS
-
-    def next_batch(self, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
-        """What comes next, or None after the batch that was the last. There is always a last one, if empty.
-
-        The limits decide where batches end, not what they hold together; a frame's first batches are smaller. The
-        memory of a batch is used again once its memoryviews are gone.
-        """
-        if self._ended:
-            return None
-        limit = min(max_packets, self._ramp)
-        self._ramp = 2 * limit
-        runs, packets, run_count, packet_count, reached, last, visited = self._walk.next_batch(limit, max_voxels)
-        self._ended = last
-        return ShadedBatch(
-            runs=runs,
-            packets=packets,
-            run_count=run_count,
-            packet_count=packet_count,
-            reached=reached,
-            last=last,
-            voxels_visited=visited,
-        )
+        self.walkers = [Walker(walk.walker(number)) for number in range(walkers)]
 
 
 def sample_reach(plan: FramePlan) -> tuple[float, float]:
     """No sample of a frame reaches pixel centres further away than this, in x and y; pixels."""
     if plan.footprint is not None:
         return (plan.footprint.half_width, plan.footprint.half_height)
+    if plan.reach == Reach.PIXEL:
+        return (NEAREST, NEAREST)
     sheet, *within = plan.traversal.axes
     largest = [max(visits.block_sizes()) for visits in plan.visits]
     # Where a ray enters or leaves a sheet it has gone aside in it by no more than half the way through it

@@ -168,10 +168,11 @@ class MapShadeServer:
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, plan)
         tile_map = link.begin_frame(request.frame, plan.width, plan.height)
         walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.shading, plan, tile_map)
+        [walker] = walk.walkers
         tally.planning_seconds = time.perf_counter() - started
         while self._newest_frame <= request.frame:
             started = time.perf_counter()
-            batch = walk.next_batch()
+            batch = walker.next_batch()
             tally.map_shade_seconds += time.perf_counter() - started
             if batch is None:
                 self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats(), lost=[]))
@@ -197,13 +198,13 @@ class MapShadeServer:
             walker=0,
             sequence=tally.batches,
             encoding=messages.RAW,
-            parts=[messages.BatchPart(batch.run_count, batch.packet_count)],
+            parts=[messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts],
             reached_sheet=batch.reached[0],
             reached_row=batch.reached[1],
             last=batch.last,
         )
         started, waited = time.perf_counter(), link.counters.seconds_in_send
-        link.send(message, batch.runs, batch.packets)
+        link.send(message, *(memory for part in batch.parts for memory in (part.runs, part.packets)))
         tally.sending_seconds += time.perf_counter() - started
         tally.waiting_seconds += link.counters.seconds_in_send - waited
         tally.count(batch)

@@ -19,7 +19,6 @@ from volsplat.protocol.description.scene import ColourTable, Image, Order, Scala
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.packet_layout import SHADED_PACKET_BYTES
 from volsplat.protocol.rules.shading_rule import shading_rule
 
 QUANTISATION = Quantisation(window=(0.0, 1.0), strength_scale=100.0)
@@ -90,10 +89,10 @@ class PackedVolume:
     def walk(self, scene: Scene) -> int:
         """Map and shade one frame; the packets that it sent."""
         plan = plan_frame(scene, self.geometry, Step.F)
-        frame = FrameWalk([self.sub_cube], self.geometry, QUANTISATION, shading_rule(scene, Step.F), plan)
+        [walker] = FrameWalk([self.sub_cube], self.geometry, QUANTISATION, shading_rule(scene, Step.F), plan).walkers
         sent = 0
-        while (batch := frame.next_batch()) is not None:
-            sent += len(batch.packets) // SHADED_PACKET_BYTES
+        while (batch := walker.next_batch()) is not None:
+            sent += batch.packet_count
         return sent
 
 

@@ -162,7 +162,8 @@ class SingleProcess:
         for batch in self._batches(walk, tally):
             waiting_seconds += idle.seconds
             tally.count(batch)
-            assembly.arrived(WORKER, batch.runs, batch.packets, batch.reached, batch.last)
+            [part] = batch.parts
+            assembly.arrived(WORKER, part.runs, part.packets, batch.reached, batch.last)
             assembly.advance()
             if time.perf_counter() - shown > partial_interval and not assembly.complete:
                 yield Refinement(step, _published(assembly), None)
@@ -200,7 +201,7 @@ class SingleProcess:
 
         def next_batch() -> ShadedBatch | None:
             began = time.perf_counter()
-            batch = walk.next_batch()
+            batch = walk.walkers[0].next_batch()
             tally.map_shade_seconds += time.perf_counter() - began
             return batch
 

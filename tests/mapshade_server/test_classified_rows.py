@@ -25,7 +25,7 @@ from support.scenes.arbitrary import (
     quaternions,
     views,
 )
-from support.scenes.shaded_packets import all_batches, packets_of
+from support.scenes.shaded_packets import all_batches, batches_of, packets_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
@@ -229,7 +229,7 @@ def test_a_walk_gives_the_same_whichever_walks_begin_meanwhile(
     for turn in (n % len(scenes) for n in sequence):
         if turn not in walks:
             walks[turn] = walk_of(held, scenes[turn])
-        if (batch := walks[turn].next_batch(100, 500)) is not None:
+        if (batch := walks[turn].walkers[0].next_batch(100, 500)) is not None:
             batches[turn].append(batch)
     for turn, walk in walks.items():
         rows = packets_of(batches[turn] + all_batches(walk)).rows()
@@ -373,13 +373,12 @@ def test_what_is_closed_meanwhile_is_left_out_from_the_next_batch_on(
     live = tile_map(tiles(width, height), width, height)
     walk = walk_of(held, scene, Step.F, live)
     for closed in (at_first, in_the_end):
-        assert walk.next_batch(500) is not None
+        assert walk.walkers[0].next_batch(500) is not None
         live.cast("B")[:] = tile_map(closed, width, height).cast("B")
     rest = packets_of(all_batches(walk)).rows()
     all_rest = frame(held, scene).rows
-    row_begun = SIDE  # packets, which the walk had looked at before
-    all_rest = all_rest[all_rest.index(rest[row_begun]) :] if len(rest) > row_begun else []
-    assert_hidden_ones_are_left_out(all_rest, rest[row_begun:], in_the_end, scene)
+    all_rest = all_rest[all_rest.index(rest[0]) :] if rest else []
+    assert_hidden_ones_are_left_out(all_rest, rest, in_the_end, scene)
 
 
 @pytest.mark.parametrize("roll", [0.0, 0.002])
@@ -401,8 +400,9 @@ def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: boo
     assembly = FrameAssembly(plan_frame(scene, geometry, step), frame=1, workers=[1])
     tiles_of_image = assembly.image.closed_tiles if live else None
     walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), assembly.plan, tiles_of_image)
-    while (batch := walk.next_batch(most, most)) is not None:
-        assembly.arrived(1, batch.runs, batch.packets, batch.reached, batch.last)
+    for batch in batches_of(walk.walkers[0], most, most):
+        [part] = batch.parts
+        assembly.arrived(1, part.runs, part.packets, batch.reached, batch.last)
         assembly.advance()
     assert assembly.complete
     return bytes(assembly.image.snapshot()), assembly.packets

@@ -10,7 +10,7 @@ from torch import Tensor
 
 from reference import mapping
 from support.scenes.arbitrary import flips_and_orders, geometries, plain_scene, quaternion_to
-from support.scenes.shaded_packets import all_batches, packets_of, runs_of
+from support.scenes.shaded_packets import all_batches, batches_of, packets_of, runs_of
 from support.scenes.shadings import WINDOW, partitions, quantisations, shaded_scenes, volumes
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch, sample_reach
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -94,11 +94,13 @@ def test_limits_decide_where_batches_end_but_not_what_they_hold(
     large = all_batches(FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan))
     small = all_batches(FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan), max_packets, max_voxels)
     assert packets_of(small).rows() == packets_of(large).rows()
+    longest_row = max(geometry.dims)
     for batch in small:
-        assert batch.packet_count <= max_packets
-        assert batch.voxels_visited <= max_voxels
-        assert len(batch.runs) == ROW_RUN_BYTES * batch.run_count
-        assert len(batch.packets) == SHADED_PACKET_BYTES * batch.packet_count
+        [part] = batch.parts
+        assert part.packet_count < max_packets + longest_row
+        assert batch.voxels_visited < max_voxels + longest_row
+        assert len(part.runs) == ROW_RUN_BYTES * part.run_count
+        assert len(part.packets) == SHADED_PACKET_BYTES * part.packet_count
 
 
 @given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step), max_packets=limits, max_voxels=limits)
@@ -220,23 +222,23 @@ def test_a_batch_keeps_its_bytes_while_it_is_held() -> None:
     held = sub_cubes(geometry, visible_volume(geometry), PLAIN, [geometry.box])
     walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, plan.step), plan)
     kept, copies = [], []
-    while (batch := walk.next_batch(max_packets=100)) is not None:
-        kept.append(batch)
-        copies.append((bytes(batch.runs), bytes(batch.packets)))
-    del walk, held
-    assert [(bytes(batch.runs), bytes(batch.packets)) for batch in kept] == copies
+    for batch in batches_of(walk.walkers[0], max_packets=100):
+        kept += batch.parts
+        copies += [(bytes(part.runs), bytes(part.packets)) for part in batch.parts]
+    del walk, held, batch
+    assert [(bytes(part.runs), bytes(part.packets)) for part in kept] == copies
 
 
 def test_a_server_without_boxes_says_at_once_that_it_is_done() -> None:
     scene, geometry = plain_scene(), Geometry(CUBE)
     plan = plan_frame(scene, geometry, Step.F)
-    walk = FrameWalk([], geometry, PLAIN, shading_rule(scene, plan.step), plan)
-    batch = walk.next_batch()
+    [walker] = FrameWalk([], geometry, PLAIN, shading_rule(scene, plan.step), plan).walkers
+    batch = walker.next_batch()
     assert batch is not None
     assert batch.last
-    assert batch.packet_count == batch.run_count == batch.voxels_visited == 0
+    assert batch.packet_count == batch.voxels_visited == 0
     assert batch.reached == (plan.visits[plan.traversal.axes[0]].count, 0)
-    assert walk.next_batch() is None
+    assert walker.next_batch() is None
 
 
 def test_a_sub_cube_must_be_packed_before_it_is_walked() -> None:

@@ -84,7 +84,7 @@ def test_every_cpu_path_gives_the_same_bits(
             sub_cube = SubCube.of_volume(geometry, values)
             sub_cube.pack(quantisation)
             batches = all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan))
-            frames.append([(bytes(batch.runs), bytes(batch.packets)) for batch in batches])
+            frames.append([(bytes(part.runs), bytes(part.packets)) for batch in batches for part in batch.parts])
     assert all(frame == frames[0] for frame in frames)
 
 

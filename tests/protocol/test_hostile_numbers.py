@@ -135,9 +135,11 @@ def test_a_frame_of_any_numbers(path: Path, data: st.DataObject, step: Step) -> 
     with told(request):
         sub_cubes = held.sub_cubes_drawn(request.level, request.geometry, request.plan)
         walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.shading, request.plan)
+        [walker] = walk.walkers
         assembly = FrameAssembly(request.plan, request.frame, [1])
-        while (batch := walk.next_batch()) is not None:
-            assembly.arrived(1, batch.runs, batch.packets, batch.reached, batch.last)
+        while (batch := walker.next_batch()) is not None:
+            [part] = batch.parts
+            assembly.arrived(1, part.runs, part.packets, batch.reached, batch.last)
         while not assembly.advance().complete:
             pass
         image = np.frombuffer(assembly.published(), np.float32)

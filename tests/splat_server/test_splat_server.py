@@ -18,6 +18,7 @@ from support.programs.little_memory import little_memory
 from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
+from support.scenes.shaded_packets import all_batches
 from support.scenes.threaded import everything_threaded
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.region_shares import RegionShares
@@ -123,18 +124,19 @@ class Bench:
         self.control.send(request(frame, scene, step))
 
     def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
+        [part] = batch.parts
         message = messages.Batch(
             frame,
             worker,
             0,
             sequence,
             messages.RAW,
-            [messages.BatchPart(batch.run_count, batch.packet_count)],
+            [messages.BatchPart(part.run_count, part.packet_count)],
             batch.reached[0],
             batch.reached[1],
             batch.last,
         )
-        self.links[worker].send(message, batch.runs, batch.packets)
+        self.links[worker].send(message, part.runs, part.packets)
 
     def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
         """A whole frame."""
@@ -192,7 +194,7 @@ def batches(
         sub_cube = SubCube.of_volume(GEOMETRY, VALUES, box)
         sub_cube.pack(QUANTISATION)
         walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, shading_rule(scene, step), plan)
-        of_workers.append(list(iter(lambda walk=walk: walk.next_batch(max_packets), None)))  # type: ignore[misc]
+        of_workers.append(all_batches(walk, max_packets))
     return of_workers
 
 
@@ -331,8 +333,9 @@ def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else
 ) -> None:
     first, _, _ = batches(slabs(0, 8, 16))
     bench.renders(1)
-    batch = next(b for b in first if b.run_count > 1)
-    hostile = bytearray(batch.runs)
+    batch = next(batch for batch in first if batch.parts[0].run_count > 1)
+    [part] = batch.parts
+    hostile = bytearray(part.runs)
     hostile[:12] = b"\xff" * 12  # a sheet, row and sample far beyond the volume
     message = messages.Batch(
         1,
@@ -340,11 +343,11 @@ def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else
         0,
         0,
         messages.RAW,
-        [messages.BatchPart(batch.run_count, batch.packet_count)],
+        [messages.BatchPart(part.run_count, part.packet_count)],
         *batch.reached,
         False,
     )
-    bench.links[WORKERS[0]].send(message, hostile, batch.packets)
+    bench.links[WORKERS[0]].send(message, hostile, part.packets)
     with pytest.raises(VolsplatError):
         bench.links[WORKERS[0]].receive()
     assert len([record for record in caplog.records if record.levelname == "WARNING"]) == 1

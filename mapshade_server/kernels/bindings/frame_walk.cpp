@@ -18,8 +18,8 @@
 
 #include "arrays.h"
 #include "kernels/tile_map.h"
-#include "mapshade_server/kernels/frame_walk.h"
 #include "mapshade_server/kernels/shading_tables.h"
+#include "mapshade_server/kernels/walk/walker.h"
 
 namespace volsplat {
 
@@ -49,18 +49,6 @@ nb::object view_of(const std::shared_ptr<Batch>& batch, void* data, std::size_t 
                       [](void* p) noexcept { delete static_cast<std::shared_ptr<Batch>*>(p); });
     nb::object array = nb::cast(nb::ndarray<nb::array_api, std::uint8_t>(data, {bytes}, owner));
     return nb::steal(PyMemoryView_FromObject(array.ptr()));
-}
-
-// Batches are used again, by later walks too, once no memoryview of them is left. The GIL guards them.
-std::shared_ptr<Batch> free_batch() {
-    static std::vector<std::shared_ptr<Batch>> batches;
-    constexpr std::size_t kKept = 8;
-    for (const auto& batch : batches) {
-        if (batch.use_count() == 1) return batch;
-    }
-    const auto batch = std::make_shared<Batch>();
-    if (batches.size() < kKept) batches.push_back(batch);
-    return batch;
 }
 
 ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<OpacityArray>& opacity,
@@ -97,7 +85,18 @@ void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
     }
 }
 
-// Keeps alive what the walk borrows, and hands out batches as memoryviews.
+void check_regions(const std::vector<Lines>& regions, std::int64_t lines) {
+    std::int64_t begin = 0;
+    for (const Lines& region : regions) {
+        if (region.begin != begin || region.end < begin || (region.end % kTileSide != 0 && region.end != lines)) {
+            throw std::invalid_argument("regions must follow each other, cut between tiles");
+        }
+        begin = region.end;
+    }
+    if (begin != lines) throw std::invalid_argument("the regions are not those of the image's lines");
+}
+
+// Keeps alive what the walk and its walkers borrow.
 class PythonFrameWalk {
 public:
     PythonFrameWalk(std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
@@ -108,10 +107,11 @@ public:
                     const std::array<int, 4>& cross_bar, ColourArray emit, ColourArray refl, LightArray light,
                     std::vector<OpacityArray> opacity, const std::array<int, 27>& opacity_of_class,
                     const VisibilityArray& visibility, GradientByteArray gradient_bytes,
-                    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles);
+                    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles,
+                    const std::vector<std::array<std::int64_t, 2>>& regions, std::int64_t walkers,
+                    const std::array<std::int64_t, 2>& limits);
 
-    // (runs, packets, run count, packet count, (sheet, row) reached, last, voxels visited)
-    nb::tuple next_batch(std::int64_t max_packets, std::int64_t max_voxels);
+    Walker& walker(std::size_t number) { return *walkers_.at(number); }
 
 private:
     // What the walk points into
@@ -124,7 +124,14 @@ private:
     std::optional<TileArray> closed_tiles_;
 
     std::unique_ptr<FrameWalk> walk_;
+    std::vector<std::unique_ptr<Walker>> walkers_;
 };
+
+BatchLimits limits_of(std::int64_t max_packets, std::int64_t max_voxels) {
+    if (max_packets < 1 || max_voxels < 1)
+        throw std::invalid_argument("a batch needs room for at least one packet and voxel");
+    return {static_cast<std::size_t>(max_packets), max_voxels};
+}
 
 PythonFrameWalk::PythonFrameWalk(
     std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
@@ -133,7 +140,9 @@ PythonFrameWalk::PythonFrameWalk(
     const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach, const std::array<int, 4>& cross_bar,
     ColourArray emit, ColourArray refl, LightArray light, std::vector<OpacityArray> opacity,
     const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility, GradientByteArray gradient_bytes,
-    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles)
+    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles,
+    const std::vector<std::array<std::int64_t, 2>>& regions, std::int64_t walkers,
+    const std::array<std::int64_t, 2>& limits)
     : boxes_(std::move(boxes)),
       emit_(std::move(emit)),
       refl_(std::move(refl)),
@@ -166,21 +175,32 @@ PythonFrameWalk::PythonFrameWalk(
         }
         packet_boxes.push_back({packets.data(), low, size_of(packets), classified});
     }
-    walk_ = std::make_unique<FrameWalk>(plan, tables, packet_boxes, closed_tiles_ ? closed_tiles_->data() : nullptr);
+    std::vector<Lines> lines;
+    for (const auto& [begin, end] : regions) lines.push_back({begin, end});
+    check_regions(lines, plan.height);
+    if (walkers < 1) throw std::invalid_argument("somebody must walk");
+    walk_ =
+        std::make_unique<FrameWalk>(plan, tables, packet_boxes, lines, closed_tiles_ ? closed_tiles_->data() : nullptr,
+                                    walkers, limits_of(limits[0], limits[1]));
+    for (std::int64_t n = 0; n < walkers; ++n) walkers_.push_back(std::make_unique<Walker>(*walk_, n));
 }
 
-nb::tuple PythonFrameWalk::next_batch(std::int64_t max_packets, std::int64_t max_voxels) {
-    if (max_packets < 1 || max_voxels < 1)
-        throw std::invalid_argument("a batch needs room for at least one packet and voxel");
+// ([(runs, packets, run count, packet count) for each region], (sheet, row) reached, last, voxels visited)
+nb::tuple next_batch(Walker& walker, std::int64_t max_packets, std::int64_t max_voxels) {
+    const BatchLimits limits = limits_of(max_packets, max_voxels);
     const std::shared_ptr<Batch> batch = free_batch();
     {
         nb::gil_scoped_release unlocked;
-        walk_->next_batch(static_cast<std::size_t>(max_packets), max_voxels, *batch);
+        walker.next_batch(limits, *batch);
     }
-    return nb::make_tuple(view_of(batch, batch->runs.data(), batch->runs.size() * sizeof(RowRun)),
-                          view_of(batch, batch->packets.data(), batch->packet_count * sizeof(std::uint64_t)),
-                          batch->runs.size(), batch->packet_count,
-                          nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last, batch->voxels_visited);
+    nb::list parts;
+    for (ShadedPart& part : batch->parts) {
+        parts.append(nb::make_tuple(view_of(batch, part.runs.data(), part.runs.size() * sizeof(RowRun)),
+                                    view_of(batch, part.packets.data(), part.packet_count * sizeof(std::uint64_t)),
+                                    part.runs.size(), part.packet_count));
+    }
+    return nb::make_tuple(parts, nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last,
+                          batch->voxels_visited);
 }
 
 }  // namespace
@@ -197,12 +217,19 @@ void bind_frame_walk(nb::module_& m) {
                       const std::array<std::int64_t, 4>&, const std::array<std::array<std::int64_t, 4>, 3>&,
                       const std::array<std::int64_t, 2>&, const std::array<double, 2>&, const std::array<int, 4>&,
                       ColourArray, ColourArray, LightArray, std::vector<OpacityArray>, const std::array<int, 27>&,
-                      const VisibilityArray&, GradientByteArray, std::array<GridByteArray, 3>,
-                      std::optional<TileArray>>(),
+                      const VisibilityArray&, GradientByteArray, std::array<GridByteArray, 3>, std::optional<TileArray>,
+                      const std::vector<std::array<std::int64_t, 2>>&, std::int64_t,
+                      const std::array<std::int64_t, 2>&>(),
              "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "screen_index"_a, "image"_a, "reach"_a,
              "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a, "visibility"_a,
-             "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none())
-        .def("next_batch", &PythonFrameWalk::next_batch, "max_packets"_a, "max_voxels"_a);
+             "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none(), "regions"_a, "walkers"_a, "limits"_a)
+        .def("walker", &PythonFrameWalk::walker, "number"_a, nb::rv_policy::reference_internal);
+
+    nb::class_<Walker>(m, "Walker")
+        .def("next_batch", &next_batch, "max_packets"_a, "max_voxels"_a)
+        .def_prop_ro("source", [](Walker& walker) {
+            return nb::capsule(static_cast<BatchSource*>(&walker), kBatchSourceCapsule);
+        });
 }
 
 }  // namespace volsplat

@@ -51,7 +51,7 @@ def rendered(
         sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
-        walks.append(FrameWalk(sub_cubes, geometry, quantisation, shading_rule(scene, step), plan))
+        walks += FrameWalk(sub_cubes, geometry, quantisation, shading_rule(scene, step), plan).walkers
     delivering = list(range(len(walks)))
     while delivering:
         worker = arrival.choice(delivering) if arrival else delivering[0]
@@ -59,7 +59,8 @@ def rendered(
         if batch is None:
             delivering.remove(worker)
             continue
-        assembly.arrived(worker, batch.runs, batch.packets, batch.reached, batch.last)
+        [part] = batch.parts
+        assembly.arrived(worker, part.runs, part.packets, batch.reached, batch.last)
         if arrival and arrival.random() < 0.5:
             assembly.advance(arrival.randrange(1, 5000))
     while not assembly.complete:

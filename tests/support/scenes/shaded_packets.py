@@ -1,12 +1,12 @@
 """Takes batches of shaded packets apart, by the bits that packet_layout states."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
-from volsplat.mapshade_server.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk, ShadedBatch
+from volsplat.mapshade_server.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk, ShadedBatch, Walker
 from volsplat.protocol.rules.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN_BYTES
 
 OFFSETS = 1 << POSITION_BITS
@@ -38,22 +38,27 @@ class Runs:
 def all_batches(
     walk: FrameWalk, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS
 ) -> list[ShadedBatch]:
-    """The batches of a whole frame; they share no memory."""
-    batches = []
-    while (batch := walk.next_batch(max_packets, max_voxels)) is not None:
-        batches.append(batch)
-    return batches
+    """The batches of a whole frame with one walker; they share no memory."""
+    [walker] = walk.walkers
+    return list(batches_of(walker, max_packets, max_voxels))
 
 
-def runs_of(batches: Iterable[ShadedBatch]) -> Runs:
-    data = b"".join(batch.runs for batch in batches)
+def batches_of(
+    walker: Walker, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS
+) -> Iterator[ShadedBatch]:
+    while (batch := walker.next_batch(max_packets, max_voxels)) is not None:
+        yield batch
+
+
+def runs_of(batches: Iterable[ShadedBatch], region: int = 0) -> Runs:
+    data = b"".join(batch.parts[region].runs for batch in batches)
     numbers = torch.tensor(list(memoryview(data).cast("i")), dtype=torch.int64).reshape(-1, ROW_RUN_BYTES // 4)
     return Runs(keys=numbers[:, :3], count=numbers[:, 3], origin=numbers[:, 4:])
 
 
-def packets_of(batches: list[ShadedBatch]) -> Packets:
-    runs = runs_of(batches)
-    data = b"".join(batch.packets for batch in batches)
+def packets_of(batches: list[ShadedBatch], region: int = 0) -> Packets:
+    runs = runs_of(batches, region)
+    data = b"".join(batch.parts[region].packets for batch in batches)
     packet = torch.tensor(list(memoryview(data).cast("q")), dtype=torch.int64)
     offset = torch.stack((packet % OFFSETS, packet >> POSITION_BITS & (OFFSETS - 1)), dim=1)
     colour = torch.stack([packet >> shift & 255 for shift in range(COLOUR_SHIFT, 64, 8)], dim=1)

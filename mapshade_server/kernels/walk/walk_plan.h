@@ -5,7 +5,7 @@
 #include <cstdint>
 
 #include "kernels/axis_visits.h"
-#include "source_volume.h"
+#include "mapshade_server/kernels/source_volume.h"
 
 namespace volsplat {
 

@@ -5,7 +5,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "paths/map_shade_kernels.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
 #include "walk_plan.h"
 
 namespace volsplat {

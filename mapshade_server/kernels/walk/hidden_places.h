@@ -4,14 +4,10 @@
 #include <cstdint>
 #include <vector>
 
-#include "paths/map_shade_kernels.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
+#include "sample_reach.h"
 
 namespace volsplat {
-
-// How far samples reach from their positions, 2^-32 pixel.
-struct SampleReach {
-    std::int64_t x, y;
-};
 
 class HiddenPlaces {
 public:

@@ -3,7 +3,7 @@
 
 #include <algorithm>
 
-#include "paths/map_shade_kernels.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
 
 namespace volsplat {
 
@@ -24,13 +24,18 @@ VisibleVoxels clipped(const VisibleVoxels& voxels, std::int64_t begin, std::int6
 
 }  // namespace
 
+Ordinals visited_of(const PacketBox& box, const WalkPlan& plan, int level) {
+    const int axis = plan.axes[level];
+    const AxisVisits& visits = plan.visits[axis];
+    return {visits.ordinal_from(box.low[axis]), visits.ordinal_from(box.low[axis] + box.size[axis])};
+}
+
 VisibleRows::VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility)
     : box_(box), plan_(plan), visibility_(visibility) {
     const std::int64_t by_axis[3] = {1, box.size[0], box.size[0] * box.size[1]};
     for (int level = 0; level < 3; ++level) {
         const int axis = plan.axes[level];
-        const AxisVisits& visits = plan.visits[axis];
-        ordinals_[level] = {visits.ordinal_from(box.low[axis]), visits.ordinal_from(box.low[axis] + box.size[axis])};
+        ordinals_[level] = visited_of(box, plan, level);
         strides_[level] = by_axis[axis];
     }
     const int inner = std::min(plan.axes[0], plan.axes[1]);
@@ -57,7 +62,7 @@ std::int64_t VisibleRows::known_empty(std::int64_t sheet_ordinal, std::int64_t r
     if (!lists_) return 0;
     std::size_t number = list_number(local(0, sheet_ordinal), local(1, row_ordinal));
     std::int64_t rows = 0;
-    for (; rows < most && lists_->holds(number) && lists_->at(number).count == 0; ++rows) {
+    for (; rows < most && lists_->empty(number); ++rows) {
         lists_->prefetch(number + kRowsSoon * next_list(), number + kRowsLater * next_list());
         number += next_list();
     }
@@ -90,31 +95,32 @@ std::size_t VisibleRows::list_number(std::int64_t sheet, std::int64_t row) const
 
 std::ptrdiff_t VisibleRows::next_list() const { return plan_.ascending[1] ? list_strides_[1] : -list_strides_[1]; }
 
-// Classifies the whole row, and those that share its cache lines. False where the lists are not kept after all.
+// Classifies the whole row, and those that share its cache lines. False where another walker is at them, or the lists
+// are not kept after all.
 bool VisibleRows::classify_into_lists(std::int64_t sheet, std::int64_t row) {
     const int axis = plan_.axes[2];
-    const Lines lines{0, 1, box_.size[axis]};
-    Columns columns{0, 0, 1};
+    const Samples samples{0, 1, box_.size[axis]};
+    const std::int64_t column = sheets_along_i() ? sheet : row;
+    const Columns columns = axis == 0 ? Columns{column, column, column + 1} : columns_at(column);
+    std::size_t number = list_number(sheet, row) - static_cast<std::size_t>(column - columns.begin);
+    if (!lists_->claim(number)) return false;
     if (axis == 0) {
-        make_lanes(1, lines.count);
+        make_lanes(1, samples.count);
         counts_[0] = static_cast<std::uint32_t>(map_shade_kernels().classify_row(
-            box_.packets + sheet * strides_[0] + row * strides_[1], static_cast<std::size_t>(lines.count), 0,
+            box_.packets + sheet * strides_[0] + row * strides_[1], static_cast<std::size_t>(samples.count), 0,
             visibility_, positions_.data(), packets_.data()));
     } else {
-        columns = columns_at(sheets_along_i() ? sheet : row);
-        classify_columns(sheets_along_i() ? row : sheet, columns, lines);
+        classify_columns(sheets_along_i() ? row : sheet, columns, samples);
     }
 
     std::size_t found = 0;
-    for (std::int64_t column = columns.begin; column < columns.end; ++column) found += counts_[column - columns.first];
-    if (!box_.classified->make_room(axis, *lists_, found)) {
+    for (std::int64_t c = columns.begin; c < columns.end; ++c) found += counts_[c - columns.first];
+    if (!box_.classified->make_room(axis, *lists_, found, room_)) {
         lists_.reset();
         return false;
     }
-    std::size_t number = list_number(sheet, row);
-    if (axis != 0) number -= static_cast<std::size_t>((sheets_along_i() ? sheet : row) - columns.begin);
-    for (std::int64_t column = columns.begin; column < columns.end; ++column, ++number) {
-        lists_->add(number, lane(column - columns.first));
+    for (std::int64_t c = columns.begin; c < columns.end; ++c, ++number) {
+        lists_->add(number, lane(c - columns.first), room_);
     }
     return true;
 }
@@ -162,8 +168,8 @@ VisibleRows::Columns VisibleRows::columns_at(std::int64_t column) const {
 }
 
 // Classifies the visited ones of some columns, whose other coordinate is that of a sheet or a row.
-void VisibleRows::classify_columns(std::int64_t other, const Columns& columns, const Lines& lines) {
-    make_lanes(kStripLanes, lines.count);
+void VisibleRows::classify_columns(std::int64_t other, const Columns& columns, const Samples& samples) {
+    make_lanes(kStripLanes, samples.count);
     const AxisVisits& visits = plan_.visits[0];
     std::uint64_t wanted = 0;
     for (std::int64_t column = columns.begin; column < columns.end; ++column) {
@@ -171,8 +177,8 @@ void VisibleRows::classify_columns(std::int64_t other, const Columns& columns, c
         wanted |= static_cast<std::uint64_t>(visited) << (column - columns.first);
     }
     const std::int64_t other_stride = strides_[sheets_along_i() ? 1 : 0];
-    const std::uint32_t* source = box_.packets + columns.first + other * other_stride + lines.first * strides_[2];
-    map_shade_kernels().classify_columns(source, strides_[2] * lines.step, static_cast<std::size_t>(lines.count),
+    const std::uint32_t* source = box_.packets + columns.first + other * other_stride + samples.first * strides_[2];
+    map_shade_kernels().classify_columns(source, strides_[2] * samples.step, static_cast<std::size_t>(samples.count),
                                          wanted, visibility_, {positions_.data(), packets_.data(), pitch_},
                                          counts_.data());
 }

@@ -26,6 +26,9 @@ struct Ordinals {
     bool holds(std::int64_t ordinal) const { return ordinal >= begin && ordinal < end; }
 };
 
+// What a box has of the axis of sheets (0), rows (1) or samples (2).
+Ordinals visited_of(const PacketBox& box, const WalkPlan& plan, int level);
+
 struct VisibleRow {
     VisibleVoxels voxels;
     std::int64_t origin;  // the ordinal of the sample at position 0
@@ -35,7 +38,6 @@ class VisibleRows {
 public:
     VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility);
 
-    // The visit ordinals of the box on the axis of sheets (0), rows (1) or samples (2).
     const Ordinals& ordinals(int level) const { return ordinals_[level]; }
     bool empty() const;
 
@@ -66,7 +68,7 @@ private:
     };
 
     // Samples of the box: the first, the way from one to the next, and how many.
-    struct Lines {
+    struct Samples {
         std::int64_t first, step, count;
     };
 
@@ -78,7 +80,7 @@ private:
     VisibleVoxels contiguous_row(std::int64_t sheet, std::int64_t row, const Ordinals& samples);
     VisibleVoxels strip_row(std::int64_t sheet, std::int64_t row, std::int64_t row_number, const Ordinals& piece);
     Columns columns_at(std::int64_t column) const;
-    void classify_columns(std::int64_t other, const Columns& columns, const Lines& lines);
+    void classify_columns(std::int64_t other, const Columns& columns, const Samples& samples);
     void make_lanes(std::size_t lanes, std::int64_t longest);
     VisibleVoxels lane(std::int64_t number) const;
     void store(Strip& strip) const;
@@ -90,6 +92,7 @@ private:
     std::int64_t strides_[3];       // in packets, by level
     std::int64_t list_strides_[2];  // in list numbers, of sheets and rows
     std::shared_ptr<RowLists> lists_;
+    ListRoom room_;
 
     // Where rows are classified
     std::size_t pitch_ = 0;

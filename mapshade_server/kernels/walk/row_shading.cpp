@@ -1,8 +1,8 @@
 // Looks up opacities first, then the indices of the colour tables for what is left.
 #include "row_shading.h"
 
-#include "paths/map_shade_kernels.h"
-#include "shading_tables.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
+#include "mapshade_server/kernels/shading_tables.h"
 
 namespace volsplat {
 

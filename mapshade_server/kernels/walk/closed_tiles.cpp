@@ -2,7 +2,6 @@
 #include "closed_tiles.h"
 
 #include <algorithm>
-#include <cmath>
 
 #include "kernels/tile_map.h"
 
@@ -12,26 +11,6 @@ namespace {
 
 constexpr int kFractionBits = 32;
 constexpr std::int64_t kAlmostPixel = (std::int64_t{1} << kFractionBits) - 1;  // rounds up to the next pixel's centre
-constexpr double kFarthestReach = 1 << 24;
-
-// How far from its exact position a sample may be splatted or looked for, in pixels. Packets round a position by 1/128,
-// the offsets of the footprint table by 1/16 at most, unless footprints are so large that the table would not fit;
-// `leave_out_hidden` by some bits of a float32, and so do the weights of slanted, flat footprints.
-double rounding(const WalkPlan& plan) {
-    constexpr double kLargeFootprint = 4096;
-    const double offsets = plan.reach_x * plan.reach_y < kLargeFootprint ? 1.0 / 16 : 1.0 / 2;
-    const double farthest =
-        static_cast<double>(std::max(plan.width, plan.height)) + 2 * std::max(plan.reach_x, plan.reach_y);
-    return 1.0 / 128 + offsets + std::ldexp(farthest, -22) + 1.0 / 32;
-}
-
-std::int64_t fixed(double pixels) {
-    return static_cast<std::int64_t>(std::ceil(std::ldexp(std::min(pixels, kFarthestReach), kFractionBits)));
-}
-
-SampleReach reach_of(const WalkPlan& plan) {
-    return {fixed(plan.reach_x + rounding(plan)), fixed(plan.reach_y + rounding(plan))};
-}
 
 // The tiles on one axis that samples between two places reach, those beyond the image's ends moved into it.
 struct TileRange {
@@ -57,7 +36,7 @@ ClosedTiles::ClosedTiles(const std::uint64_t* words, const WalkPlan& plan)
       words_in_row_(tile_words(plan.width)),
       width_(plan.width),
       height_(plan.height),
-      reach_(reach_of(plan)),
+      reach_(sample_reach(plan)),
       places_(words, plan.width, plan.height, reach_) {}
 
 bool ClosedTiles::hide(const RowLine& line, std::int64_t first, std::int64_t last) const {

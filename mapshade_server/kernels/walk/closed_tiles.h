@@ -5,7 +5,8 @@
 #include <cstdint>
 
 #include "hidden_places.h"
-#include "paths/map_shade_kernels.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
+#include "sample_reach.h"
 #include "walk_plan.h"
 
 namespace volsplat {

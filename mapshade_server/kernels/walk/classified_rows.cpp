@@ -11,6 +11,10 @@ namespace {
 
 constexpr std::size_t kVoxelBytes = sizeof(std::uint32_t) + sizeof(std::uint16_t);
 
+// Walkers get room for more than one list at a time, so that they seldom meet: a small part of all, and not too much.
+constexpr std::size_t kChunks = 256;
+constexpr std::size_t kLargestChunk = 1 << 14;
+
 template <typename T>
 void prefetch_array(const T* numbers, std::size_t count) {
     constexpr std::size_t kCacheLine = 64;
@@ -26,7 +30,7 @@ bool same(const Visibility& a, const Visibility& b) { return std::memcmp(&a, &b,
 }  // namespace
 
 RowLists::RowLists(std::size_t rows, std::size_t voxels)
-    : rows_(rows, Row{0, kUnknown}),
+    : rows_(rows),
       packets_(large_array<std::uint32_t>(voxels + kSpare)),
       positions_(large_array<std::uint16_t>(voxels + kSpare)) {}
 
@@ -38,21 +42,33 @@ void RowLists::prefetch(std::size_t soon, std::size_t later) const {
     prefetch_array(voxels.positions, voxels.count);
 }
 
-void RowLists::add(std::size_t row, const VisibleVoxels& voxels) {
-    std::memcpy(packets_.get() + filled_, voxels.packets, voxels.count * sizeof(std::uint32_t));
-    std::memcpy(positions_.get() + filled_, voxels.positions, voxels.count * sizeof(std::uint16_t));
-    rows_[row] = {filled_, voxels.count};
-    filled_ += voxels.count;
+bool RowLists::claim(std::size_t row) {
+    std::uint64_t expected = kUnknown;
+    return rows_[row].compare_exchange_strong(expected, kClaimed, std::memory_order_relaxed);
 }
 
-void RowLists::clear() {
-    rows_.assign(rows_.size(), Row{0, kUnknown});
-    most_filled_ = std::max(most_filled_, filled_);
-    filled_ = 0;
+void RowLists::add(std::size_t row, const VisibleVoxels& voxels, ListRoom& room) {
+    std::memcpy(packets_.get() + room.next, voxels.packets, voxels.count * sizeof(std::uint32_t));
+    std::memcpy(positions_.get() + room.next, voxels.positions, voxels.count * sizeof(std::uint16_t));
+    const std::uint64_t begin = voxels.count == 0 ? 0 : room.next;  // all that are empty look the same
+    rows_[row].store(begin << kBeginShift | voxels.count << kCountShift | kListed, std::memory_order_release);
+    room.next += voxels.count;
 }
 
 std::size_t RowLists::bytes_with(std::size_t more_voxels) const {
     return rows_.size() * sizeof(Row) + std::max(most_filled_, filled_ + more_voxels) * kVoxelBytes;
+}
+
+void RowLists::enlarge(ListRoom& room, std::size_t more_voxels) {
+    if (room.end != filled_) room.next = filled_;
+    filled_ += more_voxels;
+    room.end = filled_;
+}
+
+void RowLists::clear() {
+    for (Row& row : rows_) row.store(kUnknown, std::memory_order_relaxed);
+    most_filled_ = std::max(most_filled_, filled_);
+    filled_ = 0;
 }
 
 ClassifiedRows::ClassifiedRows(const Index3& size, double share)
@@ -61,6 +77,7 @@ ClassifiedRows::ClassifiedRows(const Index3& size, double share)
                                            static_cast<double>(size[1]) * static_cast<double>(size[2]))) {}
 
 std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility& visibility) {
+    const std::lock_guard locked(mutex_);
     if (!same(visibility, visibility_)) forget_all_but(axis);
     visibility_ = visibility;
     Axis& wanted = axes_[axis];
@@ -73,13 +90,23 @@ std::shared_ptr<RowLists> ClassifiedRows::rows_along(int axis, const Visibility&
         wanted.too_large = true;
         return nullptr;
     }
-    make_room(axis, *wanted.lists, 0);
+    may_grow(axis, *wanted.lists, 0);
     return wanted.lists;
 }
 
-bool ClassifiedRows::make_room(int axis, const RowLists& growing, std::size_t voxels) {
-    if (axes_[axis].lists.get() != &growing) return false;
-    while (bytes() - growing.bytes() + growing.bytes_with(voxels) > most_bytes_) {
+bool ClassifiedRows::make_room(int axis, RowLists& growing, std::size_t voxels, ListRoom& room) {
+    if (room.end - room.next >= voxels) return true;
+    const std::lock_guard locked(mutex_);
+    if (axes_[axis].lists.get() != &growing || !may_grow(axis, growing, voxels)) return false;
+    const std::size_t chunk = std::clamp(most_bytes_ / kVoxelBytes / kChunks, voxels, std::max(voxels, kLargestChunk));
+    const bool spacious = bytes_locked() - growing.bytes() + growing.bytes_with(chunk) <= most_bytes_;
+    growing.enlarge(room, spacious ? chunk : voxels);
+    return true;
+}
+
+// Forgets other lists where it must, or these.
+bool ClassifiedRows::may_grow(int axis, const RowLists& growing, std::size_t voxels) {
+    while (bytes_locked() - growing.bytes() + growing.bytes_with(voxels) > most_bytes_) {
         Axis* oldest = nullptr;
         for (Axis& other : axes_) {
             if (&other == &axes_[axis] || !other.lists) continue;
@@ -96,12 +123,18 @@ bool ClassifiedRows::make_room(int axis, const RowLists& growing, std::size_t vo
 }
 
 std::size_t ClassifiedRows::bytes() const {
+    const std::lock_guard locked(mutex_);
+    return bytes_locked();
+}
+
+std::size_t ClassifiedRows::bytes_locked() const {
     std::size_t all = 0;
     for (const Axis& axis : axes_) all += axis.lists ? axis.lists->bytes() : 0;
     return all;
 }
 
 std::vector<int> ClassifiedRows::axes() const {
+    const std::lock_guard locked(mutex_);
     std::vector<int> kept;
     for (int axis = 0; axis < 3; ++axis) {
         if (axes_[axis].lists) kept.push_back(axis);

@@ -5,7 +5,7 @@
 #include <array>
 
 #include "kernels/tile_map.h"
-#include "paths/map_shade_kernels.h"
+#include "mapshade_server/kernels/paths/map_shade_kernels.h"
 
 namespace volsplat {
 
