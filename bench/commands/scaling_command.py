@@ -32,6 +32,7 @@ from volsplat.bench.views import around, seen
 from volsplat.client.command.opened_volume import Servers, memory_option, opened, servers_from_options
 from volsplat.client.session.bottleneck import bottleneck
 from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 
@@ -88,7 +89,7 @@ def scaling(
         raise BadInput("--threads measures the single process of this machine; leave it out with a cluster")
     if thread_counts:
         check_threads_are_seen()
-    servers = servers_from_options(counts[0], listen, token_file, memory=memory)
+    servers = servers_from_options(counts[0], 1, usable_cores(), listen, token_file, memory=memory)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
     console = PlainConsole(stderr=True)

@@ -10,11 +10,10 @@ from pathlib import Path
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.opened_volume import opened_quietly, servers_from_options
+from volsplat.client.command.opened_volume import opened_quietly, server_options, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.session.renderer import Renderer
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.this_machine import usable_cores
 
 
 @click.command()
@@ -24,15 +23,15 @@ from volsplat.program.this_machine import usable_cores
     type=click.Path(path_type=Path),
     help="Folder with measured volumes; phantoms stand for those that are not in it.",
 )
-@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@server_options
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
-def gallery(out: Path, data: Path | None, workers: int, size: int) -> None:
+def gallery(out: Path, data: Path | None, workers: int, splat_servers: int, threads: int, size: int) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
 
     Every image comes from a scene file in the package's folder gallery/scenes. With --data, volumes are taken from
     that folder where it has them; volsplat makes all others itself.
     """
-    servers = servers_from_options(workers, None, None)
+    servers = servers_from_options(workers, splat_servers, threads, None, None)
     console = PlainConsole(stderr=True)
     began = time.perf_counter()
     with interrupts_held():

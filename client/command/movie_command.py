@@ -9,7 +9,7 @@ from typing import get_args
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.opened_volume import memory_option, opened_quietly, servers_from_options
+from volsplat.client.command.opened_volume import memory_option, opened_quietly, server_options, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
@@ -17,7 +17,6 @@ from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.presets import PRESETS
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -49,9 +48,9 @@ from volsplat.protocol.text.errors import BadInput
 @scene_option("--rotate")
 @scene_option("--up")
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
-@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@server_options
 @memory_option
-@click.option("--single", is_flag=True, help="One process on all cores, no servers: the same images.")
+@click.option("--single", is_flag=True, help="One process, no servers: the same images.")
 def movie(
     volume: str,
     output: Path,
@@ -63,6 +62,8 @@ def movie(
     preset: str | None,
     step: str,
     workers: int,
+    splat_servers: int,
+    threads: int,
     memory: str | None,
     single: bool,
     **settings: str | float | None,
@@ -85,7 +86,7 @@ def movie(
     options.key_scenes(None, keys)
     options.scene_of(None)
     check_movie_writable(output)
-    servers = servers_from_options(workers, None, None, single, memory)
+    servers = servers_from_options(workers, splat_servers, threads, None, None, single, memory)
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:
         geometry = known.description.geometry

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from ipaddress import ip_address
 from pathlib import Path
+from typing import Any, TypeVar
 
 import click
 
@@ -17,10 +18,13 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.program.plain_console import PlainConsole
+from volsplat.program.server_process import THREADS
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE, Token, find_token, new_token
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
@@ -28,10 +32,32 @@ class Servers:
     """Which processes draw, and where they come from."""
 
     workers: int
+    splat_servers: int
+    threads: int  # that the processes started here share out
     single: bool
     listen: Address | None
     token: Token | None
     memory: int | None = None  # bytes of a prepared volume that each may hold
+
+
+COUNT = click.IntRange(min=1)
+_SERVER_OPTIONS = (
+    click.option("--workers", type=COUNT, default=usable_cores(), help="Map/shade servers (cores)."),
+    click.option("--splat-servers", type=COUNT, default=1, help="Splat servers, which share the image (1)."),
+    click.option(
+        "--threads",
+        type=THREADS,
+        default=usable_cores(),
+        help="Threads that the processes started here share out (cores).",
+    ),
+)
+
+
+def server_options(command: Command) -> Command:
+    """How many servers there are, and what those started here may use."""
+    for option in reversed(_SERVER_OPTIONS):
+        command = option(command)
+    return command
 
 
 memory_option = click.option(
@@ -40,11 +66,19 @@ memory_option = click.option(
 
 
 def servers_from_options(
-    workers: int, listen: str | None, token_file: Path | None, single: bool = False, memory: str | None = None
+    workers: int,
+    splat_servers: int,
+    threads: int,
+    listen: str | None,
+    token_file: Path | None,
+    single: bool = False,
+    memory: str | None = None,
 ) -> Servers:
-    """What --workers, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
+    """What `server_options`, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
     return Servers(
         workers=workers,
+        splat_servers=splat_servers,
+        threads=threads,
         single=single,
         listen=parse_address(listen) if listen else None,
         token=shared_token(token_file, makes=listen is not None),
@@ -104,14 +138,15 @@ def opened_quietly(
     if servers.single:
         from volsplat.client.session.single import SingleProcess
 
-        cores = usable_cores()
-        with SingleProcess(volume, threads=cores, memory=servers.memory, on_progress=say) as single:
+        with SingleProcess(volume, threads=servers.threads, memory=servers.memory, on_progress=say) as single:
             yield single
         return
     token = servers.token or new_token()
     with Session(
         volume,
         workers=servers.workers,
+        splat_servers=servers.splat_servers,
+        threads=servers.threads,
         listen=servers.listen or ANY_LOOPBACK_PORT,
         spawn=spawns,
         token=token,

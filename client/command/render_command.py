@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from volsplat.client.command.opened_volume import memory_option, opened, servers_from_options
+from volsplat.client.command.opened_volume import memory_option, opened, server_options, servers_from_options
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.render_outputs import Outputs, step_image_path
 from volsplat.client.image.empty_image import why_empty
@@ -15,7 +15,6 @@ from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -26,7 +25,7 @@ IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers s
 @click.command()
 @click.argument("volume")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr.")
-@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@server_options
 @scene_option("--size")
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
@@ -40,7 +39,7 @@ IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers s
 @scene_option("--bounds")
 @scene_option("--edges")
 @memory_option
-@click.option("--single", is_flag=True, help="One process on all cores, no servers: the same image.")
+@click.option("--single", is_flag=True, help="One process, no servers: the same image.")
 @click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
@@ -51,6 +50,8 @@ def render(
     volume: str,
     output: Path | None,
     workers: int,
+    splat_servers: int,
+    threads: int,
     scene: Path | None,
     preset: str | None,
     step: str,
@@ -79,7 +80,7 @@ def render(
         check_is_there(volume)
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
-    servers = servers_from_options(workers, listen, token_file, single, memory)
+    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, single, memory)
     console = PlainConsole(stderr=True)
     with opened(volume, servers, spawns, console, imports=[IMAGE_FILES]) as renderer:
         draw(renderer, scene_options, Step(step), outputs, console)

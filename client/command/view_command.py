@@ -11,7 +11,7 @@ import click
 import msgspec
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.opened_volume import ignored, memory_option, opened, servers_from_options
+from volsplat.client.command.opened_volume import ignored, memory_option, opened, server_options, servers_from_options
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.terminal_watch import ended_with_its_reader
 from volsplat.client.scene.presets import PRESETS
@@ -21,7 +21,6 @@ from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Refine, Step
 from volsplat.protocol.description.volume_name import check_is_there, volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -34,7 +33,7 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
 
 @click.command()
 @click.argument("volume")
-@click.option("--workers", type=click.IntRange(min=1), default=usable_cores(), help="Map/shade servers (cores).")
+@server_options
 @click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
 @click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
 @scene_option("--up")
@@ -55,6 +54,8 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
 def view(
     volume: str,
     workers: int,
+    splat_servers: int,
+    threads: int,
     scene: Path | None,
     preset: str | None,
     port: int,
@@ -77,7 +78,7 @@ def view(
     options.scene_of(None)
     if listen is None:
         check_is_there(volume)
-    servers = servers_from_options(workers, listen, token_file, memory=memory)
+    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, memory=memory)
     console = PlainConsole(stderr=True)
     with ended_with_its_reader(), _bound(port) as bound:
         address = PageAddress(bound)
