@@ -235,7 +235,8 @@ class Frames:
         assert self._holding.volume is not None, "a frame of an unknown volume runs"
         assert frame.unacknowledged <= set(self._drawing()), "a server that does not draw must acknowledge an abort"
         drawing = {server for server in frame.rectangles if not frame.done(server)}
-        assert drawing <= set(self._servers.splat_servers), "a part of the image is awaited of a server that is gone"
         assert frame.awaited <= drawing, "a partial image waits for a part that is whole"
+        gone = drawing - set(self._servers.splat_servers)
+        assert frame.unacknowledged or not gone, "a part of the image is awaited of a server that is gone"
         assert frame.map_shade.keys() <= self._holding.boxes.keys(), "a frame counts a server that holds nothing"
         assert frame.finished(self._holding.boxes, ()) is None, "a frame that is whole was not published"

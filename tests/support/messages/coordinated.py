@@ -1,6 +1,7 @@
 """A coordinator brought to each stage of its work by the events that lead there."""
 
 from array import array
+from dataclasses import replace
 
 import msgspec
 
@@ -34,6 +35,9 @@ JOINED = [
     ServerJoined(SPLAT, Role.SPLAT_SERVER, "splat server 1", "node1", DATA),
     ServerJoined(FIRST, Role.MAPSHADE_SERVER, "map/shade server 2", "node2", NO_DATA),
     ServerJoined(SECOND, Role.MAPSHADE_SERVER, "map/shade server 3", "node3", NO_DATA),
+]
+MORE_SPLAT_SERVERS = [
+    ServerJoined(number, Role.SPLAT_SERVER, f"splat server {number}", f"node{number}", DATA) for number in (8, 9)
 ]
 MEMORY = 1 << 40
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
@@ -81,9 +85,11 @@ def read_by(coordinator: CheckedCoordinator, server: int) -> MessageReceived:
     return said(server, messages.SubCubesRead(coordinator.holding.assignment, survey, 2 * voxels, 0.1))
 
 
-def surveyed() -> CheckedCoordinator:
+def surveyed(splat_servers: int = 1) -> CheckedCoordinator:
     coordinator = CheckedCoordinator()
-    for event in [*joins(*JOINED), ASKED, said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))]:
+    asked = replace(ASKED, splat_servers=splat_servers)
+    joined = [*JOINED, *MORE_SPLAT_SERVERS[: splat_servers - 1]]
+    for event in [*joins(*joined), asked, said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY))]:
         coordinator.handle(event)
     for server, low, high in ((FIRST, 0.0, 50.0), (SECOND, -3.0, 20.0)):
         survey = Survey(low=low, high=high, max_gradient=high, voxels=360, no_data=1)
@@ -101,8 +107,8 @@ def packed(coordinator: CheckedCoordinator, assignment: int = 1) -> list[Instruc
     return instructions
 
 
-def drawing(frame: int = 1, scene: Scene = SCENE) -> CheckedCoordinator:
-    coordinator = surveyed()
+def drawing(frame: int = 1, scene: Scene = SCENE, splat_servers: int = 1) -> CheckedCoordinator:
+    coordinator = surveyed(splat_servers)
     coordinator.handle(FrameAsked(frame, scene, Step.F, require_complete=True))
     packed(coordinator)
     return coordinator

@@ -1,0 +1,189 @@
+"""The coordinator with several splat servers: who draws which lines, and what happens when one of them is lost."""
+
+import pytest
+
+from support.messages.coordinated import (
+    DESCRIPTION,
+    FIRST,
+    JOINED,
+    MORE_SPLAT_SERVERS,
+    SECOND,
+    SPLAT,
+    CheckedCoordinator,
+    joins,
+    packed,
+    said,
+    sent,
+    surveyed,
+)
+from support.messages.drawn import (
+    BIG,
+    GONE,
+    LEFT,
+    LOST,
+    SIDE,
+    THREE,
+    all_done,
+    check_whole,
+    drawing_big,
+    finished,
+    image,
+    mapped,
+    published,
+    rectangles,
+    rendered,
+    running,
+)
+from support.messages.message_samples import IDENTITY
+from volsplat.client.coordinator.coordinator_events import (
+    AbortAsked,
+    EndFrame,
+    Event,
+    FailSession,
+    FrameAsked,
+    Instruction,
+    MessageReceived,
+    PartialImageAsked,
+    Send,
+    ServerLost,
+    VolumeAsked,
+)
+from volsplat.client.coordinator.server_states import ImageIncomplete
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.regions import lines_of
+
+
+def test_the_volume_waits_for_as_many_as_were_asked_for_and_all_are_linked_to() -> None:
+    coordinator = CheckedCoordinator()
+    coordinator.handle(VolumeAsked("/volumes/head.nrrd", workers=2, splat_servers=2))
+    *_, waiting = [coordinator.handle(event) for event in joins(*JOINED)]
+    assert "1 of 2 splat servers joined" in str(waiting)
+    *_, asked = [coordinator.handle(event) for event in joins(MORE_SPLAT_SERVERS[0])]
+    assert sent(asked) == [(FIRST, messages.DescribeVolume)]
+    told = coordinator.handle(said(FIRST, messages.VolumeDescribed(DESCRIPTION, [], IDENTITY)))
+    assert sent(told)[:2] == [(SPLAT, messages.InviteWorkers), (LOST, messages.InviteWorkers)], (
+        "before they are linked to"
+    )
+    assert linked(told) == [[SPLAT, LOST]] * 2
+
+
+def linked(told: list[Instruction]) -> list[list[int]]:
+    """The splat servers that each worker is to link to."""
+    asked = [i.message for i in told if isinstance(i, Send) and isinstance(i.message, messages.ConnectToSplatServers)]
+    return [[route.server for route in ask.routes] for ask in asked]
+
+
+def test_the_image_is_shared_out_and_laid_together() -> None:
+    coordinator = surveyed(3)
+    coordinator.handle(FrameAsked(1, BIG, Step.F, require_complete=True))
+    request = rendered(packed(coordinator))
+    assert [region.server for region in request.regions] == THREE
+    *before, last = all_done(request)
+    assert not [shown for event in before for shown in published(coordinator.handle(event))]
+    (shown,) = published(coordinator.handle(last))
+    check_whole(shown)
+    assert shown.complete and shown.outcome is not None and shown.outcome.splat.keys() == set(THREE)
+
+
+def test_the_next_frame_is_cut_by_what_there_was_to_do() -> None:
+    coordinator = drawing_big()
+    request = running(coordinator)
+    for event in all_done(request):
+        if isinstance(event, MessageReceived) and isinstance(event.message, messages.FrameFinished):
+            event = finished(request, event.server, 1000 if event.server == SPLAT else 0)
+        coordinator.handle(event)
+    begin, end = lines_of(request.regions, SPLAT)
+    again = rendered(coordinator.handle(FrameAsked(2, BIG, Step.F, require_complete=True)))
+    assert lines_of(again.regions, SPLAT)[1] < end, "it was the only one that had anything to do"
+
+
+def test_a_partial_image_is_there_once_all_have_answered() -> None:
+    coordinator = drawing_big()
+    request = running(coordinator)
+    coordinator.handle(finished(request, SPLAT))
+    asked = coordinator.handle(PartialImageAsked(1))
+    assert sent(asked) == [(LOST, messages.ReadImage), (LEFT, messages.ReadImage)], "the first has finished"
+    assert coordinator.handle(image(request, LOST, False)) == []
+    assert coordinator.handle(image(request, SPLAT, True)) == []
+    (shown,) = published(coordinator.handle(image(request, LEFT, False)))
+    check_whole(shown)
+    assert not shown.complete
+
+
+def test_a_splat_server_is_lost_amid_a_frame_and_the_others_draw_it_anew() -> None:
+    coordinator = drawing_big()
+    request = running(coordinator)
+    coordinator.handle(PartialImageAsked(1))
+    for server in THREE:
+        coordinator.handle(image(request, server, False))
+    told = coordinator.handle(ServerLost(LOST, GONE))
+    assert linked(told) == [[SPLAT, LEFT]] * 2
+    (shown,) = published(told)
+    assert shown.missing == (rectangles(request)[LOST],) and not shown.complete
+    assert shown.missing[0] not in [part.rectangle for part in shown.parts] and len(shown.parts) == 2
+    (ended,) = [i for i in told if isinstance(i, EndFrame)]
+    assert isinstance(ended.error, ImageIncomplete) and GONE in str(ended.error)
+    again = rendered(coordinator.handle(FrameAsked(2, BIG, Step.F, require_complete=True)))
+    assert {region.server for region in again.regions} == {SPLAT, LEFT}
+    told = [one for event in all_done(again) for one in coordinator.handle(event)]
+    (shown,) = published(told)
+    check_whole(shown)
+    assert shown.complete and coordinator.server_states[LOST].lost
+
+
+def test_a_splat_server_that_is_lost_once_its_part_is_here_is_not_missed() -> None:
+    coordinator = drawing_big()
+    request = running(coordinator)
+    for event in (finished(request, LOST), image(request, LOST, True)):
+        coordinator.handle(event)
+    assert not [i for i in coordinator.handle(ServerLost(LOST, GONE)) if isinstance(i, EndFrame)]
+    told = [i for event in all_done(request) if _by(event) != LOST for i in coordinator.handle(event)]
+    (shown,) = published(told)
+    check_whole(shown)
+
+
+def _by(event: Event) -> int:
+    assert isinstance(event, MessageReceived)
+    return event.server
+
+
+def test_a_splat_server_that_a_worker_cannot_reach_counts_as_lost() -> None:
+    coordinator = drawing_big()
+    told = coordinator.handle(mapped(running(coordinator), FIRST, LOST))
+    assert (LOST, messages.EndSession) in sent(told)
+    (ended,) = [i for i in told if isinstance(i, EndFrame)]
+    assert "splat server 8 has lost its connection to map/shade server 2" in str(ended.error)
+
+
+def test_what_a_worker_could_not_reach_before_it_was_told_anew_counts_for_nothing() -> None:
+    coordinator = drawing_big()
+    coordinator.handle(ServerLost(LOST, GONE))
+    refused = messages.Refused("ConnectToSplatServers", "cannot reach splat server 8", peer_lost=True)
+    assert coordinator.handle(said(FIRST, refused)) == [], "it has been told since to do without"
+    assert sent(coordinator.handle(said(FIRST, refused)))[0] == (FIRST, messages.EndSession)
+
+
+def test_the_last_splat_server_takes_the_session_with_it() -> None:
+    coordinator = drawing_big()
+    for server in (SPLAT, LEFT):
+        assert not [i for i in coordinator.handle(ServerLost(server, GONE)) if isinstance(i, FailSession)]
+    failed = coordinator.handle(ServerLost(LOST, GONE))[-1]
+    assert isinstance(failed, FailSession)
+
+
+def test_an_abort_waits_for_every_splat_server_that_is_there() -> None:
+    coordinator = drawing_big()
+    assert sent(coordinator.handle(AbortAsked(1))) == [(n, messages.AbortFrame) for n in (FIRST, SECOND, *THREE)]
+    for server in (FIRST, SECOND, SPLAT, LEFT):
+        assert EndFrame(1) not in coordinator.handle(said(server, messages.FrameAborted(1)))
+    assert EndFrame(1) in coordinator.handle(ServerLost(LOST, GONE))
+
+
+@pytest.mark.parametrize("wrong", [(0, 0, SIDE, SIDE), (0, 0, SIDE, 0)])
+def test_a_part_that_is_not_its_senders_cuts_that_one_off(wrong: tuple[int, int, int, int]) -> None:
+    coordinator = drawing_big()
+    read = messages.ImageRead(1, Step.F, False, *wrong)
+    told = coordinator.handle(said(LOST, read, bytes(read.payload_bytes())))
+    assert told[0].server == LOST and coordinator.failure is None  # type: ignore[union-attr]
+    assert coordinator.server_states[LOST].lost
