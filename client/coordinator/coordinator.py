@@ -35,7 +35,7 @@ from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.frames import Frames
 from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.probes import Probes
-from volsplat.client.coordinator.server_states import ServerState, incomplete
+from volsplat.client.coordinator.server_states import ServerState, incomplete, taken_over
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
@@ -132,8 +132,7 @@ class Coordinator:
     def _lose_splat_server(self, lost: ServerState) -> list[Instruction]:
         if not self.servers.splat_servers:
             return self._fail(PeerLost(lost.cause))
-        told = ReportProgress(f"{lost.cause}; others take over its part of the image")
-        return [told, *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
+        return [ReportProgress(taken_over(lost)), *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
 
     @takes(ServerProcessEnded)
     def _process_ended(self, event: ServerProcessEnded) -> list[Instruction]:

@@ -1,6 +1,6 @@
 """What is known of the servers of a session: for a panel that shows them, and to say what is missing without one."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from volsplat.protocol.description.volume import Box
@@ -47,6 +47,18 @@ def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
     lost = [server for server in servers if server.lost and server.boxes]
     causes = "; ".join(server.cause for server in lost)
     return VolumeIncomplete(f"{causes}; {part_of_volume(missing_boxes(lost))} of the volume are missing")
+
+
+def taken_over(lost: ServerState) -> str:
+    """One line that says which splat server was lost while others are there."""
+    return f"{lost.cause}; others take over its part of the image"
+
+
+def losses(servers: Sequence[ServerState]) -> dict[int, str]:
+    """What is to be told of each server that was lost and that the session goes on without."""
+    drawn = any(server.role is Role.SPLAT_SERVER and not server.lost for server in servers)
+    lost = [server for server in servers if server.lost and drawn]
+    return {server.id: str(incomplete([server])) if server.boxes else taken_over(server) for server in lost}
 
 
 def part_of_volume(boxes: Iterable[Box]) -> str:

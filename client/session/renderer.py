@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 from volsplat.client.coordinator.coordinator_events import FrameOutcome
@@ -12,6 +12,7 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.messages.messages import ProbedVoxel
+from volsplat.protocol.rules.regions import Rectangle
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -36,6 +37,7 @@ class Refinement:
     step: Step
     published: PublishedImage
     outcome: StepOutcome | None  # None while the step is still being drawn
+    undrawn: tuple[Rectangle, ...] = ()  # of an unfinished image, lost with a splat server; others draw it anew
 
     @property
     def image(self) -> Tensor:
@@ -84,7 +86,7 @@ def refined(
                 under = None if scene.refine.bare_buffer else refinement.published
                 yield refinement
             else:
-                yield Refinement(step, laid_over(refinement.published, under), None)
+                yield replace(refinement, published=laid_over(refinement.published, under))
 
 
 def finished_whole(refinements: Iterable[Refinement]) -> Iterator[Refinement]:

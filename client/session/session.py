@@ -231,7 +231,7 @@ class Session:
                     self._events.put(PartialImageAsked(frame))
                     patience = None  # one request at a time: its image or the finished one will come
                 else:
-                    yield Refinement(step, _published(answer), None)
+                    yield Refinement(step, _published(answer), None, answer.missing)
                     patience = partial_interval
         finally:
             # Also if the caller stopped asking for more images: then nobody need draw on.

@@ -10,6 +10,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 from volsplat.client.coordinator.server_states import VolumeIncomplete
 from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_over
@@ -145,7 +146,7 @@ class DrawingLoop:
             # What a drag has left on the screen stays there until the step after it is finished.
             if refinement.step == first != Step.A and not refinement.complete and _is_laid_over(state.scene):
                 assert shown is not None
-                refinement = Refinement(first, laid_over(refinement.published, shown.published), None)
+                refinement = replace(refinement, published=laid_over(refinement.published, shown.published))
             self._publish(state, refinement)
 
     def _publish(self, state: SceneState, refinement: Refinement, measured: bool = True) -> None:
@@ -156,7 +157,9 @@ class DrawingLoop:
             encoding_seconds = time.perf_counter() - began
             self.pacing.measured(refinement.step, refinement.outcome.wall_seconds + encoding_seconds)
         self._number += 1
-        picture = Picture(self._number, state, refinement.step, refinement.published, refinement.outcome, data)
+        picture = Picture(
+            self._number, state, refinement.step, refinement.published, refinement.outcome, data, refinement.undrawn
+        )
         if refinement.complete:
             self._shown = picture
         self._show(picture)

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 
-from volsplat.client.coordinator.server_states import incomplete
+from volsplat.client.coordinator.server_states import losses
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.text.errors import PeerLost
 
 SECONDS_BETWEEN_LOOKS = 0.25
 
@@ -14,9 +15,9 @@ async def watch_for_losses(viewing: Viewing) -> None:
     """Until cancelled."""
     known: set[int] = set()
     while True:
-        lost = [server for server in viewing.session.servers if server.lost and server.boxes]
-        if any(server.id not in known for server in lost):
-            known = {server.id for server in lost}
-            viewing.troubles.tell(incomplete(lost))
+        told = losses(viewing.session.servers)
+        if told.keys() - known:
+            known = set(told)
+            viewing.troubles.tell(PeerLost("; ".join(told.values())))
             viewing.loop.draw_again()
         await asyncio.sleep(SECONDS_BETWEEN_LOOKS)

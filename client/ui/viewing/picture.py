@@ -8,6 +8,7 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.scene import Step
+from volsplat.protocol.rules.regions import Rectangle
 
 
 @dataclass(frozen=True)
@@ -20,6 +21,7 @@ class Picture:
     published: PublishedImage
     outcome: StepOutcome | None  # None while the step is still being drawn
     data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
+    undrawn: tuple[Rectangle, ...] = ()  # see Refinement
 
     @property
     def complete(self) -> bool:

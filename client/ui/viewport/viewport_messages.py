@@ -17,6 +17,7 @@ from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.geometry.upright import Up, upright
 from volsplat.protocol.messages.frame_messages import ProbedVoxel
 from volsplat.protocol.rules.refinement import finer
+from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, resolved_zoom
 
 HEADER_LENGTH_BYTES = 4  # little-endian, before a picture's header
@@ -188,6 +189,7 @@ class PictureHeader(msgspec.Struct):
     view: ViewShown
     notice: str  # why there is nothing to be seen
     missing: tuple[Box, ...]
+    undrawn: tuple[Rectangle, ...]
 
 
 def volume_told(description: VolumeDescription, up: Up) -> VolumeTold:
@@ -241,6 +243,7 @@ def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Step
         view=_view(picture.state.scene, geometry),
         notice=why_empty(picture.published.pixels, picture.state.scene) if picture.last else "",
         missing=tuple(picture.outcome.servers.missing) if picture.outcome else (),
+        undrawn=picture.undrawn,
     )
     encoded = msgspec.json.encode(header)
     return len(encoded).to_bytes(HEADER_LENGTH_BYTES, "little") + encoded + picture.data

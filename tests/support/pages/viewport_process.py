@@ -134,6 +134,7 @@ class ViewportProcess:
             "view": VIEW,
             "notice": "",
             "missing": [],
+            "undrawn": [],
             **header,
         }
         text = _encoded(told, PictureHeader)

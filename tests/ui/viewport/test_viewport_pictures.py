@@ -218,6 +218,14 @@ def test_boxes_of_what_is_missing_are_drawn(shown: ShownViewport) -> None:
     expect(lines).to_have_count(0)
 
 
+def test_parts_of_the_picture_that_nobody_has_drawn_are_outlined(shown: ShownViewport) -> None:
+    parts = shown.page.locator(".vs-undrawn rect")
+    shown.show_and_wait(undrawn=[[0, 0, 100, 60]])
+    expect(parts).to_have_count(1)
+    shown.show_and_wait()
+    expect(parts).to_have_count(0)
+
+
 def test_the_cube_stands_as_the_picture_and_turns_to_a_side(shown: ShownViewport) -> None:
     letters = shown.page.locator(".vs-side:not([hidden]) .vs-letter")
     assert letters.all_text_contents() == ["A"]

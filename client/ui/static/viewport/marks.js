@@ -26,7 +26,8 @@ export class Marks {
     this.cube = new OrientationCube(volume.sides, lookFrom);
     this.scale = new ScaleBar(volume);
     this.missing = svg("g"); // boxes of what no server holds any more
-    this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.box.element]);
+    this.undrawn = svg("g", { class: "vs-undrawn" }); // parts of the picture that a splat server was lost with
+    this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.undrawn, this.box.element]);
     const corner = document.createElement("div");
     corner.className = "vs-corner";
     corner.append(this.value.element, this.scale.element);
@@ -49,6 +50,13 @@ export class Marks {
         const wires = new Wires("vs-missing");
         wires.draw({ low, high }, projection, frame);
         return wires.element;
+      }),
+    );
+    this.undrawn.replaceChildren(
+      ...picture.undrawn.map(([left, top, width, height]) => {
+        const [x, y] = frame.toElement([left - 0.5, top - 0.5]);
+        const size = { width: `${width * frame.scale}`, height: `${height * frame.scale}` };
+        return svg("rect", { x: `${x}`, y: `${y}`, ...size });
       }),
     );
   }

@@ -155,6 +155,7 @@ export interface PictureHeader {
   view: ViewShown;
   notice: string;
   missing: ([[number, number, number], [number, number, number]])[];
+  undrawn: ([number, number, number, number])[];
 }
 
 export type PageMessage = Size | ViewTurned | BoundsMoved | ProbeAsked | CenterAsked | UndoAsked | RedoAsked | PictureShown;
