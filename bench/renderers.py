@@ -54,9 +54,13 @@ def opened_rows(
 
 
 @contextmanager
-def local_session(path: str, workers: int, say: Callable[[str], None], memory: int | None = None) -> Iterator[Session]:
+def local_session(
+    path: str, workers: int, say: Callable[[str], None], memory: int | None = None, splat_servers: int = 1
+) -> Iterator[Session]:
     """Servers of this machine that have read the volume, with the environment's token if it has one."""
     token = find_token(os.environ, None)
-    with Session(path, workers=workers, token=token, memory=memory, on_progress=say) as session:
+    with Session(
+        path, workers=workers, splat_servers=splat_servers, token=token, memory=memory, on_progress=say
+    ) as session:
         assert session.volume, "wait until its servers have read the volume"
         yield session

@@ -34,11 +34,14 @@ VIEWS = {"the whole volume": View(), f"zoom {HIGH_ZOOM:g}": View(zoom=HIGH_ZOOM)
 @click.option("--phantom", default="shells:256", metavar="NAME:SIZE", help="What is drawn (shells:256).")
 @click.option("--aborts", "count", type=click.IntRange(min=1), default=200, help="In each view (200).")
 @click.option("--workers", type=click.IntRange(min=1), default=2, help="Map/shade servers (2).")
+@click.option("--splat-servers", type=click.IntRange(min=1), default=1, help="Splat servers (1).")
 @click.option(
     "--image", type=click.IntRange(16, LARGEST_EXTENT), default=1024, help="Side of the square image, pixels (1024)."
 )
 @output_options()
-def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None, markdown: Path | None) -> None:
+def aborts(
+    phantom: str, count: int, workers: int, splat_servers: int, image: int, json: Path | None, markdown: Path | None
+) -> None:
     """Abort frames at random moments, seen from random sides, and time it until the last server has acknowledged.
 
     Once for the whole volume in view, once for a zoom at which a packet's footprint covers tens of thousands of pixels.
@@ -47,7 +50,8 @@ def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None
     outputs.check()
     subject = subject_of(None, phantom, None, None, None)
     table = TextTable(
-        f"Aborts, {workers} map/shade servers, {image} x {image} pixels: milliseconds until all have acknowledged",
+        f"Aborts, {workers} map/shade and {splat_servers} splat servers, {image} x {image} pixels: "
+        "milliseconds until all have acknowledged",
         ("view", "a frame", "median", "95 %", "greatest"),
         f"{count} aborts at random moments of a frame. Goal at 95 %: {GOAL_SECONDS * 1e3:.0f} ms.",
     )
@@ -55,7 +59,7 @@ def aborts(phantom: str, count: int, workers: int, image: int, json: Path | None
     chance = random.Random(1)
     console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
-        with local_session(path, workers, status.update) as session:
+        with local_session(path, workers, status.update, splat_servers=splat_servers) as session:
             known = session.volume
             status.stop()
             for title, view in VIEWS.items():
