@@ -155,3 +155,14 @@ class Walker:
         self, max_packets: int, max_voxels: int
     ) -> tuple[list[tuple[memoryview, memoryview, int, int]], tuple[int, int], bool, int]:
         """Runs, shaded packets and their counts for each region; (sheet, row) reached, if the last, voxels visited."""
+
+class BatchEncoder:
+    """Writes batches of one frame without what follows from its lattice; see batch_code.h."""
+
+    def __init__(self, lattice: Sequence[int]) -> None:
+        """As sample_lattice has it."""
+    def encode(self, parts: Sequence[tuple[Array, Array]]) -> memoryview:
+        """The code of parts, each with its runs and packets; valid until the next call.
+
+        Raises ValueError where they are not on the lattice.
+        """

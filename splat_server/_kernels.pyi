@@ -1,5 +1,6 @@
 """The compiled kernels; the C++ files under kernels/ say how they work."""
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 _Axis: TypeAlias = tuple[int, int, int, int, int, bool]  # low, high, stride, first, count, ascending
@@ -161,3 +162,12 @@ class EdgeLayer:
 
 def published(image: ImageMemory, front: EdgeLayer, back: EdgeLayer) -> memoryview:
     """front over (image over back), as `ImageMemory.snapshot`."""
+
+def largest_code(runs: int, packets: int) -> int:
+    """No code of so many runs and packets has more bytes."""
+
+def decode_batch(code: object, counts: Sequence[tuple[int, int]], room: object) -> None:
+    """Give parts of so many runs and packets back: of each the runs, then the packets; see batch_code.h.
+
+    Raises ValueError where the code is not one of them. `room` may be any writable contiguous memory.
+    """

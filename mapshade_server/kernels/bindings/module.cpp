@@ -1,6 +1,7 @@
 // Lists what volsplat.mapshade_server._kernels offers; the work lies in the folder above.
 #include <nanobind/nanobind.h>
 
+#include "batch_encoder.h"
 #include "frame_walk.h"
 #include "kernels/bind_module.h"
 #include "preprocessing.h"
@@ -10,4 +11,5 @@ NB_MODULE(_kernels, m) {
     volsplat::bind_module(m);
     volsplat::bind_preprocessing(m);
     volsplat::bind_frame_walk(m);
+    volsplat::bind_batch_encoder(m);
 }

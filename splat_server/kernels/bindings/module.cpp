@@ -1,6 +1,7 @@
 // Lists the functions of volsplat.splat_server._kernels; the work lies in the files beside it.
 #include <nanobind/nanobind.h>
 
+#include "batch_decoder.h"
 #include "combining.h"
 #include "kernels/bind_module.h"
 #include "merge.h"
@@ -10,4 +11,5 @@ NB_MODULE(_kernels, m) {
     volsplat::bind_module(m);
     volsplat::bind_merge(m);
     volsplat::bind_combining(m);
+    volsplat::bind_batch_decoder(m);
 }
