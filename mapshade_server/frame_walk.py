@@ -13,7 +13,8 @@ from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
-DEFAULT_PACKETS = 1 << 17  # 1 MiB: few hand-overs, and the next stage still finds it in the cache
+DEFAULT_PACKETS = 1 << 17  # 1 MiB of all walkers: few hand-overs, and the next stage still finds it in the cache
+LEAST_PACKETS = 1 << 14  # of one walker of many
 DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
 
 NEAREST = 0.5  # pixels: no centre of a pixel is further away than the nearest one
@@ -48,8 +49,9 @@ class ShadedBatch:
 class Walker:
     """Walks a part of a server's sub-cubes. One thread at a time may have it walk, by `next_batch` or its source."""
 
-    def __init__(self, kernel: _kernels.Walker) -> None:
+    def __init__(self, kernel: _kernels.Walker, max_packets: int) -> None:
         self._kernel = kernel
+        self._max_packets = max_packets
         self._ended = False
 
     @property
@@ -57,7 +59,7 @@ class Walker:
         """For kernels that walk without Python: see kernels/batch_source.h. The frame's walk must outlive it."""
         return self._kernel.source
 
-    def next_batch(self, max_packets: int = DEFAULT_PACKETS, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
+    def next_batch(self, max_packets: int | None = None, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
         """What comes next, or None after the batch that was the last. There is always a last one, if empty.
 
         The limits decide on which row batches end, not what they hold together; a frame's first batches are smaller.
@@ -65,7 +67,7 @@ class Walker:
         """
         if self._ended:
             return None
-        parts, reached, last, visited = self._kernel.next_batch(max_packets, max_voxels)
+        parts, reached, last, visited = self._kernel.next_batch(max_packets or self._max_packets, max_voxels)
         self._ended = last
         return ShadedBatch([ShadedPart(*part) for part in parts], reached, last, visited)
 
@@ -96,6 +98,7 @@ class FrameWalk:
         octahedral = quantisation.directions == "octahedral"
         cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
         hides = plan.order == Order.FRONT_TO_BACK and plan.reach != Reach.PIXEL
+        max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS)
         distinct = sorted(set(plan.opacity_exponents))
         walk = _kernels.FrameWalk(
             boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
@@ -122,9 +125,9 @@ class FrameWalk:
             closed_tiles=closed_tiles if hides else None,
             regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
             walkers=walkers,
-            limits=(DEFAULT_PACKETS, DEFAULT_VOXELS),
+            limits=(max_packets, DEFAULT_VOXELS),
         )
-        self.walkers = [Walker(walk.walker(number)) for number in range(walkers)]
+        self.walkers = [Walker(walk.walker(number), max_packets) for number in range(walkers)]
 
 
 def sample_reach(plan: FramePlan) -> tuple[float, float]:

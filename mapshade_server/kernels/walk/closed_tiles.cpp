@@ -31,13 +31,14 @@ std::uint64_t bits_between(std::int64_t first, std::int64_t last) {
 
 }  // namespace
 
-ClosedTiles::ClosedTiles(const std::uint64_t* words, const WalkPlan& plan)
+ClosedTiles::ClosedTiles(const std::uint64_t* words, const WalkPlan& plan, std::int64_t walkers)
     : words_(words),
       words_in_row_(tile_words(plan.width)),
       width_(plan.width),
       height_(plan.height),
       reach_(sample_reach(plan)),
-      places_(words, plan.width, plan.height, reach_) {}
+      places_(words, plan.width, plan.height, reach_),
+      walkers_(static_cast<std::uint64_t>(walkers)) {}
 
 bool ClosedTiles::hide(const RowLine& line, std::int64_t first, std::int64_t last) const {
     const TileRange columns(line.start_x + first * line.step_x, line.start_x + last * line.step_x, reach_.x, width_);

@@ -2,6 +2,7 @@
 // write it. Bits only rise, so what is read may be old, but it is never wrong.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 
 #include "hidden_places.h"
@@ -14,17 +15,20 @@ namespace volsplat {
 class ClosedTiles {
 public:
     // `words` is shaped (tile_rows, tile_words), and outlives this.
-    ClosedTiles(const std::uint64_t* words, const WalkPlan& plan);
+    ClosedTiles(const std::uint64_t* words, const WalkPlan& plan, std::int64_t walkers);
 
-    // Has `without_hidden` know what is closed by now.
-    void refresh() { places_.refresh(); }
+    // Has `without_hidden` know what is closed by now: to be called before each batch. That takes time, so with many
+    // walkers, whose batches are small, it is done for one batch of so many.
+    void refresh() {
+        if (batches_.fetch_add(1, std::memory_order_relaxed) % walkers_ == 0) places_.refresh();
+    }
 
     // Whether all samples from position `first` to `last` of a row reach closed tiles only.
     bool hide(const RowLine& line, std::int64_t first, std::int64_t last) const;
 
-    // Leaves out voxels that are hidden; valid until the next call.
-    VisibleVoxels without_hidden(const RowLine& line, const VisibleVoxels& voxels) {
-        return places_.without_hidden(line, voxels);
+    // Leaves out voxels that are hidden; valid until the room is used again.
+    VisibleVoxels without_hidden(const RowLine& line, const VisibleVoxels& voxels, VoxelRoom& room) const {
+        return places_.without_hidden(line, voxels, room);
     }
 
 private:
@@ -33,6 +37,8 @@ private:
     std::int64_t width_, height_;
     SampleReach reach_;
     HiddenPlaces places_;
+    const std::uint64_t walkers_;
+    std::atomic<std::uint64_t> batches_{0};
 };
 
 }  // namespace volsplat

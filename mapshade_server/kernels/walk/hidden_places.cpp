@@ -57,10 +57,15 @@ HiddenPlaces::HiddenPlaces(const std::uint64_t* tiles, std::int64_t width, std::
       box_width_(std::min(pixels_within(reach.x), width)),
       box_height_(std::min(pixels_within(reach.y), height)),
       words_((width + kWordPixels - 1) / kWordPixels),
+      hidden_(static_cast<std::size_t>(height * words_)),
       known_tiles_(static_cast<std::size_t>(tile_rows_ * tile_words_)),
-      changed_(static_cast<std::size_t>(tile_rows_)) {}
+      changed_(static_cast<std::size_t>(tile_rows_)),
+      closed_(static_cast<std::size_t>(tile_rows_ * words_)),
+      next_(static_cast<std::size_t>(words_)) {}
 
 void HiddenPlaces::refresh() {
+    const std::unique_lock locked(mutex_, std::try_to_lock);
+    if (!locked) return;
     bool changed = false;
     for (std::int64_t row = 0; row < tile_rows_; ++row) {
         changed_[row] = take_over(row);
@@ -69,20 +74,21 @@ void HiddenPlaces::refresh() {
     }
     if (!changed) return;
     for (std::int64_t row = 0; row < tile_rows_; ++row) join_rows(row);
+    any_.store(true, std::memory_order_relaxed);
 }
 
-VisibleVoxels HiddenPlaces::without_hidden(const RowLine& line, const VisibleVoxels& voxels) {
-    if (hidden_.empty()) return voxels;
-    if (positions_.size() < voxels.count + kSpare) {
-        positions_.resize(voxels.count + kSpare);
-        packets_.resize(voxels.count + kSpare);
+VisibleVoxels HiddenPlaces::without_hidden(const RowLine& line, const VisibleVoxels& voxels, VoxelRoom& room) const {
+    if (!any_.load(std::memory_order_relaxed)) return voxels;
+    if (room.positions.size() < voxels.count + kSpare) {
+        room.positions.resize(voxels.count + kSpare);
+        room.packets.resize(voxels.count + kSpare);
     }
     const auto last = [](std::int64_t pixels) { return static_cast<std::int32_t>(pixels - 1); };
     const HiddenMap map{hidden_.data(), static_cast<std::int32_t>(words_), last(width_), last(height_)};
     const std::int64_t first_x = line.start_x - reach_.x + kPixel, first_y = line.start_y - reach_.y + kPixel;
     const std::size_t kept = kernels_.leave_out_hidden(voxels, map, {first_x, first_y, line.step_x, line.step_y},
-                                                       positions_.data(), packets_.data());
-    return {positions_.data(), packets_.data(), kept};
+                                                       room.positions.data(), room.packets.data());
+    return {room.positions.data(), room.packets.data(), kept};
 }
 
 // Tells whether a row of tiles has changed.
@@ -98,10 +104,6 @@ bool HiddenPlaces::take_over(std::int64_t tile_row) {
 }
 
 void HiddenPlaces::join_columns(std::int64_t tile_row) {
-    if (closed_.empty()) {
-        closed_.resize(static_cast<std::size_t>(tile_rows_ * words_));
-        hidden_.resize(static_cast<std::size_t>(height_ * words_));
-    }
     const std::uint64_t* tiles = known_tiles_.data() + tile_row * tile_words_;
     std::uint32_t* closed = closed_.data() + tile_row * words_;
     for (std::int64_t n = 0; n < words_; ++n) {
@@ -123,20 +125,22 @@ void HiddenPlaces::join_rows(std::int64_t tile_row) {
     const auto changed = changed_.begin();
     if (std::find(changed + tile_row, changed + greatest + 1, true) == changed + greatest + 1) return;
 
-    std::uint32_t* hidden = hidden_.data() + begin * words_;
-    std::copy_n(closed_.data() + tile_row * words_, words_, hidden);
-    for (std::int64_t other = tile_row + 1; other <= least; ++other) join_row(other, hidden);
-    for (std::int64_t row = begin + 1; row < end; ++row) {
-        std::uint32_t* next = hidden + words_;
-        std::copy_n(hidden, words_, next);
-        if (last_of_box(row) > last_of_box(row - 1)) join_row(greatest, next);
-        hidden = next;
+    std::copy_n(closed_.data() + tile_row * words_, words_, next_.data());
+    for (std::int64_t other = tile_row + 1; other <= least; ++other) join_row(other, next_.data());
+    for (std::int64_t row = begin; row < end; ++row) {
+        if (row > begin && last_of_box(row) > last_of_box(row - 1)) join_row(greatest, next_.data());
+        publish(row, next_.data());
     }
 }
 
-void HiddenPlaces::join_row(std::int64_t tile_row, std::uint32_t* hidden) {
+void HiddenPlaces::join_row(std::int64_t tile_row, std::uint32_t* hidden) const {
     const std::uint32_t* closed = closed_.data() + tile_row * words_;
     for (std::int64_t n = 0; n < words_; ++n) hidden[n] &= closed[n];
+}
+
+void HiddenPlaces::publish(std::int64_t row, const std::uint32_t* hidden) {
+    std::uint32_t* words = hidden_.data() + row * words_;
+    for (std::int64_t n = 0; n < words_; ++n) __atomic_store_n(words + n, hidden[n], __ATOMIC_RELAXED);
 }
 
 }  // namespace volsplat

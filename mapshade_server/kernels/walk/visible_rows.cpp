@@ -30,7 +30,7 @@ Ordinals visited_of(const PacketBox& box, const WalkPlan& plan, int level) {
     return {visits.ordinal_from(box.low[axis]), visits.ordinal_from(box.low[axis] + box.size[axis])};
 }
 
-VisibleRows::VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility)
+VisibleRows::VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility, std::int64_t spread)
     : box_(box), plan_(plan), visibility_(visibility) {
     const std::int64_t by_axis[3] = {1, box.size[0], box.size[0] * box.size[1]};
     for (int level = 0; level < 3; ++level) {
@@ -40,6 +40,8 @@ VisibleRows::VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visib
     }
     const int inner = std::min(plan.axes[0], plan.axes[1]);
     for (int level = 0; level < 2; ++level) list_strides_[level] = plan.axes[level] == inner ? 1 : box.size[inner];
+    soon_ = kRowsSoon * spread * next_list();
+    later_ = kRowsLater * spread * next_list();
     if (plan.visits_of(2).stride == 1 && !empty()) lists_ = box.classified->rows_along(plan.axes[2], visibility);
 }
 
@@ -55,7 +57,7 @@ Ordinals VisibleRows::piece_of(std::int64_t ordinal) const {
 void VisibleRows::prefetch_after(std::int64_t sheet_ordinal, std::int64_t row_ordinal) const {
     if (!lists_) return;
     const std::size_t number = list_number(local(0, sheet_ordinal), local(1, row_ordinal));
-    lists_->prefetch(number + kRowsSoon * next_list(), number + kRowsLater * next_list());
+    lists_->prefetch(number + soon_, number + later_);
 }
 
 std::int64_t VisibleRows::known_empty(std::int64_t sheet_ordinal, std::int64_t row_ordinal, std::int64_t most) const {
@@ -63,7 +65,7 @@ std::int64_t VisibleRows::known_empty(std::int64_t sheet_ordinal, std::int64_t r
     std::size_t number = list_number(local(0, sheet_ordinal), local(1, row_ordinal));
     std::int64_t rows = 0;
     for (; rows < most && lists_->empty(number); ++rows) {
-        lists_->prefetch(number + kRowsSoon * next_list(), number + kRowsLater * next_list());
+        lists_->prefetch(number + soon_, number + later_);
         number += next_list();
     }
     return rows;

@@ -36,7 +36,8 @@ struct VisibleRow {
 
 class VisibleRows {
 public:
-    VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility);
+    // Of rows that come soon it is asked for those so many times as far away: see Turns::spread.
+    VisibleRows(const PacketBox& box, const WalkPlan& plan, const Visibility& visibility, std::int64_t spread);
 
     const Ordinals& ordinals(int level) const { return ordinals_[level]; }
     bool empty() const;
@@ -92,6 +93,7 @@ private:
     std::int64_t strides_[3];       // in packets, by level
     std::int64_t list_strides_[2];  // in list numbers, of sheets and rows
     std::shared_ptr<RowLists> lists_;
+    std::ptrdiff_t soon_ = 0, later_ = 0;  // how far it is to lists that are to be brought from memory
     ListRoom room_;
 
     // Where rows are classified

@@ -12,7 +12,8 @@ namespace {
 
 constexpr std::int64_t kPixel = std::int64_t{1} << 32;
 constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
-constexpr std::size_t kFirstPackets = 4096;  // then doubled, so that the splatter soon has something to do
+// Of all walkers' first batches; then doubled, so that the splatter soon has something to do.
+constexpr std::int64_t kFirstPackets = 4096;
 Ordinals in_traversal_order(const WalkPlan& plan, int level, const Ordinals& ordinals) {
     if (plan.ascending[level]) return ordinals;
     const std::int64_t count = plan.visits_of(level).count;
@@ -29,7 +30,7 @@ std::vector<VisibleRows> rows_of(const FrameWalk& walk) {
     std::vector<VisibleRows> rows;
     rows.reserve(walk.boxes.size());
     for (const PacketBox& box : walk.boxes) {
-        rows.emplace_back(box, walk.plan, walk.tables.visibility);
+        rows.emplace_back(box, walk.plan, walk.tables.visibility, walk.turns.spread());
         if (rows.back().empty()) rows.pop_back();
     }
     return rows;
@@ -61,8 +62,8 @@ FrameWalk::FrameWalk(const WalkPlan& plan_, const ShadingTables& tables_, const 
       tables(tables_),
       boxes(boxes_),
       regions(regions_, plan),
-      closed_tiles(closed_tiles_),
       turns(plan, walkers, extent(plan, boxes, 0), extent(plan, boxes, 1), boxes.empty() ? 0 : boxes[0].low[0]),
+      closed_tiles(closed_tiles_ ? std::make_unique<ClosedTiles>(closed_tiles_, plan, walkers) : nullptr),
       limits(limits_) {}
 
 Walker::Walker(const FrameWalk& walk, std::int64_t number)
@@ -74,8 +75,7 @@ Walker::Walker(const FrameWalk& walk, std::int64_t number)
       shading_(plan_, walk.tables, longest_row(boxes_)),
       cutter_(plan_, walk.regions, walk.tables.colours),
       reach_(sample_reach(plan_)),
-      ramp_(kFirstPackets) {
-    if (walk.closed_tiles) closed_tiles_.emplace(walk.closed_tiles, plan_);
+      ramp_(static_cast<std::size_t>(std::max<std::int64_t>(1, kFirstPackets / walk.turns.walkers()))) {
     finished_ = !find_next_row();
 }
 
@@ -84,7 +84,7 @@ void Walker::next_batch(const BatchLimits& limits, Batch& batch) {
     delivered_ = 0;
     const std::size_t most = std::min(limits.packets, ramp_);
     ramp_ = 2 * most;
-    if (closed_tiles_) closed_tiles_->refresh();
+    if (walk_.closed_tiles) walk_.closed_tiles->refresh();
     while (!finished_ && delivered_ < most && batch.voxels_visited < limits.voxels) {
         const std::int64_t skipped = skip_empty_rows(limits.voxels - batch.voxels_visited);
         batch.voxels_visited += skipped != 0 ? skipped : walk_segment(batch);
@@ -126,18 +126,18 @@ bool Walker::find_next_row() {
     }
 }
 
-// Moves before the first row of the next sheet that cuts a box.
+// Moves before the first row of the next sheet that cuts a box and has rows for this walker.
 bool Walker::find_next_sheet() {
     std::int64_t next = sheet_;
-    for (std::int64_t from = sheet_ + 1; next != from; from = next) {
-        from = walk_.turns.next_sheet(number_, from);
+    do {
+        const std::int64_t from = next + 1;
         next = kNone;
         for (const VisibleRows& box : boxes_) {
             const Ordinals sheets = in_traversal_order(plan_, 0, box.ordinals(0));
             if (sheets.end > from) next = std::min(next, std::max(sheets.begin, from));
         }
         if (next == kNone) return false;
-    }
+    } while (walk_.turns.next_row(number_, next, 0) == walk_.turns.rows());
     sheet_ = next;
     row_ = -1;
     on_sheet_.clear();
@@ -191,13 +191,14 @@ void Walker::shade_segment(VisibleRows& rows, const Ordinals& segment, Batch& ba
     const RowLine line = line_of(row);
     const Ordinals near = within_reach(line, segment);
     if (near.begin >= near.end) return;
-    if (closed_tiles_ && closed_tiles_->hide(line, near.begin - begin, near.end - 1 - begin)) return;
+    if (walk_.closed_tiles && walk_.closed_tiles->hide(line, near.begin - begin, near.end - 1 - begin)) return;
 
     const VisibleRow visible = rows.row(ordinal(0, sheet_), ordinal(1, row_), near);
     if (visible.voxels.count == 0) return;
     count_from(visible.origin, row);
     const RowLine counted = line_of(row);
-    const VisibleVoxels open = closed_tiles_ ? closed_tiles_->without_hidden(counted, visible.voxels) : visible.voxels;
+    const VisibleVoxels open =
+        walk_.closed_tiles ? walk_.closed_tiles->without_hidden(counted, visible.voxels, not_hidden_) : visible.voxels;
     delivered_ += cutter_.deliver({sheet_, row_, visible.origin, counted, shading_.survivors(row, open)}, batch);
 }
 

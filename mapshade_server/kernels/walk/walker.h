@@ -4,7 +4,7 @@
 
 #include <cstddef>
 #include <cstdint>
-#include <optional>
+#include <memory>
 #include <vector>
 
 #include "batch.h"
@@ -37,8 +37,8 @@ struct FrameWalk {
     const ShadingTables tables;
     const std::vector<PacketBox> boxes;
     const Regions regions;
-    const std::uint64_t* closed_tiles;  // null where nothing may be left out
     const Turns turns;
+    const std::unique_ptr<ClosedTiles> closed_tiles;  // null where nothing may be left out
     const BatchLimits limits;
 };
 
@@ -83,7 +83,7 @@ private:
     std::vector<VisibleRows> boxes_;
     RowShading shading_;
     RowCutter cutter_;
-    std::optional<ClosedTiles> closed_tiles_;
+    VoxelRoom not_hidden_;
     SampleReach reach_;
     std::size_t ramp_;
 
