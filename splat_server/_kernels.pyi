@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from typing import TypeAlias
 
+from typing_extensions import Buffer
+
 _Axis: TypeAlias = tuple[int, int, int, int, int, bool]  # low, high, stride, first, count, ascending
 
 def constants() -> dict[str, float]:
@@ -59,6 +61,23 @@ class SortedBuffers:
     def waits_for(self) -> int: ...
     @property
     def complete(self) -> bool: ...
+
+class LevelTiles:
+    """Images of one size, one after the other, by tiles (protocol.image_tiles): 8 bits for each channel of a pixel."""
+
+    def __init__(self, width: int, height: int) -> None: ...
+    def note(self, pixels: Buffer, changed: bytearray) -> int:
+        """Take the next image; sets the bits of tiles that have changed, and returns how many those are."""
+
+    def planes(self, changed: bytearray, count: int, target: memoryview) -> None:
+        """What these tiles are now, as it is compressed."""
+
+class FloatTiles:
+    """As LevelTiles, bit for bit."""
+
+    def __init__(self, width: int, height: int) -> None: ...
+    def note(self, pixels: Buffer, changed: bytearray) -> int: ...
+    def planes(self, changed: bytearray, count: int, target: memoryview) -> None: ...
 
 class KernelProjection:
     """P(rho) of a kernel. `parameter` is sigma for gaussian, alpha for kaiser-bessel, else unused."""

@@ -3,10 +3,18 @@
 import queue
 import threading
 from collections.abc import Callable
+from typing import NamedTuple
 
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
+from volsplat.splat_server.image_sender import ImageSender
+
+
+class _Image(NamedTuple):
+    message: messages.ImageRead
+    pixels: memoryview
+    exact: bool
 
 
 class Outbox:
@@ -21,36 +29,40 @@ class Outbox:
         """`image_sent` and `failed` are called by the sending thread; after `failed` nothing more is sent."""
         self.holds_image = False
         self._client = client
+        self.images = ImageSender(client)
         self._image_sent = image_sent
         self._failed = failed
-        self._posted: queue.SimpleQueue[tuple[messages.Message, bytes | memoryview] | None] = queue.SimpleQueue()
+        self._posted: queue.SimpleQueue[messages.Message | _Image | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._send_posted, name="send to client", daemon=True)
         self._thread.start()
 
     def post(self, message: messages.Message) -> None:
-        self._posted.put((message, b""))
+        self._posted.put(message)
 
-    def post_image(self, message: messages.ImageRead, pixels: bytes | memoryview) -> None:
+    def post_image(self, message: messages.ImageRead, pixels: memoryview, exact: bool) -> None:
+        """`message` says of what; how its pixels go is seen when they do."""
         self.holds_image = True
-        self._posted.put((message, pixels))
+        self._posted.put(_Image(message, pixels, exact))
 
     def close(self) -> None:
         """End the thread. The client's connection must be closed already: it wakes a send that waits."""
         self._posted.put(None)
         self._thread.join()
+        self.images.close()
 
     def _send_posted(self) -> None:
         while (posted := self._posted.get()) is not None:
-            message, pixels = posted
-            del posted
             try:
-                self._client.send(message, pixels)
+                if isinstance(posted, _Image):
+                    self.images.send(*posted)
+                else:
+                    self._client.send(posted)
             except ConnectionClosed:
                 return
             except VolsplatError as error:
                 self._failed(error)
                 return
-            if isinstance(message, messages.ImageRead):
-                del pixels
+            if isinstance(posted, _Image):
+                del posted
                 self.holds_image = False
                 self._image_sent()

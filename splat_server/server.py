@@ -248,15 +248,19 @@ class SplatServer:
             self._drawing = False
 
     def _post_image(self, frame: int) -> None:
-        assembly = self._assembly
-        if assembly is None or assembly.frame != frame:
+        assembly, request = self._assembly, self._request
+        if assembly is None or request is None or assembly.frame != frame:
             return  # the client has gone on to another frame
         idle = Idle(assembly)
         width, height = assembly.plan.image_size
         complete = assembly.complete and not assembly.lost
         step = assembly.plan.step
-        image = messages.ImageRead(frame=frame, step=step, complete=complete, left=0, top=0, width=width, height=height)
-        self._outbox.post_image(image, assembly.published())
+        pixels = assembly.published()
+        if (target := self._outbox.images.target(len(pixels))) is not None:
+            target[:] = pixels
+            pixels = target
+        image = messages.ImageRead(frame, step, complete, 0, 0, width, height, messages.RawPixels())
+        self._outbox.post_image(image, pixels, request.exact)
         self._answering_seconds += idle.seconds
 
     # -- what other threads bring
@@ -268,6 +272,8 @@ class SplatServer:
                     break
                 if isinstance(received.message, messages.InviteWorkers):  # must not wait behind a frame
                     self._invite(received.message)
+                elif isinstance(received.message, messages.ImagesTaken):
+                    self._images_taken(received.message)
                 else:
                     self._put(received.message)
             self._end()
@@ -277,6 +283,10 @@ class SplatServer:
     @takes(messages.InviteWorkers)
     def _invite(self, request: messages.InviteWorkers) -> None:
         self._invitations.replace(request.keys)
+
+    @takes(messages.ImagesTaken)
+    def _images_taken(self, message: messages.ImagesTaken) -> None:
+        self._outbox.images.taken(message)
 
     def _put(self, request: messages.Message) -> None:
         """Have the working thread answer it in its turn."""

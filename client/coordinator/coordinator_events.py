@@ -75,12 +75,16 @@ class VolumeAsked:
 
 @dataclass(frozen=True)
 class FrameAsked:
-    """An image is wanted; if `require_complete`, only one that shows the whole volume."""
+    """An image is wanted; if `require_complete`, only one that shows the whole volume.
+
+    One that is not `exact` is only looked at: where the link is slow it may come with 8 bits a channel.
+    """
 
     frame: int  # rises with every request
     scene: Scene
     step: Step
     require_complete: bool
+    exact: bool = True
 
 
 @dataclass(frozen=True)

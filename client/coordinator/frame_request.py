@@ -21,6 +21,7 @@ def frame_request(
     workers: dict[int, int],
     owners: dict[int, int],
     shares: RegionShares,
+    exact: bool = True,
 ) -> messages.RenderFrame:
     """`workers` are the map/shade servers with their walkers, `owners` the splat servers with theirs.
 
@@ -37,4 +38,5 @@ def frame_request(
         level=resolution.level,
         workers=workers,
         regions=shares.regions(plan, owners),
+        exact=exact,
     )

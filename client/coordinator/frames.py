@@ -23,10 +23,9 @@ from volsplat.protocol.messages.frame_messages import (
     FrameAborted,
     FrameFinished,
     FrameMapped,
-    ImageRead,
-    ReadImage,
 )
 from volsplat.protocol.messages.handlers import takes
+from volsplat.protocol.messages.image_messages import ImageRead, ReadImage
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, VolsplatError
 
@@ -43,7 +42,7 @@ class Frames:
     @takes(FrameAsked)
     def asked(self, event: FrameAsked) -> list[Instruction]:
         replaced = self.frame
-        self.frame = RunningFrame(event.frame, event.scene, event.step, event.require_complete)
+        self.frame = RunningFrame(event.frame, event.scene, event.step, event.require_complete, exact=event.exact)
         begun = self.begin()
         if replaced is None:
             return begun
@@ -79,6 +78,7 @@ class Frames:
                 dict.fromkeys(holding.boxes, 1),
                 self._servers.owners,
                 self._shares,
+                frame.exact,
             )
         except BadInput as error:
             return self.end(error)

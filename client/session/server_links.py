@@ -15,6 +15,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerLost,
     ServerProcessEnded,
 )
+from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.client.session.outgoing import Outgoing
 from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program
@@ -44,7 +45,9 @@ class ServerLinks:
         self._token = token
         self._connections: dict[int, Connection] = {}
         self._outgoing: dict[int, Outgoing] = {}
-        self._lock = threading.Lock()  # guards _connections and _outgoing
+        self._images: dict[int, ImageReceiver] = {}  # of splat servers
+        self._lock = threading.Lock()  # guards the three above
+        self._allocate = BufferPool()
         self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
         self._listener = Listener(
             Role.CLIENT,
@@ -52,7 +55,7 @@ class ServerLinks:
             host=listen.host,
             port=listen.port,
             assign_id=ServerIds(lambda: len(self._connections)),
-            allocate=BufferPool(),
+            allocate=self._allocate,
         )
         self._local = LocalServers(on_end=lambda line: on_event(ServerProcessEnded(line)))
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
@@ -76,9 +79,13 @@ class ServerLinks:
     def send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
         """Have it sent; nobody waits for a server that does not read."""
         with self._lock:
-            outgoing = self._outgoing.get(server)
-        if outgoing is not None:  # else its loss is on the way as an event
-            outgoing.post(message, *payload)
+            outgoing, images = self._outgoing.get(server), self._images.get(server)
+        if outgoing is None:  # its loss is on the way as an event
+            return
+        if images is not None and isinstance(message, (messages.RenderFrame, messages.ReadImage)):
+            if (news := images.news()) is not None:
+                outgoing.post(news)
+        outgoing.post(message, *payload)
 
     def send_to_all(self, message: messages.Message) -> None:
         with self._lock:
@@ -129,12 +136,15 @@ class ServerLinks:
             return
         with self._lock:
             self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
+            if peer.role is Role.SPLAT_SERVER:
+                self._images[peer.id] = ImageReceiver(connection, self._allocate)
         data = Address(peer.data_host, peer.data_port)
         elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
         self._on_event(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
         cause = self._heard_until_lost(connection)
         with self._lock:
             del self._connections[peer.id], self._outgoing[peer.id]
+            self._images.pop(peer.id, None)
         outgoing.end()
         self._on_event(ServerLost(peer.id, cause))
 
@@ -144,9 +154,14 @@ class ServerLinks:
         try:
             while (received := connection.receive()) is not None:
                 at = time.perf_counter()
-                self._report_ends(received.message)
-                self._on_event(MessageReceived(peer.id, received.message, received.payload, at))
+                message, payload = received
+                self._report_ends(message)
+                if isinstance(message, messages.ImageRead):
+                    payload = self._images[peer.id].pixels(message, payload)
+                self._on_event(MessageReceived(peer.id, message, payload, at))
+                del received, payload  # its memory is used again once nobody holds it
         except VolsplatError as error:
+            connection.close()
             if isinstance(error, RemoteProtocolError):
                 self._listener.lines.warn(f"{error}; the connection is closed")
             return self._cause_of_loss(peer, error)

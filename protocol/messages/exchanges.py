@@ -13,7 +13,8 @@ from collections import deque
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from volsplat.protocol.messages.frame_messages import ImageRead, RenderFrame
+from volsplat.protocol.messages.frame_messages import RenderFrame
+from volsplat.protocol.messages.image_messages import ImageRead
 from volsplat.protocol.messages.message import MAX_SERVERS, OTHERS_AT_ONCE, Exchange, Message
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, Way
 from volsplat.protocol.messages.session_messages import Refused

@@ -5,8 +5,9 @@ from typing import Annotated, ClassVar, Literal
 from msgspec import Meta
 
 from volsplat.protocol.description.machine import Machine
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT
 from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.messages.image_messages import ImageRead
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
     MOST_THREADS,
@@ -35,7 +36,6 @@ from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_B
 from volsplat.protocol.rules.regions import MOST_REGIONS, LineNumber, Regions, check_regions
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
-RGBA_BYTES = 16  # four float32
 RAW: Literal["raw"] = "raw"  # the one encoding of batches so far
 
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
@@ -105,26 +105,6 @@ class FrameFinished(Message, frozen=True):
     stats: SplatStats
 
 
-class ImageRead(Message, frozen=True):
-    """Splat server to client: what its regions are of the published image, which begins at column `left` of row `top`.
-
-    The payload is (height, width, 4) float32, RGBA 0..1, alpha associated, top row first.
-    """
-
-    largest_payload: ClassVar[int] = LARGEST_EXTENT * LARGEST_EXTENT * RGBA_BYTES
-
-    frame: FrameId
-    step: Step
-    complete: bool
-    left: LineNumber
-    top: LineNumber
-    width: LineNumber
-    height: LineNumber
-
-    def payload_bytes(self) -> int:
-        return self.width * self.height * RGBA_BYTES
-
-
 @asks(CLIENT_TO_MAPSHADE, FrameMapped, at_once=MAX_SERVERS, newest=True)
 @asks(CLIENT_TO_SPLAT, FrameFinished, ImageRead, at_once=MAX_SERVERS, newest=True)
 class RenderFrame(Message, frozen=True):
@@ -132,7 +112,8 @@ class RenderFrame(Message, frozen=True):
 
     All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
     map/shade servers whose batches make up the image, each with the number of its threads that walk. `regions` say
-    which splat server splats which lines. `geometry` is the volume's, whatever level is drawn.
+    which splat server splats which lines. `geometry` is the volume's, whatever level is drawn. An image
+    that need not be `exact` may come with 8 bits a channel.
     """
 
     frame: FrameId
@@ -144,16 +125,10 @@ class RenderFrame(Message, frozen=True):
     level: LevelNumber
     workers: Annotated[dict[ServerId, Threads], Meta(max_length=MAX_SERVERS)]
     regions: Regions
+    exact: bool
 
     def __post_init__(self) -> None:
         check_regions(self.regions, self.plan.height)
-
-
-@asks(CLIENT_TO_SPLAT, ImageRead, at_once=MAX_SERVERS, newest=True)
-class ReadImage(Message, frozen=True):
-    """Client to splat server: send the image buffer of this frame as it is now, before it is finished."""
-
-    frame: FrameId
 
 
 class FrameAborted(Message, frozen=True):

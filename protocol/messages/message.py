@@ -43,6 +43,11 @@ class Message(msgspec.Struct, frozen=True, tag=True, tag_field="message", forbid
     ends: ClassVar[bool] = False  # nothing may follow it this way
     largest_payload: ClassVar[int] = 0  # bytes
 
+    @property
+    def brings_memory(self) -> bool:
+        """Whether the descriptor of shared memory comes with it (see shared_memory)."""
+        return False
+
     def payload_bytes(self) -> int:
         """How many bytes follow it. Raises ValueError if it announces what cannot be."""
         return 0

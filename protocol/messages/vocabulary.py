@@ -1,6 +1,6 @@
 """All messages that there are, found by their types."""
 
-from volsplat.protocol.messages import frame_messages, session_messages, volume_messages
+from volsplat.protocol.messages import frame_messages, image_messages, session_messages, volume_messages
 from volsplat.protocol.messages.greetings import Greeting
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import Role
@@ -8,7 +8,7 @@ from volsplat.protocol.messages.roles import Role
 GREETINGS = tuple(Greeting.__subclasses__())  # the handshake's
 MESSAGES = tuple(  # of an open connection
     kind
-    for module in (volume_messages, frame_messages, session_messages)
+    for module in (volume_messages, frame_messages, image_messages, session_messages)
     for kind in Message.__subclasses__()
     if kind.__module__ == module.__name__
 )

@@ -19,17 +19,15 @@ from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.descriptors import ReceivedDescriptors, passing
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
+from volsplat.protocol.wire.socket_options import set_options
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-KEEPALIVE_IDLE_SECONDS = 10  # a silent peer is asked after this; one whose machine is gone is noticed …
-KEEPALIVE_INTERVAL_SECONDS = 5
-KEEPALIVE_PROBES = 3  # … this many unanswered questions later
 TIMEVAL = struct.Struct("@ll")  # seconds and microseconds, as SO_SNDTIMEO takes them
 OWN_OUTPUT = "its own output tells why"  # of a peer that is gone
-ON_THE_WAY = 2 << 20  # bytes by a Unix socket, if the system allows: with more, too much is hidden when it arrives
 MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
 
 
@@ -67,6 +65,7 @@ class Counters:
     bytes_out: int = 0
     messages_in: int = 0
     messages_out: int = 0
+    seconds_in_message: float = 0.0  # the newest that came, from its first bytes to its last
     seconds_in_send: float = 0.0  # blocked, because the peer did not read fast enough
 
 
@@ -84,6 +83,7 @@ class Connection:
         self.id = 0  # ours in the session, 0 for the client
         self.counters = Counters()
         self._decoder = Decoder()
+        self.descriptors = ReceivedDescriptors()  # the receiving thread's
         self._outgoing = Speech()
         self._deadline: float | None = None
         self._sending = threading.Lock()  # guards the outgoing stream: one message at a time
@@ -92,7 +92,7 @@ class Connection:
         self._loss = ""  # why, where it was not this side that wished it
         self._users = 0  # calls that are inside the socket; the last one out of a closed connection frees it
         with suppress(OSError):  # macOS sets none where the peer has gone already; receive() will tell
-            _set_options(connected)
+            set_options(connected)
 
     @property
     def peer(self) -> Peer:
@@ -107,6 +107,11 @@ class Connection:
     @property
     def closed(self) -> bool:
         return self._closed
+
+    @property
+    def may_share_memory(self) -> bool:
+        """Whether the other end is a process of this user on this machine, which descriptors can be passed to."""
+        return self._socket.family == socket.AF_UNIX
 
     def __str__(self) -> str:
         return str(self._peer) if self._peer is not None else self._place
@@ -144,15 +149,16 @@ class Connection:
             elif hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
                 self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * seconds))
 
-    def send(self, message: Message, *payload: "Buffer") -> None:
+    def send(self, message: Message, *payload: "Buffer", descriptor: int | None = None) -> None:
         """Send a message and its payload, whose memory is free again on return. Any thread may call it.
 
+        `descriptor` is that of the memory that it brings, which the other end gets a descriptor of its own for.
         Raises PeerLost, ConnectionClosed, or LocalProtocolError for what the rules forbid.
         """
         with self._sending, self._inside():
             buffers = encode(message, *payload, speech=self._outgoing)
             try:
-                self._send_all(buffers)
+                self._send_all(buffers, descriptor)
             except OSError as error:
                 raise self._lost(error) from error
             except BaseException:  # half a message has gone out: the stream has no more meaning
@@ -166,24 +172,30 @@ class Connection:
         Raises PeerLost where the stream ends or fails, RemoteProtocolError where it breaks the protocol; the
         connection is closed then.
         """
+        began = 0.0
         try:
             with self._inside():
                 while True:
                     self._keep_deadline()
-                    count = self._socket.recv_into(self._decoder.wanted())
+                    count = self._read_into(self._decoder.wanted())
                     if count == 0:
                         raise self._ended()
+                    began = began or time.perf_counter()
                     self.counters.bytes_in += count
                     received = self._decoder.advance(count)
                     if received is not None:
                         self.counters.messages_in += 1
+                        self.descriptors.come(received.message)
+                        self.counters.seconds_in_message = time.perf_counter() - began
                         return received
         except ConnectionClosed:
             return None
         except RemoteProtocolError as error:
             self.close()
+            self.descriptors.close()
             raise RemoteProtocolError(f"{self} broke the protocol: {error}") from error
         except OSError as error:
+            self.descriptors.close()
             lost = self._lost(error)
             if isinstance(lost, ConnectionClosed):
                 return None
@@ -221,17 +233,24 @@ class Connection:
                 if self._closed and self._users == 0:
                     self._socket.close()
 
-    def _send_all(self, buffers: list[memoryview]) -> None:
+    def _read_into(self, wanted: memoryview) -> int:
+        if self.may_share_memory:
+            return self.descriptors.receive_into(wanted, self._socket)
+        return self._socket.recv_into(wanted)
+
+    def _send_all(self, buffers: list[memoryview], descriptor: int | None) -> None:
         self._keep_deadline()
+        with_first = passing(descriptor)
         blocked_since = None
         flags: int = socket.MSG_DONTWAIT  # the first try, so that only time spent blocked is counted
         while buffers:
             try:
-                count = self._socket.sendmsg(buffers[:MOST_BUFFERS], [], flags)
+                count = self._socket.sendmsg(buffers[:MOST_BUFFERS], with_first, flags)
             except BlockingIOError as error:
                 if not flags:  # it was waited for, as long as lose_after() has it
                     raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT)) from error
                 count = 0
+            with_first = [] if count else with_first
             self.counters.bytes_out += count
             buffers = _after(buffers, count)
             if buffers and flags:
@@ -274,18 +293,3 @@ def _after(buffers: list[memoryview], count: int) -> list[memoryview]:
             return [buffer[count:], *buffers[n + 1 :]]
         count -= len(buffer)
     return []
-
-
-def _set_options(connected: socket.socket) -> None:
-    if connected.family == socket.AF_UNIX:  # it delays nothing, and tells at once of a peer that is gone
-        connected.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ON_THE_WAY // 2)  # Linux gives twice what is asked
-        return
-    connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-    connected.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-    for name, value in (
-        ("TCP_KEEPIDLE", KEEPALIVE_IDLE_SECONDS),
-        ("TCP_KEEPINTVL", KEEPALIVE_INTERVAL_SECONDS),
-        ("TCP_KEEPCNT", KEEPALIVE_PROBES),
-    ):
-        if hasattr(socket, name):  # macOS has no TCP_KEEPIDLE
-            connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)

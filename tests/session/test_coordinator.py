@@ -99,7 +99,7 @@ def test_an_image_is_published_once_it_and_every_report_are_here(order: tuple[in
         said(FIRST, messages.FrameMapped(1, MAP_STATS, [])),
         said(SECOND, messages.FrameMapped(1, MAP_STATS, [])),
         said(SPLAT, messages.FrameFinished(1, True, [], SPLAT_STATS)),
-        said(SPLAT, messages.ImageRead(1, Step.F, True, 0, 0, 1, 1), bytes(16)),
+        said(SPLAT, messages.ImageRead(1, Step.F, True, 0, 0, 1, 1, messages.RawPixels()), bytes(16)),
     ]
     last: list[Instruction] = []
     for n in order:
@@ -125,7 +125,9 @@ def test_a_newer_frame_ends_the_older_one_and_nothing_of_it_is_published() -> No
     newer = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))
     assert EndFrame(1) in newer
     assert (SPLAT, messages.RenderFrame) in sent(newer)
-    late = coordinator.handle(said(SPLAT, messages.ImageRead(1, Step.F, True, 0, 0, 1, 1), bytes(16)))
+    late = coordinator.handle(
+        said(SPLAT, messages.ImageRead(1, Step.F, True, 0, 0, 1, 1, messages.RawPixels()), bytes(16))
+    )
     assert late == []
 
 
@@ -283,7 +285,9 @@ def finished(coordinator: CheckedCoordinator, frame: int, workers: list[int]) ->
     for worker in workers:
         coordinator.handle(said(worker, messages.FrameMapped(frame, MAP_STATS, [])))
     coordinator.handle(said(SPLAT, messages.FrameFinished(frame, True, [], SPLAT_STATS)))
-    (image,) = coordinator.handle(said(SPLAT, messages.ImageRead(frame, Step.F, True, 0, 0, 1, 1), bytes(16)))
+    (image,) = coordinator.handle(
+        said(SPLAT, messages.ImageRead(frame, Step.F, True, 0, 0, 1, 1, messages.RawPixels()), bytes(16))
+    )
     assert isinstance(image, PublishImage) and image.outcome is not None
     return image
 

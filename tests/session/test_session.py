@@ -20,10 +20,8 @@ from volsplat.client.session.asked_frames import FrameAborted
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Image, Order, Quantise, Refine, Step
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
-from volsplat.protocol.wire.buffer_pool import BufferPool
 
 __all__ = ["head", "single"]
 
@@ -193,19 +191,13 @@ def test_whoever_waits_hears_of_a_mistake_inside(head: Path) -> None:
             session.volume  # noqa: B018
 
 
-class LittleMemory(BufferPool):
-    """None for images."""
-
-    def __call__(self, message: Message, nbytes: int) -> bytearray:
-        if isinstance(message, messages.ImageRead):
-            raise MemoryError
-        return super().__call__(message, nbytes)
-
-
 def test_an_image_that_the_memory_does_not_hold_is_waited_for_by_nobody(
     head: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("volsplat.client.session.server_links.BufferPool", LittleMemory)
+    def no_memory(*_: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr("volsplat.client.session.image_receiver.ReadBlocks", no_memory)
     with Session(head, workers=1) as session:
         with pytest.raises(PeerLost, match="the memory does not suffice for what splat server .* sends; ask for"):
             session.render(skin(session))

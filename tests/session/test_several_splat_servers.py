@@ -183,7 +183,7 @@ def test_an_abort_waits_for_every_splat_server_that_is_there() -> None:
 @pytest.mark.parametrize("wrong", [(0, 0, SIDE, SIDE), (0, 0, SIDE, 0)])
 def test_a_part_that_is_not_its_senders_cuts_that_one_off(wrong: tuple[int, int, int, int]) -> None:
     coordinator = drawing_big()
-    read = messages.ImageRead(1, Step.F, False, *wrong)
+    read = messages.ImageRead(1, Step.F, False, *wrong, messages.RawPixels())
     told = coordinator.handle(said(LOST, read, bytes(read.payload_bytes())))
     assert told[0].server == LOST and coordinator.failure is None  # type: ignore[union-attr]
     assert coordinator.server_states[LOST].lost

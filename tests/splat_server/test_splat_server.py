@@ -22,6 +22,7 @@ from support.scenes.shaded_packets import all_batches
 from support.scenes.threaded import everything_threaded
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
@@ -36,6 +37,7 @@ from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.framing import new_buffer
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
@@ -80,6 +82,7 @@ class Bench:
         control = self._clients.accept(PATIENCE)
         assert control is not None
         self.control: Connection = control
+        self._images = ImageReceiver(control, new_buffer)
         control.send(messages.InviteWorkers(KEYS))
         self.links = {worker: self.linked(worker) for worker in WORKERS}
         self.picture = memoryview(b"")  # of the frame that was drawn last
@@ -154,7 +157,10 @@ class Bench:
     def hears(self, kind: type[messages.Message]) -> tuple[messages.Message, memoryview]:
         received = self.control.receive()
         assert received is not None and isinstance(received.message, kind), received
-        return received
+        message, payload = received
+        if isinstance(message, messages.ImageRead):
+            payload = self._images.pixels(message, payload)
+        return message, payload
 
     def image(self, frame: int) -> bytes:
         self.control.send(messages.ReadImage(frame))
@@ -463,7 +469,9 @@ def test_an_image_that_nobody_reads_holds_up_nothing_but_the_messages_behind_it(
             control.send(request)
             client.receive()
         pixels = bytes(2048 * 2048 * 16)  # far more than sockets buffer
-        outbox.post_image(messages.ImageRead(1, Step.F, True, 0, 0, 2048, 2048), pixels)
+        outbox.post_image(
+            messages.ImageRead(1, Step.F, True, 0, 0, 2048, 2048, messages.RawPixels()), memoryview(pixels), exact=True
+        )
         outbox.post(messages.FrameAborted(2))
         assert outbox.holds_image and not sent.is_set()
         image, abort = control.receive(), control.receive()

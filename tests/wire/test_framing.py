@@ -113,14 +113,14 @@ def test_a_batch_beyond_its_limit_is_refused_before_anything_is_allocated() -> N
 
 def test_the_largest_image_is_allowed_and_is_asked_for_once_it_is_announced() -> None:
     side = LARGEST_EXTENT
-    image = messages.ImageRead(1, Step.F, True, 0, 0, side, side)
+    image = messages.ImageRead(1, Step.F, True, 0, 0, side, side, messages.RawPixels())
     data = framed(encode_control(image), payload_bytes=messages.ImageRead.largest_payload)
     assert messages.ImageRead.largest_payload > MOST_ALLOCATED
     assert outcome(data, SPLAT_TO_CLIENT, len(data)) == ([], "declined")
 
 
 def test_an_image_larger_than_a_scene_may_ask_for_is_refused() -> None:
-    image = messages.ImageRead(1, Step.F, True, 0, 0, LARGEST_EXTENT + 1, 1)
+    image = messages.ImageRead(1, Step.F, True, 0, 0, LARGEST_EXTENT + 1, 1, messages.RawPixels())
     line = refusal(framed(encode_control(image)), Speech(SPLAT_TO_CLIENT))
     assert "$.width" in line and "16385" in line and "16384" in line
 

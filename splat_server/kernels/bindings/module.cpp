@@ -3,6 +3,7 @@
 
 #include "batch_decoder.h"
 #include "combining.h"
+#include "image_tiles.h"
 #include "kernels/bind_module.h"
 #include "merge.h"
 
@@ -12,4 +13,5 @@ NB_MODULE(_kernels, m) {
     volsplat::bind_merge(m);
     volsplat::bind_combining(m);
     volsplat::bind_batch_decoder(m);
+    volsplat::bind_image_tiles(m);
 }

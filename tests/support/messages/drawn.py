@@ -58,7 +58,7 @@ def rectangles(request: messages.RenderFrame) -> dict[int, Rectangle]:
 
 def image(request: messages.RenderFrame, server: int, complete: bool) -> MessageReceived:
     part = rectangles(request)[server]
-    read = messages.ImageRead(request.frame, request.plan.step, complete, *part)
+    read = messages.ImageRead(request.frame, request.plan.step, complete, *part, messages.RawPixels())
     return said(server, read, bytes(16 * part.width * part.height))
 
 

@@ -97,7 +97,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
-        (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, {1: 1, 2: 4}, REGIONS), b""),
+        (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, {1: 1, 2: 4}, REGIONS, True), b""),
         (messages.AbortFrame(7), b""),
         (messages.FrameAborted(7), b""),
         (
@@ -108,7 +108,11 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         ),
         (messages.FrameFinished(7, False, [2], SPLAT_STATS), b""),
         (messages.ReadImage(7), b""),
-        (messages.ImageRead(7, Step.C, True, 0, 4, 2, 1), struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0)),
+        (
+            messages.ImageRead(7, Step.C, True, 0, 4, 2, 1, messages.RawPixels()),
+            struct.pack("<8f", 0, 0.25, 0.5, 1, 1, 0.5, 0.25, 0),
+        ),
+        (messages.ImagesTaken(7000, 0.125, 0.25, 1, [0, 0, 3]), b""),
         (
             messages.Batch(7, 2, 1, 0, "raw", [messages.BatchPart(0, 0), messages.BatchPart(1, 2)], 4, 3, True),
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
@@ -222,11 +226,20 @@ def _part(shape: tuple[int, int]) -> messages.BatchPart:
 _batch_parts = st.tuples(st.integers(0, 9), st.integers(0, 9)).map(_part)
 
 
+_pixels = st.one_of(
+    st.just(messages.RawPixels()),
+    st.builds(messages.CodedPixels, st.booleans(), st.booleans(), st.just(0), seconds),
+    st.builds(messages.SharedPixels, counts, st.integers(0, 9), st.integers(1, 10), st.just(1024), st.just(False)),
+)
+
+
 def _render_frame(plan: FramePlan, cut: int, *others: Any) -> messages.RenderFrame:
     middle = min(cut * TILE_SIDE, plan.height)
     frame, assignment, shading, geometry, quantisation, level, workers = others
     regions = [Region(5, 0, middle), Region(2, middle, plan.height)]
-    return messages.RenderFrame(frame, assignment, plan, shading, geometry, quantisation, level, workers, regions)
+    return messages.RenderFrame(
+        frame, assignment, plan, shading, geometry, quantisation, level, workers, regions, cut % 2 == 0
+    )
 
 
 STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
@@ -293,7 +306,10 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     ),
     messages.ReadImage: st.builds(messages.ReadImage, ids),
     messages.ImageRead: st.builds(
-        messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), *[st.integers(0, 8)] * 4
+        messages.ImageRead, ids, st.sampled_from(Step), st.booleans(), *[st.integers(0, 8)] * 4, _pixels
+    ),
+    messages.ImagesTaken: st.builds(
+        messages.ImagesTaken, counts, seconds, seconds, counts, st.lists(st.integers(0, 9), max_size=3)
     ),
     messages.Batch: st.builds(
         messages.Batch,

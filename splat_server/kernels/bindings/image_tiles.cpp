@@ -1,0 +1,58 @@
+#include "image_tiles.h"
+
+#include <nanobind/ndarray.h>
+
+#include <stdexcept>
+#include <utility>
+
+#include "splat_server/kernels/image_tiles.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace volsplat {
+
+namespace {
+
+using Bytes = nb::ndarray<std::uint8_t, nb::ro, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+using Target = nb::ndarray<std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
+
+template <class Value>
+void bind(nb::module_& m, const char* name) {
+    using Tiles = ImageTiles<Value>;
+    struct Images {
+        Images(int width, int height)
+            : tiles(width, height), bytes(static_cast<std::size_t>(width) * height * kChannels * sizeof(float)) {}
+        Tiles tiles;
+        std::size_t bytes;  // of an image
+    };
+    nb::class_<Images>(m, name)
+        .def(nb::init<int, int>(), "width"_a, "height"_a)
+        .def(
+            "note",
+            [](Images& self, const Bytes& pixels, const Target& changed) {
+                if (pixels.nbytes() != self.bytes || changed.nbytes() != (self.tiles.tiles() + 7) / 8)
+                    throw std::invalid_argument("image and bits must be those of the size");
+                nb::gil_scoped_release release;
+                return self.tiles.note(reinterpret_cast<const float*>(pixels.data()), changed.data());
+            },
+            "pixels"_a, "changed"_a)
+        .def(
+            "planes",
+            [](const Images& self, const Bytes& changed, std::size_t count, const Target& target) {
+                if (changed.nbytes() != (self.tiles.tiles() + 7) / 8 || target.nbytes() != count * Tiles::kTileBytes)
+                    throw std::invalid_argument("planes must be those of the tiles that have changed");
+                nb::gil_scoped_release release;
+                self.tiles.planes(changed.data(), count, target.data());
+            },
+            "changed"_a, "count"_a, "target"_a);
+}
+
+}  // namespace
+
+void bind_image_tiles(nb::module_& m) {
+    bind<std::uint8_t>(m, "LevelTiles");
+    bind<std::uint32_t>(m, "FloatTiles");
+}
+
+}  // namespace volsplat
