@@ -2,23 +2,24 @@
 
 from collections.abc import Sequence
 
-import lz4.block
+import zstandard
 
 from volsplat.protocol.messages.messages import BatchPart
 from volsplat.splat_server import _kernels
 
 
-def decoded(coded: memoryview, parts: Sequence[BatchPart], room: bytearray) -> memoryview:
-    """The payload of a raw batch with such parts, in `room`, which has as many bytes at least.
+def decoded(coded: memoryview, parts: Sequence[BatchPart], room: memoryview) -> None:
+    """Fill `room` with the payload that a raw batch with such parts has.
 
-    Raises ValueError where the code is not one of them.
+    Raises ValueError where the code is not one of them. Nothing is allocated before its size is known to be right.
     """
     counts = [(part.run_count, part.packet_count) for part in parts]
     largest = _kernels.largest_code(sum(runs for runs, _ in counts), sum(packets for _, packets in counts))
     try:
-        code = lz4.block.decompress(coded, uncompressed_size=largest)
-    except lz4.block.LZ4BlockError as fault:
-        raise ValueError(f"its code cannot be unpacked: {fault}") from fault
-    payload = memoryview(room)[: sum(part.bytes for part in parts)]
-    _kernels.decode_batch(code, counts, payload)
-    return payload
+        size = zstandard.frame_content_size(coded)
+        if not 0 <= size <= largest:
+            raise ValueError(f"its code has {size} bytes, but {largest} at most are due")
+        code = zstandard.ZstdDecompressor().decompress(coded, max_output_size=largest, allow_extra_data=False)
+    except zstandard.ZstdError as fault:
+        raise ValueError(f"its code cannot be decompressed: {fault}") from fault
+    _kernels.decode_batch(code, counts, room)

@@ -19,7 +19,7 @@ MAY_USE = {
     "protocol": {"msgspec"},
     "program": {"click", "rich"},
     "deploy": set(),
-    "splat_server": {"click", "lz4", "zstandard"},
+    "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},
     "client/phantoms": {ALWAYS, "torch"},
