@@ -43,6 +43,7 @@ from volsplat.protocol.messages.handlers import Handler, check_handlers, handler
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.session_messages import (
+    ConnectedToSplatServers,
     ConnectToSplatServers,
     DescribeMachine,
     EndSession,
@@ -67,7 +68,7 @@ class Coordinator:
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.holding, self.routes, self.frames, self.probes)
+            for owner in (self, self.holding, self.frames, self.probes)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -198,6 +199,10 @@ class Coordinator:
         self.servers.note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in boxes.items())
         return [*self.routes.invite(boxes), *self.routes.connect(boxes), *told]
 
+    @takes(ConnectedToSplatServers)
+    def _connected(self, message: ConnectedToSplatServers, event: MessageReceived) -> list[Instruction]:
+        return self._unreachable(self.routes.connected(event.server, message.servers), event.server)
+
     @takes(Refused)
     def _refused(self, message: Refused, event: MessageReceived) -> list[Instruction]:
         joined = self.servers.joined[event.server]
@@ -236,11 +241,11 @@ class Coordinator:
         return self._unreachable(lost, event.server) or self.frames.publish()
 
     def _unreachable(self, lost: Iterable[int], teller: int) -> list[Instruction]:
-        """Servers that hear nothing of each other any more cannot draw together, whether or not they live."""
+        """Servers that do not hear each other cannot draw together, whether or not they live."""
         told: list[Instruction] = []
         for server in lost:
             if server in self.servers.joined:
-                cause = f"{self.servers.name(server)} has lost its connection to {self.servers.name(teller)}"
+                cause = f"{self.servers.name(server)} has no connection to {self.servers.name(teller)}"
                 told += [Send(server, EndSession()), *self._lose(server, cause)]
         return told
 
@@ -265,6 +270,6 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
         raise RemoteProtocolError(f"{type(message).__name__} came while the volume is {phase.value}")
 
 
-OWNERS = (Coordinator, VolumeHolding, DataRoutes, Frames, Probes)
+OWNERS = (Coordinator, VolumeHolding, Frames, Probes)
 
 check_handlers({*get_args(Event), *taken_by(Role.CLIENT)}, *OWNERS)

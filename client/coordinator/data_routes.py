@@ -3,15 +3,9 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from volsplat.client.coordinator.coordinator_events import Instruction, MessageReceived, Send
+from volsplat.client.coordinator.coordinator_events import Instruction, Send
 from volsplat.client.coordinator.servers import Servers
-from volsplat.protocol.messages.handlers import takes
-from volsplat.protocol.messages.session_messages import (
-    ConnectedToSplatServers,
-    ConnectToSplatServers,
-    InviteWorkers,
-    Route,
-)
+from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
 
 
 class DataRoutes:
@@ -37,12 +31,15 @@ class DataRoutes:
         routes = [Route(server=splat, host=data.host, port=data.port, key=key) for splat, data in places]
         return Send(worker, ConnectToSplatServers(routes=routes))
 
-    @takes(ConnectedToSplatServers)
-    def _connected(self, message: ConnectedToSplatServers, event: MessageReceived) -> list[Instruction]:
-        self._asked[event.server] -= 1
-        return []
+    def connected(self, worker: int, reached: list[int]) -> list[int]:
+        """A worker has linked to these; the splat servers that it was to link to as well are in the answer."""
+        return [] if self._outdated(worker) else [n for n in self._servers.splat_servers if n not in reached]
 
     def refused(self, worker: int) -> bool:
-        """Whether the worker cannot reach who is there now."""
+        """Whether the worker can reach nobody who is there now."""
+        return not self._outdated(worker)
+
+    def _outdated(self, worker: int) -> bool:
+        """Whether it was told anew since what it answers now."""
         self._asked[worker] -= 1
-        return not self._asked[worker]
+        return self._asked[worker] > 0

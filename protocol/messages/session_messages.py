@@ -61,7 +61,7 @@ class InviteWorkers(Message, frozen=True):
 
 
 class ConnectedToSplatServers(Message, frozen=True):
-    """Map/shade server to client: the data links stand."""
+    """Map/shade server to client: the data links to these splat servers stand; others are not reached."""
 
     servers: ServerIds
 

@@ -356,7 +356,7 @@ def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already
 def test_a_worker_that_the_splat_server_lost_first_counts_as_lost_once() -> None:
     coordinator = drawing()
     told = coordinator.handle(said(SPLAT, messages.FrameFinished(1, False, [FIRST], SPLAT_STATS)))
-    assert "map/shade server 2 has lost its connection to splat server 1; i 0-7" in ended_by(told)
+    assert "map/shade server 2 has no connection to splat server 1; i 0-7" in ended_by(told)
     assert sent(told)[0] == (FIRST, messages.EndSession)
     assert coordinator.handle(said(FIRST, messages.FrameMapped(1, MAP_STATS, []))) == []
     assert coordinator.handle(ServerLost(FIRST, GONE)) == []

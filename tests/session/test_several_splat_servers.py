@@ -153,7 +153,15 @@ def test_a_splat_server_that_a_worker_cannot_reach_counts_as_lost() -> None:
     told = coordinator.handle(mapped(running(coordinator), FIRST, LOST))
     assert (LOST, messages.EndSession) in sent(told)
     (ended,) = [i for i in told if isinstance(i, EndFrame)]
-    assert "splat server 8 has lost its connection to map/shade server 2" in str(ended.error)
+    assert "splat server 8 has no connection to map/shade server 2" in str(ended.error)
+
+
+def test_a_splat_server_that_a_worker_cannot_link_to_is_done_without() -> None:
+    coordinator = drawing_big()
+    assert coordinator.handle(said(FIRST, messages.ConnectedToSplatServers(THREE))) == []
+    told = coordinator.handle(said(SECOND, messages.ConnectedToSplatServers([SPLAT, LEFT])))
+    assert (LOST, messages.EndSession) in sent(told) and coordinator.failure is None
+    assert linked(told) == [[SPLAT, LEFT]] * 2
 
 
 def test_what_a_worker_could_not_reach_before_it_was_told_anew_counts_for_nothing() -> None:
