@@ -1,6 +1,6 @@
-"""The link to the splat server: batches go there, and from there comes word of what they may leave out.
+"""The link to a splat server: batches go there, and from there comes word of what they may leave out.
 
-One thread sends; one of the link's own hears which tiles of the image are closed.
+Walkers send; a thread of the link's own hears which tiles of the image are closed.
 """
 
 import threading
@@ -31,7 +31,9 @@ class DataLink:
     def __init__(self, route: messages.Route, connection: Connection) -> None:
         self.route = route
         self._connection = connection
-        self._tiles = FrameTiles(0, new_tile_map(1, 1))  # replaced by the sending thread, filled by the hearing one
+        self._tiles = FrameTiles(
+            0, new_tile_map(1, 1)
+        )  # replaced by the thread that begins frames, filled by the hearing one
         self._failure: VolsplatError | None = None  # how the splat server was lost
         self._hearing = threading.Thread(target=self._hear, name=f"receive from {connection.peer}", daemon=True)
         self._hearing.start()
@@ -44,10 +46,9 @@ class DataLink:
     def counters(self) -> Counters:
         return self._connection.counters
 
-    def begin_frame(self, frame: int, width: int, height: int) -> memoryview:
-        """The map of closed tiles of a frame's image, filled from now on (see protocol.closed_tiles)."""
-        self._tiles = FrameTiles(frame, new_tile_map(width, height))
-        return self._tiles.map
+    def begin_frame(self, frame: int, tile_map: memoryview) -> None:
+        """The splat server's lines of the map of closed tiles are filled from now on (see protocol.closed_tiles)."""
+        self._tiles = FrameTiles(frame, tile_map)
 
     def send(self, batch: messages.Batch, *payload: "Buffer") -> None:
         """Raises PeerLost where the splat server is gone."""

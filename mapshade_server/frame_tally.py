@@ -1,6 +1,7 @@
 """What a frame costs a map/shade server, counted as its batches go out."""
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 
 from volsplat.mapshade_server.frame_walk import ShadedBatch
 from volsplat.program.peak_memory import peak_memory
@@ -27,6 +28,18 @@ class FrameTally:
         self.voxels_visited += batch.voxels_visited
         self.packets += batch.packet_count
         self.bytes += sum(len(part.runs) + len(part.packets) for part in batch.parts)
+
+    @staticmethod
+    def of_walkers(tallies: "Sequence[FrameTally]") -> "FrameTally":
+        """Of a frame that walkers shared: what they counted together, and the seconds of the busiest."""
+        busiest = max(tallies, key=lambda tally: tally.map_shade_seconds + tally.sending_seconds)
+        return replace(
+            busiest,
+            voxels_visited=sum(tally.voxels_visited for tally in tallies),
+            packets=sum(tally.packets for tally in tallies),
+            batches=sum(tally.batches for tally in tallies),
+            bytes=sum(tally.bytes for tally in tallies),
+        )
 
     def stats(self) -> messages.MapShadeStats:
         return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory(), machine=this_machine())

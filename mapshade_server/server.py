@@ -1,34 +1,34 @@
 """The map/shade server's loop: takes the client's requests, holds sub-cubes, streams batches to the splat server.
 
-Two threads: one receives from the client and notes the newest frame and aborts at once; the other works through the
-requests in order. A frame stops between two batches, so an abort takes no longer than a batch does; probes are
-answered there as well.
+One thread receives from the client and notes the newest frame and aborts at once; another works through the requests
+in order. A frame is walked by threads of its own, which stop between two batches, so that an abort takes no longer than
+a batch does; probes are answered meanwhile.
 """
 
 import sys
 import threading
 import time
-from collections import deque
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 
 import msgspec
 
-from volsplat.mapshade_server.data_link import DataLink
+from volsplat.mapshade_server.data_links import DataLinks
+from volsplat.mapshade_server.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frame_tally import FrameTally
-from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
+from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.text.errors import BadInput, VolsplatError
-from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
-from volsplat.protocol.wire.dialling import connect
-from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.tokens import Token
 
 
@@ -38,14 +38,14 @@ class MapShadeServer:
     def __init__(self, client: Connection, token: Token, threads: int) -> None:
         """`threads` may walk."""
         self._client = client
-        self._token = token
         self._threads = threads
         self._requests = WaitingRequests()
-        self._probes: deque[messages.ProbeVoxels] = deque()  # among the requests, not answered yet
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
-        self._data_link: DataLink | None = None
+        self._links = DataLinks(token, given_up=lambda: self._ended)
+        # As many at once as a frame has walkers: one that waited for another could wait for ever
+        self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
         self._newest_assignment = 0  # likewise
         self._held = HeldVolume(lambda assignment: self._newest_assignment > assignment)
 
@@ -60,8 +60,9 @@ class MapShadeServer:
             self._failure = self._failure or error
         finally:
             self._client.close()
-            self._close_data_link()
+            self._links.close()
             receiver.join()
+            self._walking.shutdown()
         if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
             raise self._failure
 
@@ -80,9 +81,7 @@ class MapShadeServer:
         self._requests.end()
         # What is being sent is of no use any more, and a peer that does not read would hold it up for ever.
         self._client.close()
-        link = self._data_link
-        if link is not None:
-            link.interrupt()
+        self._links.interrupt()
 
     def _receive_next(self) -> bool:
         """Take what comes next. False at the end of the session; in between nothing here keeps a payload."""
@@ -99,8 +98,6 @@ class MapShadeServer:
                 self._newest_frame = max(self._newest_frame, frame + 1)
             case messages.OpenPackets(assignment=assignment):
                 self._newest_assignment = assignment
-            case messages.ProbeVoxels() as probe:
-                self._probes.append(probe)
         self._requests.put(received)
         return True
 
@@ -129,27 +126,8 @@ class MapShadeServer:
 
     @takes(messages.ConnectToSplatServers)
     def _connect_to_splat_servers(self, request: messages.ConnectToSplatServers) -> None:
-        if len(request.routes) != 1:
-            raise BadInput(f"this version draws with one splat server, not {len(request.routes)}")
-        route = request.routes[0]
-        if self._data_link is None or self._data_link.closed or self._data_link.route != route:
-            self._close_data_link()
-            address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=self._client.id)
-            connection = connect(
-                address,
-                hello,
-                self._token.bound_to(route.key),
-                Role.SPLAT_SERVER,
-                server=route.server,
-                given_up=lambda: self._ended,
-            )
-            self._data_link = DataLink(route, connection)
-        self._client.send(messages.ConnectedToSplatServers(servers=[route.server]))
-
-    def _close_data_link(self) -> None:
-        if self._data_link is not None:
-            self._data_link.close()
-        self._data_link = None
+        self._links.connect(request.routes, self._client.id)
+        self._client.send(messages.ConnectedToSplatServers(servers=[route.server for route in request.routes]))
 
     @takes(messages.AbortFrame)
     def _abort_frame(self, request: messages.AbortFrame) -> None:
@@ -159,55 +137,66 @@ class MapShadeServer:
     @takes(messages.RenderFrame)
     def _render_frame(self, request: messages.RenderFrame) -> None:
         self._held.check(request.assignment, f"frame {request.frame}")
-        link = self._data_link
-        if link is None:
+        if not self._links.of_servers:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
-        tally = FrameTally()
         started = time.perf_counter()
-        plan = request.plan
-        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, plan)
-        tile_map = link.begin_frame(request.frame, plan.width, plan.height)
-        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.shading, plan, tile_map)
-        [walker] = walk.walkers
-        tally.planning_seconds = time.perf_counter() - started
-        while self._newest_frame <= request.frame:
-            started = time.perf_counter()
-            batch = walker.next_batch()
-            tally.map_shade_seconds += time.perf_counter() - started
-            if batch is None:
-                self._client.send(messages.FrameMapped(frame=request.frame, stats=tally.stats(), lost=[]))
-                return
-            self._send_batch(link, request.frame, tally, batch)
-            while self._probes and self._probes[0].assignment == self._held.assignment:
-                self._answer(self._probes[0])
+        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
+        walk = FrameWalk(
+            sub_cubes,
+            request.geometry,
+            request.quantisation,
+            request.shading,
+            request.plan,
+            self._links.begin_frame(request.frame, request.plan),
+            request.regions,
+            request.workers[self._client.id],
+        )
+        planning_seconds = time.perf_counter() - started
+        delivery = FrameDelivery(
+            request.frame,
+            self._client.id,
+            walk,
+            request.regions,
+            self._links.of_servers,
+            wanted=lambda: self._newest_frame <= request.frame,
+        )
+        tally = FrameTally.of_walkers(self._delivered(delivery, len(walk.walkers)))
+        if self._newest_frame <= request.frame:
+            delivery.check()
+            stats = replace(tally, planning_seconds=planning_seconds).stats()
+            self._client.send(messages.FrameMapped(frame=request.frame, stats=stats, lost=delivery.lost))
+
+    def _delivered(self, delivery: FrameDelivery, walkers: int) -> list[FrameTally]:
+        """Have the walkers walk, and answer probes meanwhile."""
+        walking: list[Future[FrameTally]] = []
+        try:
+            for walker in range(walkers):
+                walking.append(self._walking.submit(delivery.walk, walker))
+                walking[-1].add_done_callback(lambda _: self._requests.wake())
+            while (probe := self._requests.get_during(self._is_probe, lambda: _over(walking))) is not None:
+                self._answer(*probe)
+            return [walked.result() for walked in walking]
+        except Exception:
+            delivery.end()  # they may be in sends that end when the client, which hears of it, aborts the frame
+            raise
+
+    def _is_probe(self, request: messages.Message) -> bool:
+        """Whether it can be answered from what is held now."""
+        return isinstance(request, messages.ProbeVoxels) and request.assignment == self._held.assignment
 
     @takes(messages.ProbeVoxels)
     def _probe_voxels(self, request: messages.ProbeVoxels) -> None:
-        if not self._probes or self._probes[0] is not request:
-            return  # it was answered between two batches
-        self._probes.popleft()
         self._held.check(request.assignment, f"probe {request.probe}")
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
         voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
         self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
 
-    def _send_batch(self, link: DataLink, frame: int, tally: FrameTally, batch: ShadedBatch) -> None:
-        message = messages.Batch(
-            frame=frame,
-            worker=self._client.id,
-            walker=0,
-            sequence=tally.batches,
-            encoding=messages.RAW,
-            parts=[messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts],
-            reached_sheet=batch.reached[0],
-            reached_row=batch.reached[1],
-            last=batch.last,
-        )
-        started, waited = time.perf_counter(), link.counters.seconds_in_send
-        link.send(message, *(memory for part in batch.parts for memory in (part.runs, part.packets)))
-        tally.sending_seconds += time.perf_counter() - started
-        tally.waiting_seconds += link.counters.seconds_in_send - waited
-        tally.count(batch)
+
+def _over(walking: "list[Future[FrameTally]]") -> bool:
+    """Whether all are done, or one has failed."""
+    return all(walked.done() for walked in walking) or any(
+        walked.done() and walked.exception() is not None for walked in walking
+    )
 
 
 OWNERS = (MapShadeServer, HeldVolume)

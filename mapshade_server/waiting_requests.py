@@ -2,8 +2,10 @@
 
 import threading
 from collections import deque
+from collections.abc import Callable
 
 from volsplat.protocol.messages.exchanges import superseded
+from volsplat.protocol.messages.message import Message
 from volsplat.protocol.wire.framing import Received
 
 
@@ -26,6 +28,24 @@ class WaitingRequests:
         with self._changed:
             self._over = True
             self._changed.notify()
+
+    def wake(self) -> None:
+        """Something may have ended that `get_during` is told of."""
+        with self._changed:
+            self._changed.notify()
+
+    def get_during(self, suits: Callable[[Message], bool], ended: Callable[[], bool]) -> Received | None:
+        """The first request that suits, before its turn, once there is one; None once something else has ended."""
+
+        def suiting() -> Received | None:
+            return next((request for request in self._waiting if suits(request.message)), None)
+
+        with self._changed:
+            self._changed.wait_for(lambda: ended() or suiting())
+            request = None if ended() else suiting()
+            if request is not None:
+                self._waiting.remove(request)
+            return request
 
     def get(self) -> Received | None:
         """The next request, once there is one; None after the last."""

@@ -2,7 +2,6 @@
 
 import math
 import socket
-import threading
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
@@ -12,34 +11,21 @@ import pytest
 import torch
 
 from support.messages.message_samples import SAMPLES
-from support.patience import PATIENCE, wait_until
+from support.patience import wait_until
+from support.programs.mapshade_bench import KEY, SCENE, Bench, probe, render
 from support.scenes.arbitrary import plain_scene
-from support.scenes.phantoms import QUANTISATION, shaded_scene
-from volsplat.client.coordinator.frame_request import frame_request
-from volsplat.client.coordinator.region_shares import RegionShares
+from support.scenes.phantoms import QUANTISATION
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.mapshade_server.volume_identity import identified_volume
-from volsplat.protocol.description.scene import Order, Scene, Step, View
+from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
-from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import new_tile_map
-from volsplat.protocol.rules.levels import own_resolution
-from volsplat.protocol.rules.line_of_sight import line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_rule
-from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
-from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.dialling import connect
-from volsplat.protocol.wire.framing import Allocate, new_buffer
-from volsplat.protocol.wire.handshake import new_hello
-from volsplat.protocol.wire.listener import Listener
-from volsplat.protocol.wire.tokens import new_token
 
 SIZE = 16
-SCENE = shaded_scene(View(zoom=3.0), (64, 48))
-KEY = bytes(range(messages.WORKER_KEY_BYTES))
 
 
 @pytest.fixture(scope="module")
@@ -49,109 +35,11 @@ def shells(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-class Bench:
-    """A map/shade server in a thread, what a client says to it, and where splat servers would listen."""
-
-    def __init__(self, allocate: Allocate = new_buffer) -> None:
-        self.token = new_token()
-        self._clients = Listener(Role.CLIENT, self.token)
-        links = self.token.bound_to(KEY)
-        self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token, token_of=lambda _: links) for _ in range(2)]
-        hello = new_hello(Role.MAPSHADE_SERVER)
-        self.connection = connect(self._clients.address, hello, self.token, Role.CLIENT, allocate=allocate)
-        self._server = MapShadeServer(self.connection, self.token, threads=1)
-        self.failure: VolsplatError | None = None  # of the server
-        self._thread = threading.Thread(target=self._run, name="map/shade server under test", daemon=True)
-        self._thread.start()
-        control = self._clients.accept(PATIENCE)
-        assert control is not None
-        self.control: Connection = control
-
-    @property
-    def waiting(self) -> list[messages.Message]:
-        """Requests that the server has received and not begun."""
-        return [received.message for received in self._server._requests._waiting]
-
-    def _run(self) -> None:
-        try:
-            self._server.run()
-        except VolsplatError as error:
-            self.failure = error
-
-    def hears(self, kind: type[messages.Message]) -> messages.Message:
-        received = self.control.receive()
-        assert received is not None and isinstance(received.message, kind), received
-        return received.message
-
-    def refuses(self, request: messages.Message) -> messages.Refused:
-        self.control.send(request)
-        refused = self.hears(messages.Refused)
-        assert isinstance(refused, messages.Refused) and refused.request == type(request).__name__
-        return refused
-
-    def connects(self, number: int) -> None:
-        """Have the server link to a splat server."""
-        address = self.splat_servers[number].address
-        route = messages.Route(server=2 + number, host=address.host, port=address.port, key=KEY)
-        self.control.send(messages.ConnectToSplatServers(routes=[route]))
-        self.hears(messages.ConnectedToSplatServers)
-
-    def accepts(self, number: int) -> Connection:
-        """The data link that a splat server gets."""
-        link = self.splat_servers[number].accept(PATIENCE)
-        assert link is not None
-        return link
-
-    def holds(self, path: Path, assignment: int) -> Geometry:
-        """Have the server read and pack the whole volume."""
-        self.control.send(messages.DescribeVolume(str(path)))
-        described = self.hears(messages.VolumeDescribed)
-        assert isinstance(described, messages.VolumeDescribed)
-        geometry = described.description.geometry
-        self.control.send(messages.ReadSubCubes(assignment, str(path), [geometry.box], described.identity))
-        self.hears(messages.SubCubesRead)
-        self.control.send(messages.PackVoxels(assignment, QUANTISATION))
-        self.hears(messages.VoxelsPacked)
-        return geometry
-
-    def draws(self, frame: int, geometry: Geometry, link: Connection) -> None:
-        """A whole frame, whose batches come over this link."""
-        self.control.send(render(frame, geometry))
-        self.hears(messages.FrameMapped)
-        sequence, last = 0, False
-        while not last:
-            received = link.receive()
-            assert received is not None and isinstance(received.message, messages.Batch)
-            batch = received.message
-            assert (batch.frame, batch.sequence) == (frame, sequence)
-            sequence, last = sequence + 1, batch.last
-
-    def ends(self) -> None:
-        """Wait until the server has ended."""
-        self._thread.join(PATIENCE)
-        assert not self._thread.is_alive()
-
-    def close(self) -> None:
-        if not self.control.closed:
-            self.control.send(messages.EndSession())
-        self.ends()
-        self.control.close()
-        for listener in (self._clients, *self.splat_servers):
-            listener.close()
-
-
 @pytest.fixture
 def bench() -> Iterator[Bench]:
     bench = Bench()
     yield bench
     bench.close()
-
-
-def render(frame: int, geometry: Geometry, scene: Scene = SCENE, assignment: int = 1) -> messages.RenderFrame:
-    resolution = own_resolution(geometry, Step.F)
-    return frame_request(
-        frame, assignment, scene, Step.F, geometry, QUANTISATION, resolution, {1: 1}, {2: 1}, RegionShares()
-    )
 
 
 def test_a_link_whose_route_is_unchanged_is_kept(bench: Bench, shells: Path) -> None:
@@ -170,7 +58,7 @@ def test_a_new_route_ends_the_old_link(bench: Bench, shells: Path) -> None:
         with pytest.raises(PeerLost):
             old.receive()
     with bench.accepts(1) as link:
-        bench.draws(1, geometry, link)
+        bench.draws(1, geometry, link, server=3)
 
 
 def test_a_lost_link_is_dialled_again_on_the_same_route(bench: Bench, shells: Path) -> None:
@@ -275,12 +163,6 @@ def test_what_lies_behind_closed_tiles_is_left_out(bench: Bench, tmp_path: Path)
     assert packets == mapped.stats.packets < side**3
 
 
-def probe(geometry: Geometry, scene: Scene, assignment: int = 1) -> messages.ProbeVoxels:
-    width, height = scene.image.width, scene.image.height
-    line = line_of_sight(scene, geometry, (width - 1) / 2, (height - 1) / 2)
-    return messages.ProbeVoxels(1, assignment, line, shading_rule(scene, Step.F), geometry, QUANTISATION, level=0)
-
-
 def test_a_probe_is_answered_between_two_batches_of_a_frame(bench: Bench, tmp_path: Path) -> None:
     """The volume's packets are more than the link holds, so that the frame cannot end before they are taken."""
     side, size = 160, (320, 320)
@@ -378,7 +260,7 @@ def test_a_server_ends_where_the_memory_does_not_suffice_for_a_part() -> None:
 
 def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """It would be dialled for ever."""
-    monkeypatch.setattr("volsplat.mapshade_server.server.connect", partial(connect, patience=math.inf))
+    monkeypatch.setattr("volsplat.mapshade_server.data_links.connect", partial(connect, patience=math.inf))
     nobody = bench.splat_servers[0].address
     bench.splat_servers[0].close()
     before = bench.connection.counters.messages_in

@@ -1,0 +1,61 @@
+"""The links to all splat servers that the client names."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+from volsplat.mapshade_server.data_link import DataLink
+from volsplat.protocol.messages.messages import Route
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.closed_tiles import new_tile_map
+from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.tokens import Token
+
+
+class DataLinks:
+    """One thread connects and closes; any other may interrupt."""
+
+    def __init__(self, token: Token, given_up: Callable[[], bool]) -> None:
+        """Dialling ends where it is `given_up`."""
+        self._token = token
+        self._given_up = given_up
+        self._links: dict[int, DataLink] = {}  # by splat server; replaced, never changed
+
+    @property
+    def of_servers(self) -> Mapping[int, DataLink]:
+        return self._links
+
+    def connect(self, routes: Sequence[Route], server: int) -> None:
+        """Have this server linked to the ends of these routes and to no other. Raises PeerLost."""
+        kept = {link.route: link for link in self._links.values() if not link.closed and link.route in routes}
+        before, self._links = self._links, {route.server: link for route, link in kept.items()}
+        for link in before.values():
+            if link not in kept.values():
+                link.close()
+        for route in routes:
+            if route not in kept:
+                self._links = {**self._links, route.server: self._link(route, server)}
+
+    def _link(self, route: Route, server: int) -> DataLink:
+        address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=server)
+        token = self._token.bound_to(route.key)
+        connection = connect(address, hello, token, Role.SPLAT_SERVER, server=route.server, given_up=self._given_up)
+        return DataLink(route, connection)
+
+    def begin_frame(self, frame: int, plan: FramePlan) -> memoryview:
+        """The map of closed tiles of a frame's image, which every splat server has filled from now on for its lines."""
+        tile_map = new_tile_map(plan.width, plan.height)
+        for link in self._links.values():
+            link.begin_frame(frame, tile_map)
+        return tile_map
+
+    def interrupt(self) -> None:
+        """Close them from any thread: whoever sends is woken."""
+        for link in self._links.values():
+            link.interrupt()
+
+    def close(self) -> None:
+        for link in self._links.values():
+            link.close()
+        self._links = {}

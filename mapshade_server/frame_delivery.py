@@ -1,0 +1,125 @@
+"""One frame on its way: each walker, in a thread of its own, sends every splat server what reaches its regions."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+
+from volsplat.mapshade_server.data_link import DataLink
+from volsplat.mapshade_server.frame_tally import FrameTally
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.regions import Region
+from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.connection import ConnectionClosed
+
+QUIET_BATCHES = 4  # that a splat server need not hear of where there is nothing for it: then it hears how far it is
+
+LOSSES = (PeerLost, ConnectionClosed, RemoteProtocolError)
+
+
+class FrameDelivery:
+    """The splat servers that are lost on the way get no more; once all are, the frame is over."""
+
+    def __init__(
+        self,
+        frame: int,
+        worker: int,
+        walk: FrameWalk,
+        regions: Sequence[Region],
+        links: Mapping[int, DataLink],
+        wanted: Callable[[], bool],
+    ) -> None:
+        """`worker` is this server; `wanted` tells whether the frame still is."""
+        self._frame = frame
+        self._worker = worker
+        self._walk = walk
+        self._links = links
+        self._wanted = wanted
+        self._parts = _parts_of(regions)
+        self._ended = False
+        self._lost: dict[int, VolsplatError] = {
+            server: PeerLost(f"splat server {server} was not named") for server in self._parts if server not in links
+        }
+
+    @property
+    def lost(self) -> list[int]:
+        """Splat servers that did not get all."""
+        return sorted(self._lost)
+
+    def check(self) -> None:
+        """Raises what one of the splat servers was lost by, where no other is left."""
+        if len(self._lost) == len(self._parts):
+            raise next(iter(self._lost.values()))
+
+    def end(self) -> None:
+        """Have the walkers stop before their next batches."""
+        self._ended = True
+
+    def walk(self, walker: int) -> FrameTally:
+        """Walk and send, to the end or until it is of no use any more. One thread for each walker."""
+        tally = FrameTally()
+        outlets = [
+            _Outlet(self._links[server], parts) for server, parts in self._parts.items() if server in self._links
+        ]
+        while not self._ended and self._wanted() and len(self._lost) < len(self._parts):
+            started = time.perf_counter()
+            batch = self._walk.walkers[walker].next_batch()
+            tally.map_shade_seconds += time.perf_counter() - started
+            if batch is None:
+                break
+            tally.count(batch)
+            for outlet in outlets:
+                if outlet.server not in self._lost:
+                    self._send(outlet, walker, batch, tally)
+        return tally
+
+    def _send(self, outlet: "_Outlet", walker: int, batch: ShadedBatch, tally: FrameTally) -> None:
+        try:
+            outlet.send(self._frame, self._worker, walker, batch, tally)
+        except LOSSES as loss:
+            self._lost.setdefault(outlet.server, loss)
+
+
+class _Outlet:
+    """A walker's way to a splat server."""
+
+    def __init__(self, link: DataLink, parts: slice) -> None:
+        self.server = link.route.server
+        self._link = link
+        self._parts = parts
+        self._sequence = 0
+        self._quiet = 0  # batches since that held nothing for it
+
+    def send(self, frame: int, worker: int, walker: int, batch: ShadedBatch, tally: FrameTally) -> None:
+        parts = batch.parts[self._parts]
+        nothing = not any(part.packet_count for part in parts)
+        if nothing and not batch.last and self._quiet < QUIET_BATCHES:
+            self._quiet += 1
+            return
+        message = messages.Batch(
+            frame=frame,
+            worker=worker,
+            walker=walker,
+            sequence=self._sequence,
+            encoding=messages.RAW,
+            parts=[messages.BatchPart(part.run_count, part.packet_count) for part in parts],
+            reached_sheet=batch.reached[0],
+            reached_row=batch.reached[1],
+            last=batch.last,
+        )
+        counters = self._link.counters
+        started, waited = time.perf_counter(), counters.seconds_in_send
+        self._link.send(message, *(memory for part in parts for memory in (part.runs, part.packets)))
+        seconds = time.perf_counter() - started
+        tally.sending_seconds += seconds
+        tally.waiting_seconds += min(seconds, counters.seconds_in_send - waited)  # for another walker, too
+        self._sequence += 1
+        self._quiet = 0
+
+
+def _parts_of(regions: Sequence[Region]) -> dict[int, slice]:
+    """Which of a batch's parts are for each splat server."""
+    parts: dict[int, slice] = {}
+    for number, region in enumerate(regions):
+        first = parts[region.server].start if region.server in parts else number
+        parts[region.server] = slice(first, number + 1)
+    return parts

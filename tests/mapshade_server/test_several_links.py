@@ -1,0 +1,173 @@
+"""A map/shade server whose walkers send to several splat servers, with the test as its client and as these."""
+
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import torch
+
+from support.patience import wait_until
+from support.programs.mapshade_bench import SCENE, Bench, probe, render
+from support.scenes.arbitrary import plain_scene
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.protocol.description.scene import Order, View
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
+from volsplat.protocol.wire.connection import Connection
+
+SIZE = 16
+WALKERS = 3
+LARGE = 160
+SIZE_OF_LARGE = (320, 320)
+
+
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
+
+
+@pytest.fixture(scope="module")
+def shells(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volumes") / "shells.mha"
+    write_volume(path, *make_phantom("shells", size=(SIZE,) * 3))
+    return path
+
+
+@pytest.fixture(scope="module")
+def full(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Its packets are more than links hold."""
+    path = tmp_path_factory.mktemp("volumes") / "full.mha"
+    write_volume(path, torch.full((LARGE,) * 3, 200, dtype=torch.uint8), Geometry((LARGE,) * 3))
+    return path
+
+
+def batches_on(link: Connection, walkers: int) -> dict[int, list[messages.Batch]]:
+    """All that comes of a frame, by walker."""
+    of_walkers: dict[int, list[messages.Batch]] = defaultdict(list)
+    while sum(batches[-1].last for batches in of_walkers.values()) < walkers:
+        received = link.receive()
+        assert received is not None and isinstance(received.message, messages.Batch)
+        of_walkers[received.message.walker].append(received.message)
+    return of_walkers
+
+
+def packets(of_walkers: dict[int, list[messages.Batch]]) -> int:
+    return sum(part.packet_count for batches in of_walkers.values() for batch in batches for part in batch.parts)
+
+
+def test_each_splat_server_gets_the_parts_of_its_regions_from_every_walker(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0, 1)
+    owners = {2: 1, 3: 2}
+    with bench.accepts(0) as first, bench.accepts(1) as second:
+        for frame in (1, 2):
+            bench.control.send(render(frame, geometry, SCENE, 1, WALKERS, owners))
+            mapped = bench.hears(messages.FrameMapped)
+            assert isinstance(mapped, messages.FrameMapped) and mapped.lost == []
+            sent = 0
+            for link, regions in zip((first, second), owners.values(), strict=True):
+                of_walkers = batches_on(link, WALKERS)
+                sent += packets(of_walkers)
+                assert set(of_walkers) == set(range(WALKERS))
+                for batches in of_walkers.values():
+                    assert [batch.sequence for batch in batches] == list(range(len(batches)))
+                    assert {len(batch.parts) for batch in batches} == {regions}
+                    assert {batch.frame for batch in batches} == {frame}
+            assert sent == mapped.stats.packets > 0
+
+
+def test_a_frame_goes_on_without_a_splat_server_that_is_lost(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0, 1)
+    with bench.accepts(0) as first:
+        bench.accepts(1).close()
+        wait_until(lambda: bench.linked == [2], "noticed the loss")
+        bench.control.send(render(1, geometry, SCENE, 1, WALKERS, {2: 1, 3: 1}))
+        mapped = bench.hears(messages.FrameMapped)
+        assert isinstance(mapped, messages.FrameMapped) and mapped.lost == [3]
+        assert packets(batches_on(first, WALKERS)) > 0
+
+
+def test_where_all_splat_servers_are_lost_the_frame_is_refused(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0, 1)
+    for number in (0, 1):
+        bench.accepts(number).close()
+    wait_until(lambda: bench.linked == [], "noticed the losses")
+    refused = bench.refuses(render(1, geometry, SCENE, 1, WALKERS, {2: 1, 3: 1}))
+    assert refused.frame == 1 and refused.peer_lost and "gone" in refused.cause
+
+
+def test_a_frame_of_a_splat_server_that_was_not_named_goes_on_without_it(bench: Bench, shells: Path) -> None:
+    geometry = bench.holds(shells, 1)
+    bench.connects(0)
+    with bench.accepts(0) as first:
+        bench.control.send(render(1, geometry, SCENE, 1, 1, {2: 1, 3: 1}))
+        mapped = bench.hears(messages.FrameMapped)
+        assert isinstance(mapped, messages.FrameMapped) and mapped.lost == [3]
+        batches_on(first, 1)
+
+
+def test_each_splat_server_tells_which_tiles_of_its_lines_are_closed(bench: Bench, full: Path) -> None:
+    width, height = SIZE_OF_LARGE
+    geometry = bench.holds(full, 1)
+    bench.connects(0, 1)
+    opaque = plain_scene(view=View(zoom=1.0), size=SIZE_OF_LARGE, order=Order.FRONT_TO_BACK)
+    request = render(1, geometry, opaque, 1, 1, {2: 1, 3: 1})
+    edge = request.regions[0].end
+    assert 0 < edge < height and edge % TILE_SIDE == 0
+    with bench.accepts(0) as first, bench.accepts(1) as second:
+        before = bench.heard
+        bench.control.send(request)
+        begun = first.receive()
+        assert begun is not None and isinstance(begun.message, messages.Batch)
+        for link, begin, end in ((first, 0, edge), (second, edge, height)):
+            closed = new_tile_map(width, end - begin).cast("B")
+            closed[:] = b"\xff" * len(closed)
+            link.send(messages.TilesClosed(1, width, begin, end), closed)
+        wait_until(lambda: bench.heard == before + 2, "heard of all tiles")
+        of_first, of_second = batches_on(first, 1), batches_on(second, 1)
+        mapped = bench.hears(messages.FrameMapped)
+    assert isinstance(mapped, messages.FrameMapped)
+    sent = begun.message.parts[0].packet_count + packets(of_first) + packets(of_second)
+    assert sent == mapped.stats.packets < LARGE**3
+
+
+def test_a_probe_is_answered_while_all_walkers_are_held_up(bench: Bench, full: Path) -> None:
+    geometry = bench.holds(full, 1)
+    bench.connects(0)
+    scene = plain_scene(view=View(zoom=1.0), size=SIZE_OF_LARGE)
+    with bench.accepts(0) as link:
+        bench.control.send(render(1, geometry, scene, 1, WALKERS))
+        bench.control.send(probe(geometry, scene))
+        probed = bench.hears(messages.VoxelProbed)
+        of_walkers = batches_on(link, WALKERS)
+        mapped = bench.hears(messages.FrameMapped)
+    assert isinstance(probed, messages.VoxelProbed) and probed.voxels[0].density == 200.0
+    assert isinstance(mapped, messages.FrameMapped) and packets(of_walkers) == mapped.stats.packets == LARGE**3
+
+
+def test_an_abort_ends_all_walkers(bench: Bench, full: Path, shells: Path) -> None:
+    geometry = bench.holds(full, 1)
+    bench.connects(0)
+    with bench.accepts(0) as link:
+        bench.control.send(render(1, geometry, plain_scene(view=View(zoom=1.0), size=SIZE_OF_LARGE), 1, WALKERS))
+        assert link.receive() is not None
+        bench.control.send(messages.AbortFrame(1))
+        bench.control.send(render(2, geometry, SCENE, 1, WALKERS))
+        of_second: dict[int, bool] = {}
+        while sum(of_second.values()) < WALKERS:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.Batch)
+            batch = received.message
+            if batch.frame == 2:
+                of_second[batch.walker] = batch.last
+            else:
+                assert batch.frame == 1 and not of_second
+        bench.hears(messages.FrameAborted)
+        bench.hears(messages.FrameMapped)
