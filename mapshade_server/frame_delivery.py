@@ -11,13 +11,15 @@ from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.connection import ConnectionClosed
 
-QUIET_BATCHES = 4  # that a splat server need not hear of where there is nothing for it: then it hears how far it is
-
 LOSSES = (PeerLost, ConnectionClosed, RemoteProtocolError)
 
 
 class FrameDelivery:
-    """The splat servers that are lost on the way get no more; once all are, the frame is over."""
+    """The splat servers that are lost on the way get no more; once all are, the frame is over.
+
+    Each batch goes to all of them, if only to tell how far its walker has come: else two workers could each fill a
+    splat server that waits for word of the other.
+    """
 
     def __init__(
         self,
@@ -87,14 +89,9 @@ class _Outlet:
         self._link = link
         self._parts = parts
         self._sequence = 0
-        self._quiet = 0  # batches since that held nothing for it
 
     def send(self, frame: int, worker: int, walker: int, batch: ShadedBatch, tally: FrameTally) -> None:
         parts = batch.parts[self._parts]
-        nothing = not any(part.packet_count for part in parts)
-        if nothing and not batch.last and self._quiet < QUIET_BATCHES:
-            self._quiet += 1
-            return
         message = messages.Batch(
             frame=frame,
             worker=worker,
@@ -113,7 +110,6 @@ class _Outlet:
         tally.sending_seconds += seconds
         tally.waiting_seconds += min(seconds, counters.seconds_in_send - waited)  # for another walker, too
         self._sequence += 1
-        self._quiet = 0
 
 
 def _parts_of(regions: Sequence[Region]) -> dict[int, slice]:
