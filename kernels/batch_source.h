@@ -23,6 +23,7 @@ struct Step {
     std::vector<BatchPart> parts;             // of each region
     std::int64_t reached_sheet, reached_row;  // nothing that comes later lies before
     bool last;                                // nothing comes later
+    std::int64_t voxels_visited;              // those left out as hidden or outside the image included
     std::shared_ptr<const void> memory;       // what the parts lie in
 };
 

@@ -1,7 +1,7 @@
 """The compiled kernels; the C++ files under kernels/ say how they work."""
 
 from collections.abc import Sequence
-from typing import TypeAlias
+from typing import Protocol, TypeAlias
 
 from typing_extensions import Buffer
 
@@ -19,48 +19,146 @@ def cpu_path() -> str:
 def set_cpu_path(name: str) -> None:
     """Use another one from now on. Raises BadInput for one that is not in cpu_paths()."""
 
-class BatchMemory:
-    """A batch's row runs (24 bytes each) and packets (8 bytes each), pinned while this lives; ValueError if cut.
+class Bell:
+    """Rung by any thread. Who reads how often before he looks, and then waits for once more, misses nothing."""
 
-    Both may be any contiguous CPU memory: bytes, bytearray, memoryview, or a tensor through DLPack.
+    def ring(self) -> None: ...
+    @property
+    def rung(self) -> int: ...
+    def wait(self, heard: int, seconds: float) -> int:
+        """Wait until it has been rung more often than was heard, or as long; how often it has been."""
+
+class ReadBudget:
+    """Bytes that may be buffered of a sender; `opened` rings when there is room again."""
+
+    def __init__(self, bytes: int, opened: Bell) -> None: ...
+    @property
+    def open(self) -> bool: ...
+    @property
+    def held(self) -> int: ...
+
+class BatchMemory:
+    """A batch's payload: for each region its row runs (24 bytes each), then its packets (8 bytes each).
+
+    `parts` are their counts; ValueError if they do not fit. The payload may be any contiguous CPU memory. It is pinned
+    while this lives or has been pushed and not splatted, and counts in the budget so long.
     """
 
-    def __init__(self, runs: object, packets: object) -> None: ...
+    def __init__(self, payload: object, parts: Sequence[tuple[int, int]], budget: ReadBudget) -> None: ...
+
+class OwnerSeconds:
+    """In which an owner merged, splatted and walked."""
+
+    @property
+    def merge(self) -> float: ...
+    @property
+    def splat(self) -> float: ...
+    @property
+    def walk(self) -> float: ...
+
+class Walked:
+    """What walks of this process handed out."""
+
+    @property
+    def steps(self) -> int: ...
+    @property
+    def voxels(self) -> int: ...
+    @property
+    def packets(self) -> int: ...
     @property
     def bytes(self) -> int: ...
-    @property
-    def packet_count(self) -> int: ...
-    @property
-    def run_count(self) -> int: ...
 
-class SpanList:
-    """Spans of runs in merge order; the batches they lie in must live until they are splatted."""
+class Walk(Protocol):
+    """What an owner may walk."""
+
+    @property
+    def source(self) -> object:
+        """A capsule: see kernels/batch_source.h. What it points to lives as long as this."""
+
+class SplatFrame:
+    """One frame of an image: its regions, and what sources have handed out for them. See splat_frame.h.
+
+    Any thread may call.
+    """
+
+    def push(self, source: int, batch: BatchMemory, reached_sheet: int, reached_row: int, last: bool) -> None:
+        """Take a batch. Raises ValueError naming the fault, and takes nothing, where it breaks the rules."""
+
+    def finish(self, source: int) -> None:
+        """Nothing more will come from the source."""
+
+    def finished(self, source: int) -> bool: ...
+    @property
+    def complete(self) -> bool:
+        """Whether all is splatted. Raises what an owner failed of."""
+
+    @property
+    def awaited(self) -> list[int]:
+        """The sources without which no region can go on; none if one can."""
 
     @property
     def packets(self) -> int: ...
-    def entries(self) -> list[tuple[int, int, int, int, int]]:
-        """Of each span: batch, first run, run count, first packet, packet count."""
-
-    def __len__(self) -> int: ...
-
-class SortedBuffers:
-    """The sorted linked list of the workers' buffers (paper: "Parallel Implementation")."""
-
-    def __init__(self, workers: int, sheets: int, rows: int, samples: int) -> None: ...
-    def push(
-        self, worker: int, batch: int, memory: BatchMemory, reached_sheet: int, reached_row: int, last: bool
-    ) -> None:
-        """Append a batch. Raises ValueError naming the fault, and takes nothing, where it breaks the rules."""
-
-    def finish(self, worker: int) -> None: ...
-    def advance(self, max_packets: int) -> tuple[SpanList, list[int], int, bool]:
-        """Spans of at least `max_packets` if there are so many, released batches, waited for worker or -1, complete."""
-
-    def validate(self) -> None: ...
     @property
-    def waits_for(self) -> int: ...
+    def hidden_packets(self) -> int:
+        """Packets left out as hidden in the region of their first row; another region may still draw them.
+
+        Neighbours that are looked at together count where all of them are hidden: how many are depends on the CPU path.
+        """
+
     @property
-    def complete(self) -> bool: ...
+    def rectangle(self) -> tuple[int, int, int, int]:
+        """Left, top, width and height of what its regions are of the published image."""
+
+    @property
+    def work(self) -> list[int]:
+        """Packets whose run's middle lies in each row of tiles of the image. Once it is complete."""
+
+    @property
+    def seconds(self) -> list[OwnerSeconds]:
+        """Of each owner. Once it is complete."""
+
+    @property
+    def walked(self) -> Walked:
+        """What its walks have handed out. Once it is complete."""
+
+class Owners:
+    """Threads that own regions of an image. One thread at a time may call. See owners.h."""
+
+    def __init__(self, threads: int) -> None: ...
+    def clear(self, width: int, height: int, turned: bool) -> None:
+        """End the frame before, and empty the image, which is of this size as it is published."""
+
+    @property
+    def closed_tiles(self) -> memoryview:
+        """The image's live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable."""
+
+    def begin(
+        self,
+        *,
+        regions: Sequence[tuple[int, int]],
+        reach: FootprintTable | CellMap | None,
+        front_to_back: bool,
+        counts: tuple[int, int, int],
+        sources: int,
+        portion: int,
+        edges: tuple[EdgeLayer, EdgeLayer] | None,
+        walks: Sequence[Walk],
+        news: Bell,
+        all_wait: Bell,
+    ) -> SplatFrame:
+        """Begin a frame on the image, which must be clear. Raises RuntimeError where a thread cannot be started."""
+
+    def published(self, frame: SplatFrame) -> memoryview:
+        """The frame's rectangle as it stands, edges included: rows of float32 RGBA, little endian, as bytes.
+
+        The caller's own until it lets go of it; that of a complete frame is always the same.
+        """
+
+    def cancel(self) -> None:
+        """Splat nothing more of the frame, which stays as it is."""
+
+    def close(self) -> None:
+        """End the threads."""
 
 class LevelTiles:
     """Images of one size, one after the other, by tiles (protocol.image_tiles): 8 bits for each channel of a pixel."""
@@ -115,72 +213,11 @@ class CellMap:
         self, x: tuple[int, int, int, int], y: tuple[int, int, int, int], axes: tuple[_Axis, _Axis, _Axis]
     ) -> None: ...
 
-class SplatQueue:
-    """Jobs splatted in their order, by threads that share out an image's stripes: see splat_queue.h.
-
-    Raises RuntimeError where a thread cannot be started.
-    """
-
-    def __init__(self, image: ImageMemory, threads: int) -> None: ...
-    def begin(self, turned: bool, first_line: int, end_line: int) -> None:
-        """Drop what is unfinished, and clear the image. What follows mostly reaches these lines of it."""
-
-    def splat(
-        self,
-        spans: SpanList,
-        reach: FootprintTable | CellMap | None,
-        front_to_back: bool,
-        small: bool,
-        batches: object,
-    ) -> None:
-        """Combine the spans' samples with the image, after all that came before; helps with these while they are much.
-
-        A `small` job is done at once where nothing is unfinished. `batches` holds the spans' memory until it is done.
-        """
-
-    def finish(self) -> None:
-        """Wait until all is combined."""
-
-    def hand_out(self) -> memoryview:
-        """As `finish`; then the image, as `ImageMemory.snapshot`, which is empty afterwards."""
-
-    def cancel(self) -> None:
-        """Drop what is unfinished."""
-
-    def close(self) -> None:
-        """End the threads, and drop what is unfinished."""
-
-    @property
-    def busy(self) -> bool:
-        """Whether there is something to combine."""
-
-    @property
-    def busy_seconds(self) -> float:
-        """For how long there has been something to combine, in all."""
-
-class ImageMemory:
-    """float32, associated: see image_memory.h."""
-
-    def __init__(self, width: int, height: int) -> None: ...
-    def snapshot(self) -> memoryview:
-        """height x width x 4 float32 RGBA, little endian, as bytes; its memory is used again once nobody holds it."""
-
-    @property
-    def closed_tiles(self) -> memoryview:
-        """The live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable."""
-
-    @property
-    def hidden_packets(self) -> int:
-        """Packets left out as hidden, since `clear`, in the stripe of their first row; the next may still draw them."""
-
 class EdgeLayer:
     """Coverage of anti-aliased white lines, positions in pixels from the centre of the top-left one, y down."""
 
     def __init__(self, width: int, height: int) -> None: ...
     def draw(self, x0: float, y0: float, x1: float, y1: float, line_width: float) -> None: ...
-
-def published(image: ImageMemory, front: EdgeLayer, back: EdgeLayer) -> memoryview:
-    """front over (image over back), as `ImageMemory.snapshot`."""
 
 def largest_code(runs: int, packets: int) -> int:
     """No code of so many runs and packets has more bytes."""

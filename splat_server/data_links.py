@@ -1,6 +1,6 @@
-"""The links from the map/shade servers: a thread for each, which hands its batches to the merge.
+"""The links from the map/shade servers: a thread for each, which hands its batches to the owners of regions.
 
-A thread stops reading while its worker's buffers are full (see merge.Merge.may_read); the socket makes the worker wait.
+A thread stops reading while its worker's buffers are full (see _may_read); the socket makes the worker wait.
 Only links of workers that the client has invited are taken (see invitations).
 """
 
@@ -8,22 +8,34 @@ import logging
 import threading
 import time
 from collections import defaultdict
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
-from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES
 from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.listener import Listener
-from volsplat.splat_server._kernels import BatchMemory
+from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
-from volsplat.splat_server.merge_events import BatchArrived, BufferedBatch, RefuseBatch, WorkerLinked, WorkerLost
+from volsplat.splat_server.merge_events import (
+    BatchArrived,
+    BufferedBatch,
+    Instruction,
+    RefuseBatch,
+    WorkerLinked,
+    WorkerLost,
+)
 
 log = logging.getLogger(__name__)
 
+# Bytes buffered of one worker, beyond which its connection is held back: enough to bridge any pause of the network,
+# and little enough that a worker hears of closed tiles before it has shaded what lies behind them.
+CONNECTION_BUDGET = 8 << 20
+# So many times as much may come while its other walkers are awaited; an honest worker keeps them nearer together.
+MOST_APART = 8
+
+LOOK_SECONDS = 1.0  # between two looks of a link that is held back, if nothing is told
 UNREAD_SECONDS = 25.0  # a worker reads at once; one that has not taken what was sent for this long is gone
 
 
@@ -32,7 +44,7 @@ class _Came:
     """What has come over one link of the newest frame that it carries."""
 
     frame: int = 0
-    batches: int = 0
+    batches: defaultdict[int, int] = field(default_factory=lambda: defaultdict(int))  # of each walker
     nbytes: int = 0
 
     def count(self, batch: messages.Batch, nbytes: int) -> None:
@@ -40,13 +52,15 @@ class _Came:
         if batch.frame < self.frame:
             raise RemoteProtocolError(f"a batch of frame {batch.frame} came after one of frame {self.frame}")
         if batch.frame > self.frame:
-            self.frame, self.batches, self.nbytes = batch.frame, 0, 0
-        if batch.sequence != self.batches:
+            self.frame, self.nbytes = batch.frame, 0
+            self.batches.clear()
+        due = self.batches[batch.walker]
+        if batch.sequence != due:
             raise RemoteProtocolError(
-                f"Batch.sequence is {batch.sequence}, but {self.batches} is due in frame {batch.frame}: a batch is "
-                "missing or repeated"
+                f"Batch.sequence is {batch.sequence}, but {due} is due in frame {batch.frame}: a batch is missing or "
+                "repeated"
             )
-        self.batches += 1
+        self.batches[batch.walker] += 1
         self.nbytes += nbytes
 
 
@@ -58,17 +72,18 @@ class DataLinks:
         listener: Listener,
         invitations: Invitations,
         merge: Merge,
-        changed: threading.Condition,
-        on_news: Callable[[], None],
+        lock: threading.Lock,
+        readable: Bell,
     ) -> None:
-        """`changed` guards the merge and all that is here. `on_news` is called within it: the merge may go on."""
+        """`lock` guards the merge and all that is here. `readable` rings if links that are held back should look."""
         self._listener = listener
         self._invitations = invitations
         self._merge = merge
-        self._changed = changed
-        self._on_news = on_news
+        self._lock = lock
+        self._readable = readable
         self._links: dict[int, Connection] = {}  # by worker, the newest of each
         self._came: dict[int, _Came] = {}  # by worker, over its newest link
+        self._budgets: dict[int, ReadBudget] = {}  # by worker
         self._held_back: defaultdict[int, float] = defaultdict(float)  # seconds since the frame began, by worker
         threading.Thread(target=self._accept, name="accept data links", daemon=True).start()
 
@@ -77,42 +92,41 @@ class DataLinks:
         self._close_links()
 
     def _close_links(self) -> None:
-        with self._changed:
+        with self._lock:
             links = list(self._links.values())
             self._links.clear()
-            self._changed.notify_all()  # threads that hold back
+            self._readable.ring()
         for link in links:
             link.close()
 
     def begin_frame(self) -> None:
         """Forget for how long workers were held back before."""
-        with self._changed:
+        with self._lock:
             self._held_back.clear()
 
     def received(self, frame: int) -> int:
         """Bytes of the frame's batches."""
-        with self._changed:
+        with self._lock:
             return sum(came.nbytes for came in self._came.values() if came.frame == frame)
 
     def held_back(self) -> dict[int, float]:
         """For how many seconds since the frame began each worker was not read; only those that waited."""
-        with self._changed:
+        with self._lock:
             return dict(self._held_back)
 
     def of_unfinished_workers(self) -> list[Connection]:
         """The links over which batches of the running frame are still to come."""
-        with self._changed:
+        with self._lock:
             return [self._links[worker] for worker in self._merge.unfinished if worker in self._links]
 
     def cut_off(self, refusal: RefuseBatch) -> None:
         """Close the link of a worker that broke the rules; its thread then tells the merge of the loss."""
-        with self._changed:
+        with self._lock:
             link = self._links.get(refusal.worker)
         if link is not None:
             self._listener.lines.warn(f"{_broken(link, refusal.fault)}; the connection is closed")
             link.close()
-            with self._changed:
-                self._changed.notify_all()  # its thread may hold back
+            self._readable.ring()
 
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
@@ -125,11 +139,12 @@ class DataLinks:
 
     def _take_up(self, link: Connection) -> None:
         """Read from a link, in the place of the one that its worker had before."""
-        with self._changed:
+        with self._lock:
             replaced = self._links.get(link.peer.id)
             self._links[link.peer.id], self._came[link.peer.id] = link, _Came()
             self._merge.handle(WorkerLinked(link.peer.id))
-            self._changed.notify_all()  # the thread of the one that it replaces may hold back
+            self._budgets.setdefault(link.peer.id, ReadBudget(CONNECTION_BUDGET, self._readable))
+            self._readable.ring()
         if replaced is not None:
             replaced.close()
         receiver = threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True)
@@ -152,11 +167,10 @@ class DataLinks:
 
     def _lose(self, link: Connection) -> None:
         link.close()
-        with self._changed:
+        with self._lock:
             if self._links.get(link.peer.id) is link:  # a worker that has linked anew is not lost
                 del self._links[link.peer.id]
                 self._merge.handle(WorkerLost(link.peer.id))
-                self._on_news()
 
     def _receive(self, link: Connection) -> None:
         while self._hold_back(link):
@@ -167,29 +181,45 @@ class DataLinks:
 
     def _hold_back(self, link: Connection) -> bool:
         """Wait while the worker's buffers are full. False where the link is out of use."""
-        worker = link.peer.id
-        with self._changed:
-            if not self._merge.may_read(worker):
-                began = time.perf_counter()
-                self._changed.wait_for(lambda: self._merge.may_read(worker) or not self._in_use(link))
-                self._held_back[worker] += time.perf_counter() - began
-            return self._in_use(link)
+        worker, began = link.peer.id, time.perf_counter()
+        held_back = False
+        while True:
+            heard = self._readable.rung
+            with self._lock:
+                if not self._in_use(link):
+                    return False
+                if self._may_read(link):
+                    if held_back:
+                        self._held_back[worker] += time.perf_counter() - began
+                    return True
+            held_back = True
+            self._readable.wait(heard, LOOK_SECONDS)
+
+    def _may_read(self, link: Connection) -> bool:
+        """Raises RemoteProtocolError if the worker's walkers are too far apart."""
+        budget = self._budgets[link.peer.id]
+        if budget.open:
+            return True
+        if not self._merge.awaits(link.peer.id):
+            return False
+        if budget.held >= MOST_APART * CONNECTION_BUDGET:
+            raise _broken(link, f"{budget.held} bytes came, and none of the walker that is behind the others")
+        return True
 
     def _in_use(self, link: Connection) -> bool:
         return self._links.get(link.peer.id) is link and not link.closed
 
     @takes(messages.Batch)
     def _take(self, message: messages.Batch, link: Connection, payload: memoryview) -> None:
-        """Hand a batch to the merge. Raises RemoteProtocolError where it breaks the rules."""
-        if len(message.parts) != 1:
-            raise _broken(link, f"frame {message.frame}: a batch of {len(message.parts)} parts for one region")
-        runs = payload[: message.parts[0].run_count * ROW_RUN_BYTES]
+        """Hand a batch to the owners of regions. Raises RemoteProtocolError where it breaks the rules."""
         try:
-            memory = BatchMemory(runs, payload[len(runs) :])
+            parts = [(part.run_count, part.packet_count) for part in message.parts]
+            memory = BatchMemory(payload, parts, self._budgets[message.worker])
         except ValueError as fault:
             raise _broken(link, f"frame {message.frame}: {fault}") from fault
-        batch = BufferedBatch(memory, (message.reached_sheet, message.reached_row), message.last)
-        with self._changed:
+        reached = (message.reached_sheet, message.reached_row)
+        batch = BufferedBatch(message.walker, memory, reached, message.last)
+        with self._lock:
             if not self._in_use(link):
                 return
             try:
@@ -197,10 +227,23 @@ class DataLinks:
             except RemoteProtocolError as error:
                 raise _broken(link, str(error)) from error
             instructions = self._merge.handle(BatchArrived(message.worker, message.frame, batch))
-            self._on_news()
-        for instruction in instructions:
-            if isinstance(instruction, RefuseBatch):
-                raise _broken(link, instruction.fault)
+        for refused in carried_out(instructions):
+            raise _broken(link, refused.fault)
+
+
+def carried_out(instructions: list[Instruction]) -> list[RefuseBatch]:
+    """Push batches; those that were refused, now or before. Their workers must be cut off."""
+    refused = []
+    for instruction in instructions:
+        if isinstance(instruction, RefuseBatch):
+            refused.append(instruction)
+            continue
+        try:
+            instruction.carry_out()
+        except ValueError as fault:
+            told = f"frame {instruction.frame}, worker {instruction.worker}: {fault}"
+            refused.append(RefuseBatch(instruction.worker, instruction.frame, told))
+    return refused
 
 
 HANDLERS = handlers(DataLinks)

@@ -1,27 +1,22 @@
 """What the merge is told, and what it tells: the events and instructions of merge.Merge."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from volsplat.splat_server._kernels import BatchMemory, SpanList
+from volsplat.splat_server._kernels import BatchMemory, SplatFrame
 
 WorkerId = int
 FrameId = int
 
-BATCH_OVERHEAD = 8 << 10  # bytes that a batch costs beside its own, at most: objects, and the rounding of its buffer
-
 
 @dataclass(frozen=True)
 class BufferedBatch:
-    """What a worker sent: nothing that it sends later lies before `reached`, and after `last` nothing comes."""
+    """What a walker sent: nothing that it sends later lies before `reached`, and after `last` nothing comes."""
 
+    walker: int
     memory: BatchMemory
     reached: tuple[int, int]  # sheet, row
     last: bool
-
-    @property
-    def weight(self) -> int:
-        """Bytes of memory that it takes; an empty one takes some as well."""
-        return self.memory.bytes + BATCH_OVERHEAD
 
 
 # Events
@@ -30,8 +25,8 @@ class BufferedBatch:
 @dataclass(frozen=True)
 class FrameStarted:
     frame: FrameId
-    workers: tuple[WorkerId, ...]
-    counts: tuple[int, int, int]  # visited samples along the sheet, row and sample axes
+    workers: Mapping[WorkerId, int]  # with their walkers: the sources of the frame, in this order
+    into: SplatFrame
 
 
 @dataclass(frozen=True)
@@ -56,42 +51,29 @@ class WorkerLinked:
 
 
 @dataclass(frozen=True)
-class SplatterReady:
-    """The splatter has done what it was given and asks for about this many packets more."""
-
-    frame: FrameId
-    max_packets: int
-
-
-@dataclass(frozen=True)
 class FrameDropped:
     frame: FrameId
 
 
-Event = FrameStarted | BatchArrived | WorkerLost | WorkerLinked | SplatterReady | FrameDropped
+Event = FrameStarted | BatchArrived | WorkerLost | WorkerLinked | FrameDropped
 
 
 # Instructions
 
 
 @dataclass(frozen=True)
-class SplatSpans:
+class PushBatch:
+    """Hand the batch to the owners of the frame's regions, after those of the worker that came before."""
+
+    worker: WorkerId
     frame: FrameId
-    spans: SpanList
-    keeps_alive: tuple[BufferedBatch, ...]  # the memory that the spans lie in
+    into: SplatFrame
+    source: int
+    batch: BufferedBatch
 
-
-@dataclass(frozen=True)
-class CompleteFrame:
-    frame: FrameId
-
-
-@dataclass(frozen=True)
-class MarkIncomplete:
-    """All that will come has been splatted, but these workers were lost before their last batch."""
-
-    frame: FrameId
-    lost: tuple[WorkerId, ...]
+    def carry_out(self) -> None:
+        """Raises ValueError naming the fault if the batch breaks the rules."""
+        self.into.push(self.source, self.batch.memory, *self.batch.reached, self.batch.last)
 
 
 @dataclass(frozen=True)
@@ -103,4 +85,4 @@ class RefuseBatch:
     fault: str
 
 
-Instruction = SplatSpans | CompleteFrame | MarkIncomplete | RefuseBatch
+Instruction = PushBatch | RefuseBatch

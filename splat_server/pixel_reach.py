@@ -3,7 +3,7 @@
 import math
 
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
-from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, FRACTION_BITS, Dda
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
 from volsplat.splat_server._kernels import CellMap, FootprintTable
 from volsplat.splat_server.footprint_table import footprint_table
 
@@ -11,17 +11,6 @@ PixelReach = FootprintTable | CellMap | None  # None: the nearest pixel
 
 CELL_MARGIN = 6  # rows above and below a cell that are searched as well
 CELL_ROW = 64  # pixels: what searching a row for a cell's pixels costs
-
-
-def busy_rows(plan: FramePlan, reach: PixelReach) -> tuple[int, int]:
-    """From which to before which row the frame's voxels and their footprints reach, within the image."""
-    ends = [
-        sorted(half_step * doubled for doubled in (2 * visits.low - 1, 2 * visits.high - 1))
-        for half_step, visits in zip(plan.y.half_steps, plan.visits, strict=True)
-    ]
-    first, last = ((plan.y.origin + sum(end)) >> FRACTION_BITS for end in zip(*ends, strict=True))
-    around = reach.height // 2 if isinstance(reach, FootprintTable) else 0
-    return (min(max(first - around, 0), plan.height), min(max(last + around + 1, 0), plan.height))
 
 
 def pixel_reach(plan: FramePlan) -> PixelReach:

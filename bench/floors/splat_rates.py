@@ -34,12 +34,12 @@ from volsplat.protocol.rules.packet_layout import (
     OPACITY_SHIFT,
     POSITION_BITS,
     ROW_RUN,
+    ROW_RUN_BYTES,
     SUBPIXEL_BITS,
     opacity_of_code,
 )
 from volsplat.splat_server import _kernels
 from volsplat.splat_server.footprint_table import footprint_table
-from volsplat.splat_server.image_buffer import ImageBuffer
 
 SIDES = (4, 8, 12, 16)  # pixels of a footprint
 SIZE = 512  # pixels of the image
@@ -88,38 +88,54 @@ class Block:
         zoom = side / PIXELS_A_VOXEL
         scene = _scene(rows, zoom)
         runs, packets, positions, self._counts = _sheets(scene, zoom, splats)
-        self._memory = _kernels.BatchMemory(runs, packets)
-        buffers = _kernels.SortedBuffers(1, *self._counts)
-        buffers.push(0, 0, self._memory, 0, 0, True)
-        self._spans = buffers.advance(1 << 62)[0]
+        self._packets = len(packets)
+        self._news = _kernels.Bell()
+        parts, budget = [(len(runs) // ROW_RUN_BYTES, len(packets))], _kernels.ReadBudget(1, self._news)
+        self._batch = _kernels.BatchMemory(runs + packets.numpy().tobytes(), parts, budget)
         self._table = footprint_table(
             footprint_shape(grid_on_screen(scene, Geometry((8, 8, 8))), 1, scene.reconstruction)
         )
         assert (self._table.width, self._table.height) == (side, side)
-        self._image = ImageBuffer(SIZE, SIZE)
+        self._owners = _kernels.Owners(1)
         self._floor = _floor(side, positions)
 
     def measured(self, rounds: int, on_round: Callable[[], None]) -> dict[str, list[float]]:
         """Splats a second of each order and of the floor."""
 
-        def kernel(order: Order) -> float:
-            self._image.clear(turned=False)
-            return thread_seconds(lambda: self._image.splat(self._spans, self._table, order))
-
         contenders: dict[str, Callable[[int], float]] = {
-            order.value: (lambda n, order=order: kernel(order))  # type: ignore[misc]
+            order.value: (lambda n, order=order: self._splat(order).seconds[0].splat)  # type: ignore[misc]
             for order in TRAVERSAL_ORDERS
         }
         contenders[FLOOR] = lambda n: thread_seconds(lambda: self._floor.run())
-        kernel(Order.BACK_TO_FRONT)
-        self._check()
+        self._check(self._splat(Order.BACK_TO_FRONT))
         seconds = interleaved(contenders, range(rounds), lambda n: on_round())
-        return {name: [self._spans.packets / taken for taken in values] for name, values in seconds.items()}
+        return {name: [self._packets / taken for taken in values] for name, values in seconds.items()}
 
-    def _check(self) -> None:
+    def _splat(self, order: Order) -> _kernels.SplatFrame:
+        """All of the block, by one owner."""
+        self._owners.clear(SIZE, SIZE, False)
+        frame = self._owners.begin(
+            regions=[(0, SIZE)],
+            reach=self._table,
+            front_to_back=order == Order.FRONT_TO_BACK,
+            counts=self._counts,
+            sources=1,
+            portion=self._packets,
+            edges=None,
+            walks=(),
+            news=self._news,
+            all_wait=self._news,
+        )
+        frame.push(0, self._batch, 0, 0, True)
+        heard = self._news.rung
+        while not frame.complete:
+            heard = self._news.wait(heard, 1.0)
+        return frame
+
+    def _check(self, frame: _kernels.SplatFrame) -> None:
         """In the middle of the block every pixel has the opacity of its sheets, one reference spacing each."""
         middle = slice(SIZE // 2 - 20, SIZE // 2 + 20)
-        pixels = torch.frombuffer(bytearray(self._image.snapshot()), dtype=torch.float32).reshape(SIZE, SIZE, 4)
+        pixels = torch.frombuffer(bytearray(self._owners.published(frame)), dtype=torch.float32).reshape(SIZE, SIZE, 4)
         expected = 1 - math.exp(-self._counts[0] * opacity_of_code(OPACITY_CODE))
         worst = float((pixels[middle, middle, 3] / expected - 1).abs().max())
         assert worst < WITHIN, f"the block's opacity is off by {worst:.1%}"

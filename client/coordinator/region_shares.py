@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from volsplat.protocol.messages.frame_messages import RenderFrame, SplatStats
 from volsplat.protocol.rules.frame_plan import FramePlan
-from volsplat.protocol.rules.region_cuts import cut, expected_work
+from volsplat.protocol.rules.region_cuts import cut, expected_work, regions_each
 from volsplat.protocol.rules.regions import Region
 
 TELLING_SECONDS = 0.002  # of splatting: a server's rate is not known from less
@@ -21,8 +21,9 @@ class RegionShares:
         self._rates: dict[int, float] = {}  # splatted pixels a second of one owner, by server
 
     def regions(self, plan: FramePlan, owners: Mapping[int, int]) -> list[Region]:
-        """One for each owner of these servers, in their order; some may be empty."""
-        servers = [server for server, threads in owners.items() for _ in range(threads)]
+        """As many for each owner of these servers, in their order; some may be empty."""
+        each = regions_each(plan, sum(owners.values()))
+        servers = [server for server, threads in owners.items() for _ in range(threads * each)]
         usual = sum(self._rates.values()) / len(self._rates) if self._rates else 1.0
         rates = [self._rates.get(server, usual) for server in servers]
         work = self._work.get(plan.turned) or expected_work(plan)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -27,13 +26,14 @@ from volsplat.client.coordinator.coordinator_events import (
     ReportProgress,
     Send,
 )
+from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.packing import Packing
+from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.mapshade_server.frame_tally import FrameTally
-from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import Answer, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.program.available_memory import available_memory
@@ -42,19 +42,17 @@ from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
-from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
-from volsplat.splat_server.frame_assembly import FrameAssembly, Idle
-from volsplat.splat_server.image_buffer import ImageBuffer
+from volsplat.splat_server._kernels import Bell, Owners
+from volsplat.splat_server.frame_assembly import FrameAssembly
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 WORKER = 1  # the one map/shade "server"
-WALKED_APART_FROM = 4  # threads
+LOOK_SECONDS = 0.1  # between two looks at whether something else is wanted
 TAKEN = handlers(VolumeHolding)
 
 
@@ -75,8 +73,7 @@ class SingleProcess:
     ) -> None:
         """Read and survey the volume. Raises BadInput.
 
-        `threads` share out stripes of the image and splat; one of them walks and merges as well. From
-        WALKED_APART_FROM on another thread walks, since a third of a frame is too much for one of so many.
+        Each of the `threads` owns a region of the image, and walks a part of the volume.
         `memory` is how many bytes of a prepared volume may be held; by default half of what the machine has left.
         """
         name = checked_volume(volume)
@@ -84,14 +81,14 @@ class SingleProcess:
         threads = checked_count(threads, "threads")
         self._say = on_progress or (lambda text: None)
         self._threads = threads
-        self._walker = ThreadPoolExecutor(1, "walk") if threads >= WALKED_APART_FROM else None
+        self._owners = Owners(threads)
+        self._news = Bell()
+        self._shares = RegionShares()
         self._held = HeldVolume()
         self._holding = VolumeHolding()
         left = budgets({WORKER: available_memory()}, {WORKER: "here"})
         self._carry_out(self._holding.begin(name, left if memory is None else {WORKER: memory}))
-        self._image: ImageBuffer | None = None
         self._frame = 0
-        self._ahead: Future[ShadedBatch | None] | None = None  # the batch that the walker is at
 
     @property
     def volume(self) -> SurveyedVolume:
@@ -155,81 +152,96 @@ class SingleProcess:
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
         began = shown = time.perf_counter()
-        resolution, walk, assembly = self._stages(scene, step)
-        tally = FrameTally(planning_seconds=time.perf_counter() - began)
-        waiting_seconds = 0.0
-        idle = Idle(assembly)
-        for batch in self._batches(walk, tally):
-            waiting_seconds += idle.seconds
-            tally.count(batch)
-            [part] = batch.parts
-            assembly.arrived(WORKER, part.runs, part.packets, batch.reached, batch.last)
-            assembly.advance()
-            if time.perf_counter() - shown > partial_interval and not assembly.complete:
+        request, assembly = self._begun(scene, step)
+        planned = time.perf_counter()
+        heard = self._news.rung
+        while not assembly.splat.complete:
+            until_partial = shown + partial_interval - time.perf_counter()
+            heard = self._news.wait(heard, min(max(until_partial, 0.0), LOOK_SECONDS))
+            if until_partial <= 0.0:
                 yield Refinement(step, _published(assembly), None)
                 if assembly.frame != self._frame:
                     raise Superseded
                 shown = time.perf_counter()
-            idle = Idle(assembly)
-        while not assembly.complete:
-            assembly.advance()
         drawn = time.perf_counter()
         image = _published(assembly)
-        splat = messages.SplatStats(
-            packets=assembly.packets,
-            hidden_packets=assembly.hidden_packets,
-            bytes=tally.bytes,
-            frame_seconds=drawn - began,
-            planning_seconds=tally.planning_seconds,
-            merge_seconds=assembly.seconds_in_merge,
-            splat_seconds=assembly.seconds_in_splat,
-            waiting_seconds=waiting_seconds,
-            answering_seconds=0.0,
-            held_back_seconds={},
-            work=[],
-            peak_memory_bytes=peak_memory(),
-            machine=this_machine(),
-        )
-        assert self._holding.packing is not None
-        why = self._holding.packing.why_level
-        outcome = FrameOutcome({WORKER: tally.stats()}, {WORKER: splat}, level=resolution.level, why_level=why)
+        servers = self._outcome(request, assembly, planned - began, drawn - began)
         now = time.perf_counter()
-        yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, outcome))
+        yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, servers))
 
-    def _batches(self, walk: FrameWalk, tally: FrameTally) -> Iterator[ShadedBatch]:
-        """The walk's batches; if a thread of its own walks, the next one is on its way while the last is splatted."""
-
-        def next_batch() -> ShadedBatch | None:
-            began = time.perf_counter()
-            batch = walk.walkers[0].next_batch()
-            tally.map_shade_seconds += time.perf_counter() - began
-            return batch
-
-        walker = self._walker
-        self._ahead = walker.submit(next_batch) if walker is not None else None
-        while (batch := next_batch() if self._ahead is None else self._ahead.result()) is not None:
-            if walker is not None:
-                self._ahead = walker.submit(next_batch)
-            yield batch
-
-    def _stages(self, scene: Scene, step: Step) -> tuple[Resolution, FrameWalk, FrameAssembly]:
+    def _begun(self, scene: Scene, step: Step) -> tuple[messages.RenderFrame, FrameAssembly]:
+        """Have the threads draw it, and nothing else any more."""
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        if self._ahead is not None:
-            self._ahead.result()  # an older frame's walk must not go on beside this one's
         self._frame += 1
         try:
             packing = self._packed(scene, step)
             resolution = self._holding.resolution(step, scene.refine.striding)
-            plan = plan_frame(scene, geometry, step, resolution)
-            assembly = FrameAssembly(plan, self._frame, [WORKER], image=self._image, threads=self._threads)
+            threads = {WORKER: self._threads}
+            request = frame_request(
+                self._frame,
+                self._held.assignment,
+                scene,
+                step,
+                geometry,
+                packing.quantisation,
+                resolution,
+                workers=threads,
+                owners=threads,
+                shares=self._shares,
+            )
+            assembly = FrameAssembly(self._owners, request.plan, request.frame)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        self._image = assembly.image
         self._say(f"step {step}")
-        sub_cubes = self._held.sub_cubes(resolution.level)
-        shading, tiles = shading_rule(scene, step), assembly.image.closed_tiles
-        walk = FrameWalk(sub_cubes, geometry, packing.quantisation, shading, plan, tiles)
-        return resolution, walk, assembly
+        walk = FrameWalk(
+            self._held.sub_cubes(resolution.level),
+            geometry,
+            packing.quantisation,
+            request.shading,
+            request.plan,
+            assembly.closed_tiles,
+            request.regions,
+            self._threads,
+        )
+        assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers)
+        return request, assembly
+
+    def _outcome(
+        self, request: messages.RenderFrame, assembly: FrameAssembly, planning: float, frame: float
+    ) -> FrameOutcome:
+        """What it took; of the threads the one is told that had most to do."""
+        owned, walked = assembly.slowest_owner, assembly.splat.walked
+        walk = messages.MapShadeStats(
+            voxels_visited=walked.voxels,
+            packets=walked.packets,
+            batches=walked.steps,
+            bytes=walked.bytes,
+            planning_seconds=planning,
+            map_shade_seconds=owned.walk,
+            sending_seconds=0.0,
+            waiting_seconds=0.0,
+            peak_memory_bytes=peak_memory(),
+            machine=this_machine(),
+        )
+        splat = messages.SplatStats(
+            packets=assembly.splat.packets,
+            hidden_packets=assembly.splat.hidden_packets,
+            bytes=walked.bytes,
+            frame_seconds=frame,
+            planning_seconds=planning,
+            merge_seconds=owned.merge,
+            splat_seconds=owned.splat,
+            waiting_seconds=max(0.0, frame - planning - owned.merge - owned.splat),
+            answering_seconds=0.0,
+            held_back_seconds={},
+            work=assembly.work,
+            peak_memory_bytes=peak_memory(),
+            machine=this_machine(),
+        )
+        self._shares.measured(request, {WORKER: splat})
+        assert self._holding.packing is not None
+        why = self._holding.packing.why_level
+        return FrameOutcome({WORKER: walk}, {WORKER: splat}, level=request.level, why_level=why)
 
     def _packed(self, scene: Scene, step: Step) -> Packing:
         """Have the packets held that the step is drawn from."""
@@ -266,10 +278,7 @@ class SingleProcess:
 
     def close(self) -> None:
         """End the threads."""
-        if self._walker is not None:
-            self._walker.shutdown()
-        if self._image is not None:
-            self._image.close()
+        self._owners.close()
 
     def __enter__(self) -> SingleProcess:
         return self

@@ -3,6 +3,7 @@
 Work is counted for each row of tiles, from the image's first line to its last.
 """
 
+import math
 from collections.abc import Sequence
 from itertools import accumulate, product
 
@@ -11,6 +12,10 @@ from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE
 
 SAMPLED = 8  # places on each axis of a grid
+# Regions of all but low footprints are so many lines high at most, or so many footprints: then the pixels around a run
+# stay in the first caches while its neighbours follow. A low footprint's do so anyway.
+LOW_FOOTPRINT = 12
+MOST_LINES, MOST_FOOTPRINTS = 128, 3
 
 
 def cut(work: Sequence[float], lines: int, owners: Sequence[float]) -> list[int]:
@@ -31,6 +36,14 @@ def cut(work: Sequence[float], lines: int, owners: Sequence[float]) -> list[int]
         place = (row + (share - done[row]) / (done[row + 1] - done[row])) / len(known)
         edges.append(min(round(place * rows) * TILE_SIDE, lines))
     return [*edges, lines]
+
+
+def regions_each(plan: FramePlan, owners: int) -> int:
+    """How many regions each of so many owners should have."""
+    height = 2 * plan.footprint.half_height if plan.footprint else 0.0
+    if height < LOW_FOOTPRINT:
+        return 1
+    return math.ceil(plan.height / (owners * max(MOST_LINES, MOST_FOOTPRINTS * height)))
 
 
 def expected_work(plan: FramePlan) -> list[int]:

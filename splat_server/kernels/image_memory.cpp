@@ -35,32 +35,17 @@ ImageMemory::ImageMemory(int width, int height)
     lay_out(false);
 }
 
-void ImageMemory::clear(bool turned) {
-    empty({0, lines_});
-    lay_out(turned);
-    std::fill(closed_tiles_.begin(), closed_tiles_.end(), 0);
-    hidden_packets_ = 0;
-}
-
-void ImageMemory::empty(RowSpan lines) {
-    const std::int64_t begin = std::max(lines.begin, line_begin_.load()), end = std::min(lines.end, line_end_.load());
-    if (begin < end) std::memset(memory_.get() + begin * 4 * plane_, 0, (end - begin) * 4 * plane_ * sizeof(float));
-}
-
 void ImageMemory::lay_out(bool turned) {
     turned_ = turned;
     line_pixels_ = turned ? height_ : width_;
     lines_ = turned ? width_ : height_;
     plane_ = plane_of(line_pixels_);
-    note_empty();
+    std::fill(closed_tiles_.begin(), closed_tiles_.end(), 0);
 }
 
-void ImageMemory::note(const SplatOutcome& outcome) {
-    if (outcome.row_begin < outcome.row_end) {
-        line_begin_ = std::min(line_begin_.load(), outcome.row_begin);
-        line_end_ = std::max(line_end_.load(), outcome.row_end);
-    }
-    hidden_packets_ += outcome.hidden;
+void ImageMemory::empty(RowSpan lines) {
+    if (lines.begin >= lines.end) return;
+    std::memset(memory_.get() + lines.begin * 4 * plane_, 0, (lines.end - lines.begin) * 4 * plane_ * sizeof(float));
 }
 
 ImageView ImageMemory::view() {

@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cstring>
-#include <stdexcept>
 
 #include "four_by_four.h"
 
@@ -34,73 +33,73 @@ void publish_row(const float* row, std::int64_t plane, int width, float* target)
     std::memcpy(target + x * 4, rest, (width - x) * 4 * sizeof(float));
 }
 
-void publish_rows(const ImageMemory& image, RowSpan rows, float* target) {
+void publish_rows(const ImageMemory& image, RowSpan rows, const PixelBlock& target) {
     for (int y = rows.begin; y < rows.end; ++y)
-        publish_row(image.line(y), image.plane(), image.width(), target + std::int64_t(y) * image.width() * 4);
+        publish_row(image.line(y), image.plane(), image.width(), target.at(0, y));
 }
 
 // Four pixels of each of some columns, at most four, from row y on.
-void publish_block(const ImageMemory& image, int x, int columns, int y, float* target) {
-    const std::size_t row = static_cast<std::size_t>(image.width()) * 4;
+void publish_few(const ImageMemory& image, int x, int columns, int y, const PixelBlock& target) {
     const int rows = std::min(4, image.height() - y);
-    float block[4][16];
-    for (int n = 0; n < columns; ++n) interleave(image.line(x + n) + y, image.plane(), block[n]);
+    float few[4][16];
+    for (int n = 0; n < columns; ++n) interleave(image.line(x + n) + y, image.plane(), few[n]);
     for (int r = 0; r < rows; ++r)
-        for (int n = 0; n < columns; ++n)
-            std::memcpy(target + (y + r) * row + (x + n) * 4, block[n] + r * 4, 4 * sizeof(float));
+        for (int n = 0; n < columns; ++n) std::memcpy(target.at(x + n, y + r), few[n] + r * 4, 4 * sizeof(float));
 }
 
 // By bands of rows, so that what is read and written of a block stays in the first cache for its neighbours.
-void publish_columns(const ImageMemory& image, RowSpan columns, float* target) {
+void publish_columns(const ImageMemory& image, RowSpan columns, const PixelBlock& target) {
     constexpr int kBand = kLinePixels;
     for (int top = 0; top < image.height(); top += kBand) {
         const int bottom = std::min(top + kBand, image.height());
         for (int x = columns.begin; x < columns.end; x += 4)
-            for (int y = top; y < bottom; y += 4) publish_block(image, x, std::min(4, columns.end - x), y, target);
+            for (int y = top; y < bottom; y += 4) publish_few(image, x, std::min(4, columns.end - x), y, target);
     }
 }
 
-void clear_lines(const ImageMemory& image, RowSpan lines, float* target) {
-    const std::int64_t row = std::int64_t(image.width()) * 4;
-    if (lines.begin >= lines.end) return;
-    if (!image.turned()) {
-        std::memset(target + lines.begin * row, 0, (lines.end - lines.begin) * row * sizeof(float));
-        return;
-    }
-    for (int y = 0; y < image.height(); ++y)
-        std::memset(target + y * row + lines.begin * 4, 0, (lines.end - lines.begin) * 4 * sizeof(float));
+void clear_pixels(const Rectangle& rectangle, const PixelBlock& target) {
+    for (int y = rectangle.top; y < rectangle.bottom && rectangle.left < rectangle.right; ++y)
+        std::memset(target.at(rectangle.left, y), 0, rectangle.width() * 4 * sizeof(float));
 }
 
 }  // namespace
 
-void publish(const ImageMemory& image, float* target) { publish_lines(image, {0, image.lines()}, target); }
+Rectangle rectangle_of(const ImageMemory& image, RowSpan lines) {
+    return image.turned() ? Rectangle{lines.begin, 0, lines.end, image.height()}
+                          : Rectangle{0, lines.begin, image.width(), lines.end};
+}
 
-void publish_lines(const ImageMemory& image, RowSpan lines, float* target) {
-    const int begin = std::clamp(image.line_begin(), lines.begin, lines.end);
-    const int end = std::clamp(image.line_end(), begin, lines.end);
-    clear_lines(image, {lines.begin, begin}, target);
+void publish_lines(const ImageMemory& image, RowSpan lines, RowSpan drawn, const PixelBlock& target) {
+    const int begin = std::clamp(drawn.begin, lines.begin, lines.end);
+    const int end = std::clamp(drawn.end, begin, lines.end);
+    clear_pixels(rectangle_of(image, {lines.begin, begin}), target);
     if (image.turned()) publish_columns(image, {begin, end}, target);
     else publish_rows(image, {begin, end}, target);
-    clear_lines(image, {end, lines.end}, target);
+    clear_pixels(rectangle_of(image, {end, lines.end}), target);
 }
 
-void publish_between(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back, float* target) {
-    for (const EdgeLayer* layer : {&front, &back})
-        if (layer->width() != image.width() || layer->height() != image.height())
-            throw std::invalid_argument("the edge layers and the image differ in size");
-    publish(image, target);
-    const std::size_t pixels = static_cast<std::size_t>(image.width()) * image.height();
-    for (std::size_t pixel = 0; pixel < pixels; ++pixel, target += 4) {
-        const float before = front.coverage()[pixel], behind = back.coverage()[pixel];
-        const float open = 1.0f - target[3];
-        for (int c = 0; c < 4; ++c) target[c] = before + (1.0f - before) * (target[c] + open * behind);
-    }
+void lay_between(const EdgeLayer& front, const EdgeLayer& behind, const Rectangle& rectangle, const PixelBlock& block) {
+    for (int y = rectangle.top; y < rectangle.bottom; ++y)
+        for (int x = rectangle.left; x < rectangle.right; ++x) {
+            const std::size_t place = static_cast<std::size_t>(y) * front.width() + x;
+            const float before = front.coverage()[place], after = behind.coverage()[place];
+            float* const pixel = block.at(x, y);
+            const float open = 1.0f - pixel[3];
+            for (int c = 0; c < 4; ++c) pixel[c] = before + (1.0f - before) * (pixel[c] + open * after);
+        }
 }
 
-std::shared_ptr<float[]> ImageBlocks::free_block() {
+void copy_pixels(const PixelBlock& from, const Rectangle& rectangle, const PixelBlock& to) {
+    for (int y = rectangle.top; y < rectangle.bottom; ++y)
+        std::memcpy(to.at(rectangle.left, y), from.at(rectangle.left, y), rectangle.width() * 4 * sizeof(float));
+}
+
+std::shared_ptr<float[]> ImageBlocks::free_block(std::size_t floats) {
+    if (floats != floats_) blocks_.clear();
+    floats_ = floats;
     for (const auto& block : blocks_)
         if (block.use_count() == 1) return block;
-    std::shared_ptr<float[]> block(new float[floats_]);
+    std::shared_ptr<float[]> block(new float[floats]);
     if (blocks_.size() < kMostBlocks) blocks_.push_back(block);
     return block;
 }

@@ -1,4 +1,4 @@
-// The image as it leaves the splat server: height x width x 4 float32, associated, edges included.
+// Lines of an image as they leave the splat server: rows of float32 RGBA, associated, edges included.
 #pragma once
 
 #include <cstddef>
@@ -10,25 +10,41 @@
 
 namespace volsplat {
 
-// `target` is height x width x 4.
-void publish(const ImageMemory& image, float* target);
+struct Rectangle {  // pixels of the published image
+    int left, top, right, bottom;
 
-// Some lines of it.
-void publish_lines(const ImageMemory& image, RowSpan lines, float* target);
+    int width() const { return right - left; }
+    int height() const { return bottom - top; }
+    std::size_t floats() const { return static_cast<std::size_t>(width()) * height() * 4; }
+};
 
-// front over (image over back), white lines, associated: paper, "Combining".
-// Throws std::invalid_argument where the sizes differ.
-void publish_between(const ImageMemory& image, const EdgeLayer& front, const EdgeLayer& back, float* target);
+// Where these lines lie in the published image.
+Rectangle rectangle_of(const ImageMemory& image, RowSpan lines);
+
+struct PixelBlock {
+    float* pixels;  // of the rectangle, row by row
+    Rectangle rectangle;
+
+    std::int64_t row() const { return std::int64_t(rectangle.width()) * 4; }
+    float* at(int x, int y) const { return pixels + (y - rectangle.top) * row() + (x - rectangle.left) * 4; }
+};
+
+// Those lines of the image outside of `drawn` are empty.
+void publish_lines(const ImageMemory& image, RowSpan lines, RowSpan drawn, const PixelBlock& target);
+
+// Lays the rectangle between white lines, associated: front over (block over behind) (paper, "Combining").
+void lay_between(const EdgeLayer& front, const EdgeLayer& behind, const Rectangle& rectangle, const PixelBlock& block);
+
+void copy_pixels(const PixelBlock& from, const Rectangle& rectangle, const PixelBlock& to);
 
 // Blocks of memory that are handed out again once nobody else holds them: fresh ones cost a page fault for each page.
 class ImageBlocks {
 public:
-    explicit ImageBlocks(std::size_t floats) : floats_(floats) {}
-    std::size_t bytes() const { return floats_ * sizeof(float); }
-    std::shared_ptr<float[]> free_block();
+    // Of one size at a time.
+    std::shared_ptr<float[]> free_block(std::size_t floats);
 
 private:
-    std::size_t floats_;
+    std::size_t floats_ = 0;
     std::vector<std::shared_ptr<float[]>> blocks_;
 };
 

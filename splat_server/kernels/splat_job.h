@@ -25,7 +25,6 @@ struct SpanView {  // consecutive runs of one batch; the addresses need no align
     const unsigned char* runs;
     const unsigned char* packets;
     std::uint64_t run_count;
-    bool whole = true;  // no packet reaches beyond the job's rows, as far as that is known or matters
 };
 
 struct RowSpan {  // pixels of a row, or rows
@@ -73,11 +72,14 @@ struct SplatJob {
     bool front_to_back;
     FootprintView footprint;
     CellView cell;
+    std::int64_t unseen_pixels;  // splatted to since it was last looked which tiles have become closed
+    std::uint64_t* work;         // of each row of tiles of the image: counts the packets whose run's middle lies there
 };
 
 struct SplatOutcome {
     int row_begin, row_end;  // of the rows that may have changed
-    std::uint64_t hidden;    // packets left out as hidden whose first row lies here; the next job may still draw them
+    std::uint64_t hidden;    // packets left out as hidden whose first row lies here; another region may still draw them
+    std::int64_t unseen_pixels;
 };
 
 }  // namespace volsplat

@@ -1,4 +1,4 @@
-"""Bit-identical images: for any partition, batch size, order of arrival, number of threads and mix of CPU paths."""
+"""Bit-identical images: for any partition, batches, arrival, regions, threads, walkers and mix of CPU paths."""
 
 from collections.abc import Iterator
 from random import Random
@@ -13,7 +13,6 @@ from support.scenes.arbitrary import bounds_within, index_to_physical, plain_sce
 from support.scenes.partitions import cut, handed_out
 from support.scenes.phantoms import shaded_scene, shells
 from support.scenes.rendering import rendered
-from support.scenes.threaded import everything_threaded
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL
 from volsplat.mapshade_server import _kernels as mapshade_kernels
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Step, View
@@ -48,8 +47,9 @@ def restored_cpu_paths() -> Iterator[None]:
     order=st.sampled_from(TRAVERSAL_ORDERS),
     step=st.sampled_from((Step.A, Step.B, Step.C, Step.F)),
     threads=st.sampled_from((1, 2, 5)),
+    walkers=st.sampled_from((1, 3)),
 )
-def test_image_is_the_same_for_any_partition_batches_arrival_and_threads(
+def test_image_is_the_same_for_any_partition_batches_arrival_regions_and_threads(
     seed: int,
     workers: int,
     cuts: int,
@@ -62,6 +62,7 @@ def test_image_is_the_same_for_any_partition_batches_arrival_and_threads(
     order: Order,
     step: Step,
     threads: int,
+    walkers: int,
 ) -> None:
     random = Random(seed)
     geometry = Geometry(DIMS, matrix)
@@ -69,18 +70,18 @@ def test_image_is_the_same_for_any_partition_batches_arrival_and_threads(
     scene = msgspec.structs.replace(scene, bounds=bounds)
     expected = rendered(VALUES, geometry, scene, step)
     holdings = handed_out(cut(geometry.box, random, cuts), workers, random)
-    with everything_threaded():
-        image = rendered(
-            VALUES,
-            geometry,
-            scene,
-            step,
-            workers=holdings,
-            max_packets=max_packets,
-            max_voxels=max_voxels,
-            threads=threads,
-            arrival=random,
-        )
+    image = rendered(
+        VALUES,
+        geometry,
+        scene,
+        step,
+        workers=holdings,
+        max_packets=max_packets,
+        max_voxels=max_voxels,
+        threads=threads,
+        walkers=walkers,
+        arrival=random,
+    )
     assert torch.equal(image, expected)
 
 

@@ -15,6 +15,7 @@ from torch import Tensor
 
 from reference import mapping
 from support.checkout import ROOT
+from support.patience import PATIENCE
 from support.programs.little_memory import little_memory
 from support.scenes.arbitrary import (
     bounds_within,
@@ -25,6 +26,8 @@ from support.scenes.arbitrary import (
     quaternions,
     views,
 )
+from support.scenes.owned import owners, wait_until_complete
+from support.scenes.rendering import batch_memory
 from support.scenes.shaded_packets import all_batches, batches_of, packets_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.bench.floors.cpu_paths import kernels_on
@@ -37,7 +40,9 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_STORED_PACKET
+from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.splat_server._kernels import Bell, ReadBudget
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 LATTICE = 64
@@ -396,16 +401,20 @@ def test_hidden_samples_are_found_on_an_image_of_any_size(zoom: float, roll: flo
 
 def image_of(held: list[SubCube], scene: Scene, step: Step, most: int, live: bool) -> tuple[bytes, int]:
     """The finished image, and how many packets it took; `live` hides by the image's own closed tiles."""
-    geometry = held[0].geometry
-    assembly = FrameAssembly(plan_frame(scene, geometry, step), frame=1, workers=[1])
-    tiles_of_image = assembly.image.closed_tiles if live else None
-    walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), assembly.plan, tiles_of_image)
-    for batch in batches_of(walk.walkers[0], most, most):
-        [part] = batch.parts
-        assembly.arrived(1, part.runs, part.packets, batch.reached, batch.last)
-        assembly.advance()
-    assert assembly.complete
-    return bytes(assembly.image.snapshot()), assembly.packets
+    geometry, news = held[0].geometry, Bell()
+    budget = ReadBudget(1, news)
+    with owners() as made:
+        assembly = FrameAssembly(made, plan_frame(scene, geometry, step), frame=1)
+        plan, tiles = assembly.plan, assembly.closed_tiles if live else None
+        walk = FrameWalk(held, geometry, PLAIN, shading_rule(scene, step), plan, tiles)
+        assembly.begin([Region(1, 0, plan.height)], 1, news)
+        for batch in batches_of(walk.walkers[0], most, most):
+            assembly.splat.push(0, batch_memory(batch, budget), *batch.reached, batch.last)
+            heard = news.rung
+            while not budget.open and not assembly.splat.complete:
+                heard = news.wait(heard, PATIENCE)
+        wait_until_complete(assembly.splat, news)
+        return bytes(assembly.published()), assembly.splat.packets
 
 
 @given(data=st.data(), geometry=geometries(largest=24), step=st.sampled_from((Step.A, Step.C, Step.D, Step.F)))

@@ -2,6 +2,7 @@
 
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import msgspec
 import pytest
@@ -10,17 +11,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.scenes.arbitrary import geometries, plain_scene, quaternion_to
+from support.scenes.owned import owners, wait_until_complete
+from support.scenes.rendering import batch_memory
 from support.scenes.shaded_packets import batches_of, packets_of, runs_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import LISTS_PER_PACKET, SubCube
 from volsplat.protocol.description.scene import Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
-from volsplat.protocol.rules.closed_tiles import TILE_SIDE
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.regions import Region, check_regions
 from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.splat_server._kernels import Bell, ReadBudget
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
@@ -88,16 +92,17 @@ def merged(of_walkers: list[list[ShadedBatch]], region: int = 0) -> list[list[in
 
 def image_lines(plan: FramePlan, of_walkers: list[list[ShadedBatch]], region: int = 0) -> torch.Tensor:
     """What a splat server makes of a region's parts: the plan's lines."""
-    assembly = FrameAssembly(plan, frame=1, workers=range(len(of_walkers)))
-    for walker, batches in enumerate(of_walkers):
-        for batch in batches:
-            part = batch.parts[region]
-            assembly.arrived(walker, part.runs, part.packets, batch.reached, batch.last)
-    while not assembly.complete:
-        assembly.advance()
-    width, height = plan.image_size
-    image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32).reshape(height, width, RGBA)
-    assembly.image.close()
+    news = Bell()
+    with owners() as made:
+        assembly = FrameAssembly(made, plan, frame=1)
+        assembly.begin([Region(1, 0, plan.height)], len(of_walkers), news)
+        for walker, batches in enumerate(of_walkers):
+            for batch in batches:
+                alone = replace(batch, parts=[batch.parts[region]])
+                assembly.splat.push(walker, batch_memory(alone, ReadBudget(1, news)), *batch.reached, batch.last)
+        wait_until_complete(assembly.splat, news)
+        width, height = plan.image_size
+        image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32).reshape(height, width, RGBA)
     return image.transpose(0, 1) if plan.turned else image
 
 
@@ -204,12 +209,10 @@ def test_closed_tiles_hide_from_all_walkers() -> None:
     held = held_as(geometry, torch.ones(geometry.dims), [geometry.box])
     scene = plain_scene(view=View(zoom=4.0), size=(size, size), order=Order.FRONT_TO_BACK)
     plan = plan_frame(scene, geometry, Step.F)
-    with_all_closed = FrameAssembly(plan, frame=1, workers=[1])
-    tiles = with_all_closed.image.closed_tiles
+    tiles = new_tile_map(plan.width, plan.height)
     tiles.cast("B")[:] = b"\xff" * tiles.nbytes
     for batches in delivered(walk_of(held, scene, plan, [], 3, tiles), 100):
         assert merged([batches]) == []
-    with_all_closed.image.close()
 
 
 @pytest.mark.parametrize("lines", [[(0, 90)], [(0, 70), (70, 96)], [(0, 32), (40, 96)], [(0, 64), (64, 32), (32, 96)]])

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from support.messages.message_samples import SAMPLES
 from support.scenes.arbitrary import plain_scene
+from support.scenes.owned import owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.region_shares import RegionShares
@@ -32,6 +33,7 @@ from volsplat.protocol.rules.levels import Resolution, factors_of, own_resolutio
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
+from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 GEOMETRY = Geometry((6, 5, 4), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)))
@@ -124,9 +126,15 @@ def render(step: Step) -> messages.RenderFrame:
     )
 
 
+@pytest.fixture(scope="module")
+def drawing() -> Iterator[Owners]:
+    with owners(2) as made:
+        yield made
+
+
 @settings(max_examples=150)
 @given(data=st.data(), step=st.sampled_from(Step))
-def test_a_frame_of_any_numbers(path: Path, data: st.DataObject, step: Step) -> None:
+def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject, step: Step) -> None:
     request = data.draw(spoilt(render(step)))
     if not isinstance(request, messages.RenderFrame) or request.plan.width * request.plan.height > 10**6:
         return
@@ -134,14 +142,14 @@ def test_a_frame_of_any_numbers(path: Path, data: st.DataObject, step: Step) -> 
     held.answers(messages.PackVoxels(1, QUANTISATION))
     with told(request):
         sub_cubes = held.sub_cubes_drawn(request.level, request.geometry, request.plan)
-        walk = FrameWalk(sub_cubes, request.geometry, request.quantisation, request.shading, request.plan)
-        [walker] = walk.walkers
-        assembly = FrameAssembly(request.plan, request.frame, [1])
-        while (batch := walker.next_batch()) is not None:
-            [part] = batch.parts
-            assembly.arrived(1, part.runs, part.packets, batch.reached, batch.last)
-        while not assembly.advance().complete:
-            pass
+        news = Bell()
+        assembly = FrameAssembly(drawing, request.plan, request.frame)
+        shading, plan, tiles = request.shading, request.plan, assembly.closed_tiles
+        walk = FrameWalk(
+            sub_cubes, request.geometry, request.quantisation, shading, plan, tiles, request.regions, walkers=2
+        )
+        assembly.begin(request.regions, 2, news, walks=walk.walkers)
+        wait_until_complete(assembly.splat, news)
         image = np.frombuffer(assembly.published(), np.float32)
         assert np.isfinite(image).all()
 

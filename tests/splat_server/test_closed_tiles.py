@@ -8,10 +8,10 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from torch import Tensor
 
 from reference.combining import FROZEN_ALPHA
-from support.scenes.row_runs import Dot, Run, spans_of
+from support.scenes.owned import Drawing, even_regions, owners
+from support.scenes.row_runs import Dot, Run
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
@@ -19,7 +19,6 @@ from volsplat.protocol.rules.packet_layout import OPACITY_CODES
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import Ellipse, FootprintTable
 from volsplat.splat_server.footprint_table import kernel_projection
-from volsplat.splat_server.image_buffer import THREADED_FROM_PIXELS, ImageBuffer
 
 OPAQUE = OPACITY_CODES - 1
 LAYERS = 6
@@ -67,25 +66,22 @@ def layers(seed: int, width: int, height: int, opaque: float) -> list[list[Run]]
     return sheets
 
 
-def splat(image: ImageBuffer, runs: list[Run], table: FootprintTable, order: Order = Order.FRONT_TO_BACK) -> None:
-    pinned = spans_of(runs)
-    image.splat(pinned.spans, table, order, pixels_per_packet=THREADED_FROM_PIXELS)
-    image.finish()
+def splat(drawing: Drawing, runs: list[Run]) -> None:
+    """Wait until they are in the image."""
+    drawing.push(runs)
+    drawing.wait_until_all_wait()
 
 
-def pixels(image: ImageBuffer) -> Tensor:
-    return torch.frombuffer(image.snapshot(), dtype=torch.float32).reshape(image.height, image.width, 4)
-
-
-def words(image: ImageBuffer) -> list[list[int]]:
-    rows, columns = image.closed_tiles.shape or ()
-    flat = image.closed_tiles.cast("B").cast("Q").tolist()
+def words(drawing: Drawing) -> list[list[int]]:
+    tiles = drawing.owners.closed_tiles
+    rows, columns = tiles.shape or ()
+    flat = tiles.cast("B").cast("Q").tolist()
     return [flat[row * columns : (row + 1) * columns] for row in range(rows)]
 
 
-def forget(image: ImageBuffer) -> None:
+def forget(drawing: Drawing) -> None:
     """Empty the map, so that nothing counts as hidden."""
-    tiles = image.closed_tiles.cast("B")
+    tiles = drawing.owners.closed_tiles.cast("B")
     tiles[:] = bytes(len(tiles))
 
 
@@ -95,41 +91,43 @@ def test_leaving_out_what_is_hidden_changes_no_bit(
 ) -> None:
     table = FOOTPRINTS[size]
     sheets = layers(seed, width, height, 0.9 if dense else 0.3)
-    by_rows, forgetful = ImageBuffer(width, height, threads), ImageBuffer(width, height)
-    turned = ImageBuffer(height, width, threads, turned=True)
-    for runs in sheets:
-        splat(by_rows, runs, table)
-        splat(turned, runs, table)
-        for run in runs:
-            forget(forgetful)
-            splat(forgetful, [run], table)
-    assert torch.equal(pixels(by_rows), pixels(forgetful))
-    assert torch.equal(pixels(turned), pixels(forgetful).transpose(0, 1))
-    assert words(turned) == words(by_rows)
-    by_rows.close()
-    turned.close()
+    with owners(threads) as first, owners() as second, owners(threads) as third:
+        regions = even_regions(height, threads)
+        by_rows = Drawing.begun(first, (width, height), table, Order.FRONT_TO_BACK, regions=regions)
+        forgetful = Drawing.begun(second, (width, height), table, Order.FRONT_TO_BACK)
+        turned = Drawing.begun(third, (height, width), table, Order.FRONT_TO_BACK, turned=True, regions=regions)
+        for runs in sheets:
+            splat(by_rows, runs)
+            splat(turned, runs)
+            for run in runs:
+                forget(forgetful)
+                splat(forgetful, [run])
+        assert torch.equal(by_rows.pixels(), forgetful.pixels())
+        assert torch.equal(turned.pixels(), forgetful.pixels().transpose(0, 1))
+        assert words(turned) == words(by_rows)
 
 
 @given(st.integers(0, 1 << 30), sizes, sizes, st.sampled_from(sorted(FOOTPRINTS)), st.integers(1, 3))
 def test_the_map_only_rises_and_a_closed_tile_is_frozen(
     seed: int, width: int, height: int, size: tuple[float, float], threads: int
 ) -> None:
-    image = ImageBuffer(width, height, threads)
-    assert image.closed_tiles.shape == tile_map_shape(width, height)
-    before = words(image)
-    for runs in layers(seed, width, height, 0.9):
-        splat(image, runs, FOOTPRINTS[size])
-        after = words(image)
-        alpha = pixels(image)[..., 3]
-        for row, (old, new) in enumerate(zip(before, after, strict=True)):
-            for number, (was, now) in enumerate(zip(old, new, strict=True)):
-                assert was & ~now == 0
-                for bit in (bit for bit in range(WORD_TILES) if now >> bit & 1):
-                    left, top = (number * WORD_TILES + bit) * TILE_SIDE, row * TILE_SIDE
-                    tile = alpha[top : top + TILE_SIDE, left : left + TILE_SIDE]
-                    assert tile.numel() and (tile >= FROZEN_ALPHA).all()
-        before = after
-    image.close()
+    with owners(threads) as made:
+        regions = even_regions(height, threads)
+        drawing = Drawing.begun(made, (width, height), FOOTPRINTS[size], Order.FRONT_TO_BACK, regions=regions)
+        assert made.closed_tiles.shape == tile_map_shape(width, height)
+        before = words(drawing)
+        for runs in layers(seed, width, height, 0.9):
+            splat(drawing, runs)
+            after = words(drawing)
+            alpha = drawing.pixels()[..., 3]
+            for row, (old, new) in enumerate(zip(before, after, strict=True)):
+                for number, (was, now) in enumerate(zip(old, new, strict=True)):
+                    assert was & ~now == 0
+                    for bit in (bit for bit in range(WORD_TILES) if now >> bit & 1):
+                        left, top = (number * WORD_TILES + bit) * TILE_SIDE, row * TILE_SIDE
+                        tile = alpha[top : top + TILE_SIDE, left : left + TILE_SIDE]
+                        assert tile.numel() and (tile >= FROZEN_ALPHA).all()
+            before = after
 
 
 @pytest.mark.parametrize("turned", [False, True])
@@ -142,31 +140,34 @@ def test_behind_an_opaque_wall_all_is_hidden_and_told(width: int, height: int, t
         for row, y in enumerate(range(-2, height + 2, 2))
     ]
     behind = [Run(LAYERS, 0, 0, tuple(Dot(x * 64, 700, OPAQUE, (255, 0, 0)) for x in range(0, width, 5)))]
-    image = ImageBuffer(*((height, width) if turned else (width, height)), turned=turned)
-    assert image.closed_tiles.shape == tile_map_shape(width, height)
-    splat(image, wall, table)
-    rows, columns = math.ceil(height / TILE_SIDE), math.ceil(width / TILE_SIDE)
-    assert sum(word.bit_count() for row in words(image) for word in row) == rows * columns
-    seen = image.hidden_packets
-    before = pixels(image).clone()
-    splat(image, behind, table)
-    assert torch.equal(pixels(image), before)
-    assert image.hidden_packets - seen == len(behind[0].dots)
-    image.clear(turned)
-    assert image.hidden_packets == 0 and not any(map(any, words(image)))
+    size = (height, width) if turned else (width, height)
+    with owners() as made:
+        drawing = Drawing.begun(made, size, table, Order.FRONT_TO_BACK, turned)
+        assert made.closed_tiles.shape == tile_map_shape(width, height)
+        splat(drawing, wall)
+        rows, columns = math.ceil(height / TILE_SIDE), math.ceil(width / TILE_SIDE)
+        assert sum(word.bit_count() for row in words(drawing) for word in row) == rows * columns
+        seen = drawing.frame.hidden_packets
+        before = drawing.pixels()
+        splat(drawing, behind)
+        assert torch.equal(drawing.pixels(), before)
+        assert drawing.frame.hidden_packets - seen == len(behind[0].dots)
+        again = Drawing.begun(made, size, table, Order.FRONT_TO_BACK, turned)
+        assert again.frame.hidden_packets == 0 and not any(map(any, words(again)))
 
 
 def test_back_to_front_nothing_is_hidden() -> None:
-    image = ImageBuffer(40, 40)
-    for runs in layers(1, 40, 40, 1.0):
-        splat(image, runs, FOOTPRINTS[4.0, 4.0], Order.BACK_TO_FRONT)
-    assert image.hidden_packets == 0 and not any(map(any, words(image)))
+    with owners() as made:
+        drawing = Drawing.begun(made, (40, 40), FOOTPRINTS[4.0, 4.0], Order.BACK_TO_FRONT)
+        for runs in layers(1, 40, 40, 1.0):
+            splat(drawing, runs)
+        assert drawing.frame.hidden_packets == 0 and not any(map(any, words(drawing)))
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 def test_nearest_pixels_close_no_tile(order: Order) -> None:
-    image = ImageBuffer(8, 8)
     wall = [Run(0, y, 0, tuple(Dot(x * 64, y * 64, OPAQUE, (9, 9, 9)) for x in range(8))) for y in range(8)]
-    pinned = spans_of(wall)
-    image.splat(pinned.spans, None, order)
-    assert (pixels(image)[..., 3] == 1).all() and not any(map(any, words(image)))
+    with owners() as made:
+        drawing = Drawing.begun(made, (8, 8), None, order)
+        splat(drawing, wall)
+        assert (drawing.pixels()[..., 3] == 1).all() and not any(map(any, words(drawing)))

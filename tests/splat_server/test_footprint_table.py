@@ -13,6 +13,7 @@ from torch import Tensor
 from reference import footprint as reference
 from reference import mapping
 from support.scenes.arbitrary import index_to_physical, plain_scene, quaternions
+from support.scenes.owned import Drawing, owners
 from support.scenes.row_runs import FARTHEST
 from tolerances import CONE_TIP, PROJECTION, SUM_OVER_PIXELS, UNITY_ROUNDED_POSITIONS
 from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, Scene, Step, View
@@ -24,7 +25,7 @@ from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, GridOnScreen, grid
 from volsplat.protocol.rules.packet_layout import OPACITY_SHIFT, OPACITY_UNIT, POSITION_BITS, ROW_RUN
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server import _kernels
-from volsplat.splat_server._kernels import Ellipse, FootprintTable
+from volsplat.splat_server._kernels import BatchMemory, Ellipse, FootprintTable
 from volsplat.splat_server.footprint_table import (
     CACHE_BUDGET,
     LARGEST_TABLE,
@@ -32,7 +33,6 @@ from volsplat.splat_server.footprint_table import (
     kernel_projection,
     offset_bits_for,
 )
-from volsplat.splat_server.image_buffer import ImageBuffer
 
 KERNELS = list(Kernel)
 
@@ -219,13 +219,13 @@ def test_splatted_weights_sum_to_the_thickness(sheet: EndlessSheet) -> None:
     offset = lattice - corner
     packets = offset[:, 0] | offset[:, 1] << POSITION_BITS | THINNEST_CODE << OPACITY_SHIFT
     run = ROW_RUN.pack(0, 0, 0, len(packets), *corner.tolist())
-    memory = _kernels.BatchMemory(run, packets)
-    buffers = _kernels.SortedBuffers(1, 1, 1, len(packets))
-    buffers.push(0, 0, memory, 0, 0, True)
-    spans, _, _, _ = buffers.advance(1 << 62)
-    image = ImageBuffer(sheet.scene.image.width, sheet.scene.image.height)
-    image.splat(spans, footprint_table(sheet.shape), Order.BACK_TO_FRONT)
-    alpha = torch.frombuffer(bytearray(image.snapshot()), dtype=torch.float32)[3::4].double()
+    size, order = (sheet.scene.image.width, sheet.scene.image.height), Order.BACK_TO_FRONT
+    with owners() as made:
+        drawing = Drawing.begun(made, size, footprint_table(sheet.shape), order, counts=(1, 1, len(packets)))
+        batch = BatchMemory(run + packets.numpy().tobytes(), [(1, len(packets))], drawing.budget)
+        drawing.frame.push(0, batch, 0, 0, True)
+        drawing.wait_until_complete()
+        alpha = drawing.pixels()[..., 3].flatten().double()
     off = alpha / THINNEST / sheet.thickness - 1
     assert off.abs().max() <= DOCUMENTED_RIPPLE[sheet.scene.reconstruction.kernel] + UNITY_ROUNDED_POSITIONS
 

@@ -13,8 +13,10 @@ from torch import Tensor
 from reference import mapping
 from reference.combining import FROZEN_ALPHA
 from reference.render import cells_on_the_way
+from support.scenes import owned
 from support.scenes.arbitrary import plain_scene, situations
-from support.scenes.row_runs import FARTHEST, Dot, Run, mirrored, runs_of_samples, spans_of
+from support.scenes.owned import even_regions
+from support.scenes.row_runs import FARTHEST, Dot, Run, mirrored, runs_of_samples
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL, SPLAT_FLOAT32
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Kernel, Order, Scene, Step, View
@@ -25,7 +27,6 @@ from volsplat.protocol.rules.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, 
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import Ellipse, FootprintTable
 from volsplat.splat_server.footprint_table import kernel_projection
-from volsplat.splat_server.image_buffer import THREADED_FROM_PIXELS, ImageBuffer
 from volsplat.splat_server.pixel_reach import PixelReach, cell_map
 
 PATHS = _kernels.cpu_paths()
@@ -96,13 +97,9 @@ def splatted(
     threads: int = 1,
     turned: bool = False,
 ) -> Tensor:
-    """By the kernel, in stripes if there are several threads."""
-    image = ImageBuffer(width, height, threads, turned)
-    pinned = spans_of(runs)
-    image.splat(pinned.spans, reach, order, pixels_per_packet=THREADED_FROM_PIXELS)
-    image.finish()
-    image.close()
-    return torch.frombuffer(image.snapshot(), dtype=torch.float32).reshape(height, width, 4)
+    """By the kernel, a region for each thread."""
+    regions = even_regions(width if turned else height, threads)
+    return owned.splatted(runs, reach, order, (width, height), turned, regions, threads)
 
 
 def random_runs(seed: int, width: int, height: int, count: int = 60, margin: int = 12) -> list[Run]:
@@ -271,7 +268,7 @@ def test_a_frozen_pixel_changes_no_more(path: str) -> None:
     st.lists(st.tuples(st.integers(0, FARTHEST), st.integers(0, FARTHEST)), min_size=1, max_size=40), st.integers(1, 4)
 )
 def test_a_run_that_is_no_line_does_no_harm(offsets: list[tuple[int, int]], threads: int) -> None:
-    """Which of its samples are splatted is left open, for only a broken server sends one."""
+    """Only a broken server sends one."""
     dots = tuple(
         Dot(x - 3000, y - 3000, OPACITY_CODES // 2, WHITE) for x, y in [(0, 0), *offsets, (FARTHEST, FARTHEST)]
     )

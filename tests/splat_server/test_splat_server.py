@@ -3,8 +3,8 @@
 import secrets
 import sys
 import threading
+import time
 from collections.abc import Iterator
-from contextlib import nullcontext
 from random import Random
 
 import msgspec
@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from support.patience import PATIENCE
 from support.programs.little_memory import little_memory
 from support.scenes.arbitrary import plain_scene
+from support.scenes.owned import owners
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from support.scenes.shaded_packets import all_batches
-from support.scenes.threaded import everything_threaded
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.session.image_receiver import ImageReceiver
@@ -33,7 +33,6 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA, TILE_SIDE, tile_map_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import own_resolution
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -41,12 +40,12 @@ from volsplat.protocol.wire.framing import new_buffer
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
-from volsplat.splat_server import merge, server
+from volsplat.splat_server import data_links, frame_assembly
 from volsplat.splat_server.data_links import DataLinks
-from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.frame_assembly import PIXELS_AT_ONCE, FrameAssembly, packets_at_once
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.outbox import Outbox
-from volsplat.splat_server.server import PIXELS_AT_ONCE, SplatServer, packets_at_once
+from volsplat.splat_server.server import SplatServer
 
 SIZE = 24
 VALUES = shells(SIZE)
@@ -113,33 +112,34 @@ class Bench:
         return [thread for thread in mine if thread.name.startswith(name)]
 
     @property
-    def splatting(self) -> bool:
-        """Whether threads of the server are at the newest frame."""
+    def packets(self) -> int:
+        """That are splatted of the newest frame."""
         assembly = self._server._assembly
-        return assembly is not None and assembly.splatting
+        return assembly.splat.packets if assembly is not None else 0
 
     def fills_buffers(self, worker: int) -> None:
         """Wait until the server reads no more from a worker."""
-        with self._server._changed:
-            assert self._server._changed.wait_for(lambda: not self._server._merge.may_read(worker), PATIENCE)
+        budget = self._server._data_links._budgets[worker]
+        until = time.monotonic() + PATIENCE
+        while budget.open:
+            assert time.monotonic() < until
 
     def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
         self.control.send(request(frame, scene, step))
 
     def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
-        [part] = batch.parts
         message = messages.Batch(
             frame,
             worker,
             0,
             sequence,
             messages.RAW,
-            [messages.BatchPart(part.run_count, part.packet_count)],
+            [messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts],
             batch.reached[0],
             batch.reached[1],
             batch.last,
         )
-        self.links[worker].send(message, part.runs, part.packets)
+        self.links[worker].send(message, *(memory for part in batch.parts for memory in (part.runs, part.packets)))
 
     def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
         """A whole frame."""
@@ -181,25 +181,23 @@ class Bench:
         assert not self._thread.is_alive()
 
 
-@pytest.fixture(params=[False, True], ids=["", "threaded"])
-def bench(request: pytest.FixtureRequest) -> Iterator[Bench]:
-    """Small jobs are done at once, or shared among threads like large ones."""
-    with everything_threaded() if request.param else nullcontext():
-        bench = Bench()
-        yield bench
-        bench.close()
+@pytest.fixture
+def bench() -> Iterator[Bench]:
+    bench = Bench()
+    yield bench
+    bench.close()
 
 
 def batches(
     boxes: list[Box], scene: Scene = SCENE, step: Step = Step.F, max_packets: int = 500
 ) -> list[list[ShadedBatch]]:
     """The batches of each box's own worker."""
-    plan = plan_frame(scene, GEOMETRY, step)
+    asked = request(1, scene, step)
     of_workers = []
     for box in boxes:
         sub_cube = SubCube.of_volume(GEOMETRY, VALUES, box)
         sub_cube.pack(QUANTISATION)
-        walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, shading_rule(scene, step), plan)
+        walk = FrameWalk([sub_cube], GEOMETRY, QUANTISATION, asked.shading, asked.plan, None, asked.regions)
         of_workers.append(all_batches(walk, max_packets))
     return of_workers
 
@@ -270,17 +268,18 @@ def test_nothing_of_a_frame_is_splatted_after_its_abort_is_acknowledged(bench: B
 
 
 def test_an_abort_ends_what_threads_are_still_splatting(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(server, "PIXELS_AT_ONCE", 1 << 28)  # so that a stripe takes long
+    monkeypatch.setattr(frame_assembly, "PIXELS_AT_ONCE", 1 << 28)  # so that a region takes long
     scene = shaded_scene(View(zoom=150.0), (2000, 2000), Order.BACK_TO_FRONT)
     bench.renders(1, scene)
     for worker, sent in zip(WORKERS, batches(slabs(0, 8, 16), scene), strict=True):
         for sequence, batch in enumerate(sent[:-1]):
             bench.sends(worker, 1, sequence, batch)
-    while not bench.splatting:
+    while not bench.packets:
         assert bench.failure is None
     bench.control.send(messages.AbortFrame(1))
     bench.hears(messages.FrameAborted)
-    assert not bench.splatting
+    packets = bench.packets
+    assert bench.image(1) == bench.image(1) and bench.packets == packets
 
 
 def test_a_front_server_need_not_wait_for_the_one_behind_it(bench: Bench) -> None:
@@ -296,7 +295,7 @@ def test_a_front_server_need_not_wait_for_the_one_behind_it(bench: Bench) -> Non
 
 
 def test_beyond_the_budget_a_front_server_waits_and_the_report_shows_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(merge, "CONNECTION_BUDGET", 1000)
+    monkeypatch.setattr(data_links, "CONNECTION_BUDGET", 1000)
     scene = shaded_scene(View(zoom=3.0), (96, 80))
     behind, between, front = batches(slabs(2, 8, 16), scene, max_packets=50)
     bench = Bench()
@@ -505,7 +504,8 @@ def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(
     geometry = Geometry(dims=(1, 1, 1))
     values = torch.full((1, 1, 1), 200.0, dtype=torch.float64)
     touched = int((rendered(values, geometry, scene, step)[..., 3] > 0).sum())
-    counted = FrameAssembly(plan_frame(scene, geometry, step), 1, [1]).pixels_per_packet
+    with owners() as made:
+        counted = FrameAssembly(made, plan_frame(scene, geometry, step), 1).pixels_per_packet
     assert touched <= counted <= 64 * (touched + 200 + 160)
     assert packets_at_once(counted) * counted <= max(PIXELS_AT_ONCE, counted)
 

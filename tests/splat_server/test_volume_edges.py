@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from support.scenes.arbitrary import index_to_physical, plain_scene, quaternions
-from support.scenes.row_runs import Dot, Run, batch_bytes
+from support.scenes.owned import Drawing, batch_of, owners, wait_until_complete
+from support.scenes.row_runs import Dot, Run
 from tolerances import EDGE_ANGLE, SPLAT_FLOAT32
 from volsplat.protocol.description.scene import Bounds, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
@@ -17,8 +18,9 @@ from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, grid_on_screen
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES, opacity_of_code
+from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.volume_edges import CLIP_LINE_WIDTH, VOLUME_LINE_WIDTH, volume_edges
-from volsplat.splat_server._kernels import EdgeLayer, ImageMemory, published
+from volsplat.splat_server._kernels import Bell, EdgeLayer, ReadBudget
 from volsplat.splat_server.edge_layers import edge_layers
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
@@ -33,10 +35,9 @@ def scene_of(rotation: tuple[float, float, float, float], bounds: Bounds | None 
 
 def coverage(layer: EdgeLayer, width: int = SIZE, height: int = SIZE) -> Tensor:
     """(H, W) of one layer, seen through an empty image."""
-    image, nothing = ImageMemory(width, height), EdgeLayer(width, height)
-    return torch.frombuffer(bytearray(published(image, layer, nothing)), dtype=torch.float32).reshape(height, width, 4)[
-        ..., 3
-    ]
+    with owners() as made:
+        empty = Drawing.begun(made, (width, height), None, edges=(layer, EdgeLayer(width, height)))
+        return empty.pixels()[..., 3]
 
 
 TURNED = (0.2, 0.3, 0.1, 0.9)
@@ -77,14 +78,15 @@ def test_an_edge_is_behind_when_both_its_faces_face_away(
 @pytest.mark.parametrize("opacity", [OPACITY_CODES - 1, OPACITY_CODES - 300])
 def test_lines_behind_are_attenuated_and_lines_in_front_are_not(opacity: int) -> None:
     scene, geometry = scene_of(TURNED, zoom=0.25), Geometry((100, 100, 100))
-    assembly = FrameAssembly(plan_frame(scene, geometry, Step.C), 1, [3])
-    runs, packets = batch_bytes(
-        [Run(0, n, 0, tuple(Dot(x * 64, n * 64, opacity, (0, 0, 0)) for x in range(SIZE))) for n in range(SIZE)]
-    )
-    assembly.arrived(3, runs, packets, (0, SIZE), True)
-    while not assembly.complete:
-        assembly.advance()
-    image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32).reshape(SIZE, SIZE, 4)
+    runs = [Run(0, n, 0, tuple(Dot(x * 64, n * 64, opacity, (0, 0, 0)) for x in range(SIZE))) for n in range(SIZE)]
+    plan = plan_frame(scene, geometry, Step.C)
+    with owners() as made:
+        news = Bell()
+        assembly = FrameAssembly(made, plan, 1)
+        assembly.begin([Region(1, 0, plan.height)], 1, news)
+        assembly.splat.push(0, batch_of(runs, ReadBudget(1, news)), 0, SIZE, True)
+        wait_until_complete(assembly.splat, news)
+        image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32).reshape(SIZE, SIZE, 4)
     front, back = edge_layers(volume_edges(scene, geometry), SIZE, SIZE)
     before, behind = coverage(front)[..., None], coverage(back)[..., None]
     a = opacity_of_code(opacity)

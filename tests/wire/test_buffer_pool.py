@@ -58,12 +58,14 @@ def test_tensors_and_pinned_batches_hold_their_memory() -> None:
     pool = BufferPool()
     image = torch.frombuffer(memoryview(pool(MESSAGE, 4096))[:4096], dtype=torch.float32)
     image.fill_(1.0)
-    batch = _kernels.BatchMemory(memoryview(b""), memoryview(pool(MESSAGE, 4096))[:80])
+    budget = _kernels.ReadBudget(1, _kernels.Bell())
+    batch = _kernels.BatchMemory(memoryview(pool(MESSAGE, 4096))[:80], [(0, 10)], budget)
     later = pool(MESSAGE, 4096)
     later[:] = b"\x02" * len(later)
-    assert torch.all(image == 1.0) and batch.bytes == 80
+    assert torch.all(image == 1.0) and budget.held > 80
     kept = len(pool._buffers[4096])
     del image, batch
+    _kernels.BatchMemory(b"", [], budget)  # whoever brings a batch lets go of those that are not needed any more
     pool(MESSAGE, 4096)
     assert len(pool._buffers[4096]) == kept == 3
 

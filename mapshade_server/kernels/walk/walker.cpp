@@ -97,7 +97,7 @@ void Walker::next_batch(const BatchLimits& limits, Batch& batch) {
 Step Walker::next() {
     const std::shared_ptr<Batch> batch = free_batch();
     next_batch(walk_.limits, *batch);
-    Step step{{}, batch->reached_sheet, batch->reached_row, batch->last, batch};
+    Step step{{}, batch->reached_sheet, batch->reached_row, batch->last, batch->voxels_visited, batch};
     for (const ShadedPart& part : batch->parts) {
         step.parts.push_back({part.runs.data(), part.runs.size(), part.packets.data(), part.packet_count});
     }

@@ -1,4 +1,4 @@
-// Footprint table, image, edges and splatting as Python sees them.
+// Footprint table, cells and edges as Python sees them.
 #pragma once
 
 #include <nanobind/nanobind.h>

@@ -5,12 +5,12 @@
 #include "combining.h"
 #include "image_tiles.h"
 #include "kernels/bind_module.h"
-#include "merge.h"
+#include "owners.h"
 
 NB_MODULE(_kernels, m) {
     m.doc() = "Kernels of the splat_server.";
     volsplat::bind_module(m);
-    volsplat::bind_merge(m);
+    volsplat::bind_owners(m);
     volsplat::bind_combining(m);
     volsplat::bind_batch_decoder(m);
     volsplat::bind_image_tiles(m);

@@ -19,20 +19,24 @@ public:
           cells_(job),
           way_(job.cell.axes[2].ascending ? 1 : -1),
           most_together_(cells_.pixels_across() < kWideCell ? kMostTogether : 1),
-          worth_looking_(std::int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)) {}
+          worth_looking_(std::int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
+          unseen_pixels_(job.unseen_pixels) {}
 
-    void run() {
-        if (cells_.empty()) return;
+    SplatOutcome run() {
+        const SplatOutcome outcome{job_.row_begin, job_.row_end, 0, 0};
+        if (cells_.empty()) return outcome;
         for (std::size_t s = 0; s < job_.span_count; ++s) {
             const unsigned char* packets = job_.spans[s].packets;
             for (std::uint64_t r = 0; r < job_.spans[s].run_count; ++r) {
                 const RowRun run = run_at(job_.spans[s].runs, r);
+                count_work(job_, run, packets);
                 splat_run(run, packets);
                 packets += std::uint64_t(run.count) * kPacketBytes;
                 if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();
             }
         }
         if (kFrontToBack && unseen_pixels_ >= worth_looking_ / 4) look_for_closed_tiles();  // for the next job
+        return {job_.row_begin, job_.row_end, 0, unseen_pixels_};
     }
 
 private:
@@ -192,7 +196,7 @@ private:
     const int way_;  // from one sample's ordinal to the next one's
     const int most_together_;
     const std::int64_t worth_looking_;
-    std::int64_t unseen_pixels_ = 0;  // painted since tiles were looked at
+    std::int64_t unseen_pixels_;
     std::int64_t first_ = 0;
     int count_ = 0;
     float opacities_[kMostTogether + kPixels], reds_[kMostTogether + kPixels];  // with room to load whole vectors

@@ -49,12 +49,12 @@ private:
         for (; column < end; ++column) {
             std::uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / 64];
             const std::uint64_t bit = std::uint64_t(1) << column % 64;
-            // Others may read the map meanwhile; only this stripe's thread writes to its rows.
+            // Others may read the map meanwhile; only the region's owner writes to its rows.
             if (!(word & bit) && frozen(column, row)) __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
         }
     }
 
-    // Another stripe's thread may be writing it.
+    // Another region's owner may be writing it.
     std::uint64_t word_at(std::int64_t place) const {
         return __atomic_load_n(&image_.closed_tiles[place], __ATOMIC_RELAXED);
     }
@@ -106,7 +106,7 @@ public:
 private:
     static int most_tiles(int pixels) { return (pixels + kTileSide - 2) / kTileSide + 1; }
 
-    // No atomic load, as it lies across words, while another stripe's thread may be writing them. Bits only rise, and
+    // No atomic load, as it lies across words, while another region's owner may be writing them. Bits only rise, and
     // each byte holds them as they were at some time: a read that is torn misses some that have just risen, no more.
     std::uint64_t word_at(std::int64_t place) const {
         std::uint64_t word;

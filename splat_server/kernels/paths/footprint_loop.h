@@ -15,8 +15,7 @@ namespace {
 struct Samples {
     Integers left, top;  // pixels of the footprint's box
     Integers entry;      // its first weight in the table
-    Integers inside;     // all bits where the box and its tiles lie within the image
-    Integers whole;      // and the box within the job's rows
+    Integers whole;      // all bits where the box and its tiles lie within the image, and the box in the job's rows
     Integers window;     // of a few neighbours the lesser `left` of the first and the last, as they lie on a line
     Integers together;   // all bits where the box shares its rows with the first of them, and lies in the window
     Numbers opacity, red, green, blue;
@@ -35,7 +34,8 @@ public:
           closed_windows_(job.image, Together::kWindow, table_.height),
           worth_looking_(std::int64_t(kWorthLooking) * job.image.width * (job.row_end - job.row_begin)),
           least_top_(Integers{} + job.row_end),
-          greatest_top_(Integers{} + job.row_begin - table_.height) {}
+          greatest_top_(Integers{} + job.row_begin - table_.height),
+          unseen_pixels_(job.unseen_pixels) {}
 
     SplatOutcome run() {
         for (std::size_t s = 0; s < job_.span_count; ++s) {
@@ -44,10 +44,9 @@ public:
             for (std::uint64_t r = 0; r < span.run_count; ++r) {
                 const RowRun run = run_at(span.runs, r);
                 if (near(run)) {
-                    const PacketRange range = span.whole ? PacketRange{0, run.count}
-                                                         : packets_in_rows(job_, run, packets, table_.height / 2 + 2);
-                    splat_packets(run, packets + range.begin * kPacketBytes, range.end - range.begin);
-                    unseen_pixels_ += std::int64_t(range.end - range.begin) * table_.width * table_.height;
+                    count_work(job_, run, packets);
+                    splat_packets(run, packets, run.count);
+                    unseen_pixels_ += std::int64_t(run.count) * table_.width * table_.height;
                     if (kFrontToBack && unseen_pixels_ >= worth_looking_) look_for_closed_tiles();
                 }
                 packets += std::uint64_t(run.count) * kPacketBytes;
@@ -107,10 +106,9 @@ private:
         samples.left = (x >> bits) + table_.start_x - (fx >= table_.step_x);
         samples.top = (y >> bits) + table_.start_y - (fy >= table_.step_y);
         samples.entry = ((fy << bits) + fx) * (table_.pitch * table_.height);
-        samples.inside = (samples.left >= 0) & (samples.left <= closed_boxes_.last_left) & (samples.top >= 0) &
-                         (samples.top <= closed_boxes_.last_top);
-        samples.whole =
-            samples.inside & (samples.top >= job_.row_begin) & (samples.top <= job_.row_end - table_.height);
+        const Integers inside = (samples.left >= 0) & (samples.left <= closed_boxes_.last_left) & (samples.top >= 0) &
+                                (samples.top <= closed_boxes_.last_top);
+        samples.whole = inside & (samples.top >= job_.row_begin) & (samples.top <= job_.row_end - table_.height);
         if constexpr (Together::kFit) find_together(samples);
         samples.opacity = packets.opacity();
         samples.red = packets.red(), samples.green = packets.green(), samples.blue = packets.blue();
@@ -164,11 +162,11 @@ private:
     }
 
     __attribute__((always_inline)) void splat_whole(const Samples& samples, int n) {
-        if (kFrontToBack && hidden_inside(samples, n)) {
+        const int left = samples.left[n], top = samples.top[n];
+        if (kFrontToBack && closed_boxes_.hide(left, top)) {
             ++hidden_;
             return;
         }
-        const int left = samples.left[n], top = samples.top[n];
         const float* const weights = table_.weights + samples.entry[n];
         combine_box(pixel(left, top), weights, {0, table_.height}, point_of<Lanes>(samples, n));
     }
@@ -181,7 +179,7 @@ private:
                               top > job_.row_begin ? top : job_.row_begin,
                               top + table_.height < job_.row_end ? top + table_.height : job_.row_end};
         if (box.y_begin >= box.y_end || box.x_begin >= box.x_end) return;
-        if (kFrontToBack && (kFours > 0 && samples.inside[n] ? hidden_inside(samples, n) : closed_.hide(box))) {
+        if (kFrontToBack && closed_.hide(box)) {
             hidden_ += box.y_begin == (top > 0 ? top : 0);
             return;
         }
@@ -197,16 +195,9 @@ private:
         return in_all_lanes<AllLanes>(samples.opacity[n], samples.red[n], samples.green[n], samples.blue[n]);
     }
 
-    // Tiles of the neighbouring stripes may be closing meanwhile: that costs time, never bits.
-    bool hidden_inside(const Samples& samples, int n) const {
-        return closed_boxes_.hide(samples.left[n], samples.top[n]);
-    }
-
-    // Of what the splatted samples may have closed.
     __attribute__((noinline)) void look_for_closed_tiles() {
         unseen_pixels_ = 0;
-        const SplatOutcome reached = outcome();
-        closed_.look(reached.row_begin & -kTileSide, reached.row_end);
+        closed_.look(job_.row_begin, job_.row_end);
     }
 
     float* pixel(int x, int y) const { return image_.pixels + y * image_.pitch + x; }
@@ -250,7 +241,7 @@ private:
     }
 
     SplatOutcome outcome() const {
-        SplatOutcome outcome{job_.row_end, job_.row_begin, hidden_};
+        SplatOutcome outcome{job_.row_end, job_.row_begin, hidden_, unseen_pixels_};
         for (int n = 0; n < kAtOnce; ++n) {
             const int begin = least_top_[n], end = greatest_top_[n] + table_.height;
             if (begin < outcome.row_begin) outcome.row_begin = begin > job_.row_begin ? begin : job_.row_begin;
@@ -266,7 +257,7 @@ private:
     const ClosedBoxes closed_boxes_, closed_windows_;
     const std::int64_t worth_looking_;
     Integers least_top_, greatest_top_;
-    std::int64_t unseen_pixels_ = 0;  // splatted to since tiles were looked at
+    std::int64_t unseen_pixels_;
     std::uint64_t hidden_ = 0;
 };
 

@@ -5,7 +5,6 @@ namespace volsplat::VOLSPLAT_PATH {
 
 extern constinit const SplatKernels kSplatKernels = {
     .splat = splat,
-    .find_run_rows = find_run_rows,
     .fill_footprints = fill_footprints,
 };
 

@@ -1,5 +1,5 @@
 // Combining neighbouring pixels of a row at once (paper: "Combining"): the arithmetic that an image's bits depend on.
-// Every pixel sees the same operations in the same order whatever its neighbours, the stripe and its place in the
+// Every pixel sees the same operations in the same order whatever its neighbours, the region and its place in the
 // vector are. A path with fused multiply-add rounds less often than the baseline.
 #pragma once
 

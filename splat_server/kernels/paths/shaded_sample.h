@@ -19,31 +19,12 @@ inline std::uint64_t packet_at(const unsigned char* address) {
     return packet;
 }
 
-// The packets of a run that may reach the job's rows, where each reaches so many rows up and down. The samples of a run
-// lie on a line, in order, so they are found by halving; of a run that is no line, it is some of them.
-struct PacketRange {
-    std::uint64_t begin, end;
-};
-
-inline PacketRange packets_in_rows(const SplatJob& job, const RowRun& run, const unsigned char* packets,
-                                   std::int64_t reach) {
-    const auto y_at = [&](std::uint64_t n) { return run.y0 + y_of(packet_at(packets + n * kPacketBytes)); };
-    const std::int64_t least = (std::int64_t(job.row_begin) - reach) * (1 << kSubpixelBits);
-    const std::int64_t greatest = (std::int64_t(job.row_end) + reach) * (1 << kSubpixelBits);
-    const bool rises = y_at(run.count - 1) >= y_at(0);
-    // The first packet that is not before the rows, and the first that is behind them
-    const auto first = [&](std::uint64_t begin, std::int64_t bound, bool of_bound) {
-        std::uint64_t end = run.count;
-        while (begin < end) {
-            const std::uint64_t middle = begin + (end - begin) / 2;
-            const std::int64_t y = y_at(middle);
-            if (rises ? y > bound || (of_bound && y == bound) : y < bound || (of_bound && y == bound)) end = middle;
-            else begin = middle + 1;
-        }
-        return begin;
-    };
-    const std::uint64_t begin = first(0, rises ? least : greatest, true);
-    return {begin, first(begin, rises ? greatest : least, false)};
+// For the cuts of the next frame's regions.
+inline void count_work(const SplatJob& job, const RowRun& run, const unsigned char* packets) {
+    const std::int64_t ends = y_of(packet_at(packets)) + y_of(packet_at(packets + (run.count - 1) * kPacketBytes));
+    const std::int64_t middle = (2 * std::int64_t(run.y0) + ends) >> (kSubpixelBits + 1);
+    const std::int64_t line = middle < job.row_begin ? job.row_begin : middle < job.row_end ? middle : job.row_end - 1;
+    job.work[line / kTileSide] += run.count;
 }
 
 struct ShadedSample {

@@ -12,9 +12,6 @@ struct SplatKernels {
     // Splats spans of merged runs into rows of the image.
     Kernel<SplatOutcome(const SplatJob& job)> splat;
 
-    // Writes the rows of pixels that each run of the job reaches.
-    Kernel<void(const SplatJob& job, RowSpan* rows)> find_run_rows;
-
     // Writes [offsets y][offsets x][height][pitch] weights into zeros.
     Kernel<void(const FootprintBox& box, float* weights)> fill_footprints;
 };
@@ -28,7 +25,6 @@ const SplatKernels& splat_kernels();
 namespace volsplat::VOLSPLAT_PATH {
 
 FunctionOf<&SplatKernels::splat> splat;
-FunctionOf<&SplatKernels::find_run_rows> find_run_rows;
 FunctionOf<&SplatKernels::fill_footprints> fill_footprints;
 
 }  // namespace volsplat::VOLSPLAT_PATH

@@ -33,6 +33,7 @@ void splat_nearest_pixels(const SplatJob& job) {
         const unsigned char* packets = job.spans[s].packets;
         for (std::uint64_t r = 0; r < job.spans[s].run_count; ++r) {
             const RowRun run = run_at(job.spans[s].runs, r);
+            count_work(job, run, packets);
             const unsigned char* const end = packets + std::uint64_t(run.count) * kPacketBytes;
             for (; packets != end; packets += kPacketBytes) {
                 const ShadedSample sample = sample_at(packets, run, job);
@@ -50,9 +51,9 @@ SplatOutcome splat_in_order(const SplatJob& job) {
     if (job.reach == Reach::footprint)
         return job.footprint.clamped ? splat_footprints<kFrontToBack, true>(job)
                                      : splat_footprints<kFrontToBack, false>(job);
-    if (job.reach == Reach::cell) CellLoop<kFrontToBack>(job).run();
-    else splat_nearest_pixels<kFrontToBack>(job);
-    return {job.row_begin, job.row_end, 0};
+    if (job.reach == Reach::cell) return CellLoop<kFrontToBack>(job).run();
+    splat_nearest_pixels<kFrontToBack>(job);
+    return {job.row_begin, job.row_end, 0, 0};
 }
 
 }  // namespace

@@ -2,16 +2,19 @@
 
 import functools
 from collections.abc import Sequence
+from itertools import pairwise
 from random import Random
 
 import torch
 from torch import Tensor
 
+from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.grid_on_screen import grid_on_screen
@@ -19,7 +22,9 @@ from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.rules.refinement import STEP_RULES
+from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
 from volsplat.splat_server.footprint_table import footprint_table
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
@@ -34,43 +39,57 @@ def rendered(
     max_packets: int = 1 << 15,
     max_voxels: int = 1 << 20,
     threads: int = 1,
+    walkers: int = 1,
     arrival: Random | None = None,
     resolution: Resolution | None = None,
 ) -> Tensor:
     """The image (H, W, 4) float32, associated alpha, of values (k, j, i); they are those of the resolution's level.
 
-    `workers` are the boxes that each worker holds: together they partition the grid. `arrival` shuffles whose
-    batch comes next, and how far the splatter gets in between; else one worker after the other delivers.
+    `workers` are the boxes that each worker holds: together they partition the grid; each has as many `walkers`. Every
+    one of the `threads` owns a region. `arrival` shuffles whose batch comes next, and cuts any regions; else one walker
+    after the other delivers.
     """
     held = resolution.geometry if resolution else geometry
     holdings = workers or [[held.box]]
     plan = plan_frame(scene, geometry, step, resolution)
-    assembly = FrameAssembly(plan, frame=1, workers=range(len(holdings)), threads=threads)
+    regions = _regions(plan.height, threads, arrival)
     walks = []
     for boxes in holdings:
         sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
-        walks += FrameWalk(sub_cubes, geometry, quantisation, shading_rule(scene, step), plan).walkers
-    delivering = list(range(len(walks)))
-    while delivering:
-        worker = arrival.choice(delivering) if arrival else delivering[0]
-        batch = walks[worker].next_batch(max_packets, max_voxels)
-        if batch is None:
-            delivering.remove(worker)
-            continue
-        [part] = batch.parts
-        assembly.arrived(worker, part.runs, part.packets, batch.reached, batch.last)
-        if arrival and arrival.random() < 0.5:
-            assembly.advance(arrival.randrange(1, 5000))
-    while not assembly.complete:
-        progress = assembly.advance()
-        assert progress.complete or progress.packets, f"nothing arrives any more from worker {progress.waits_for}"
-    assert not assembly.lost
-    image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32)
-    assembly.image.close()
+        shading = shading_rule(scene, step)
+        walks += FrameWalk(sub_cubes, geometry, quantisation, shading, plan, None, regions, walkers).walkers
+    news = Bell()
+    budget = ReadBudget(1 << 62, news)
+    with owners(threads) as made:
+        assembly = FrameAssembly(made, plan, frame=1)
+        assembly.begin(regions, len(walks), news)
+        delivering = list(range(len(walks)))
+        while delivering:
+            source = arrival.choice(delivering) if arrival else delivering[0]
+            batch = walks[source].next_batch(max_packets, max_voxels)
+            if batch is None:
+                delivering.remove(source)
+                continue
+            assembly.splat.push(source, batch_memory(batch, budget), *batch.reached, batch.last)
+        wait_until_complete(assembly.splat, news)
+        image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32)
     width, height = plan.image_size
     return image.reshape(height, width, 4)
+
+
+def _regions(lines: int, threads: int, arrival: Random | None) -> list[Region]:
+    """One for each thread; or any, some of them empty."""
+    if arrival is None:
+        return [Region(1, *ends) for ends in even_regions(lines, threads)]
+    inner = sorted(arrival.randrange(0, lines, TILE_SIDE) for _ in range(arrival.randrange(2 * threads)))
+    return [Region(1, *ends) for ends in pairwise([0, *inner, lines])]
+
+
+def batch_memory(batch: ShadedBatch, budget: ReadBudget) -> BatchMemory:
+    payload = b"".join(memory for part in batch.parts for memory in (part.runs, part.packets))
+    return BatchMemory(payload, [(part.run_count, part.packet_count) for part in batch.parts], budget)
 
 
 class TableWeights:

@@ -1,14 +1,12 @@
 """Row runs and batches as a map/shade server sends them, made by hand from positions."""
 
 import struct
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 
 from torch import Tensor
 
 from volsplat.protocol.rules.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN
-from volsplat.splat_server import _kernels
-from volsplat.splat_server.merge_events import BufferedBatch
 
 FARTHEST = (1 << POSITION_BITS) - 1
 
@@ -57,31 +55,6 @@ def batch_bytes(runs: Iterable[Run]) -> tuple[bytes, bytes]:
     """All runs, all packets."""
     packed = [run.packed() for run in runs]
     return b"".join(run for run, _ in packed), b"".join(packets for _, packets in packed)
-
-
-def batch_of(runs: Sequence[Run], last: bool = False, reached: tuple[int, int] | None = None) -> BufferedBatch:
-    """`reached` is the last run's own row unless told."""
-    if reached is None:
-        reached = (runs[-1].sheet, runs[-1].row) if runs else (0, 0)
-    return BufferedBatch(_kernels.BatchMemory(*batch_bytes(runs)), reached, last)
-
-
-@dataclass(frozen=True)
-class PinnedSpans:
-    """Spans hold addresses only; this keeps their memory."""
-
-    spans: _kernels.SpanList
-    batch: BufferedBatch
-
-
-def spans_of(runs: Sequence[Run], counts: tuple[int, int, int] = (1 << 20, 1 << 20, 1 << 20)) -> PinnedSpans:
-    """The runs, which must be in order, as spans."""
-    buffers = _kernels.SortedBuffers(1, *counts)
-    batch = batch_of(runs, last=True)
-    buffers.push(0, 0, batch.memory, *batch.reached, batch.last)
-    spans, _, _, complete = buffers.advance(1 << 62)
-    assert complete
-    return PinnedSpans(spans, batch)
 
 
 def runs_of_samples(ordinals: Tensor, lattice: Tensor, opacity: int, colour: tuple[int, int, int]) -> list[Run]:

@@ -1,0 +1,94 @@
+// A region: a band of the image's lines, with its own sorted list of buffers. One thread, its owner, merges, splats and
+// publishes it; any thread brings what sources have handed out for it.
+#pragma once
+
+#include <atomic>
+#include <chrono>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+#include <vector>
+
+#include "merge.h"
+#include "splat_server/kernels/image_memory.h"
+#include "splat_server/kernels/image_publishing.h"
+
+namespace volsplat {
+
+struct EdgeLayers {  // none, or both
+    const EdgeLayer *front, *behind;
+};
+
+struct OwnerSeconds {
+    double merge = 0, splat = 0, walk = 0;
+};
+
+class Stopwatch {  // adds the seconds of its life
+public:
+    explicit Stopwatch(double& sum) : sum_(sum), began_(Clock::now()) {}
+    ~Stopwatch() { sum_ += std::chrono::duration<double>(Clock::now() - began_).count(); }
+    Stopwatch(const Stopwatch&) = delete;
+    Stopwatch& operator=(const Stopwatch&) = delete;
+
+private:
+    typedef std::chrono::steady_clock Clock;
+    double& sum_;
+    const Clock::time_point began_;
+};
+
+class Region {
+public:
+    // The image outlives it, and what the job points to. The job says what is splatted, and into which lines.
+    Region(ImageMemory& image, const SplatJob& job, int sources, const EdgeLayers& layers);
+    RowSpan lines() const { return {job_.row_begin, job_.row_end}; }
+
+    // True if its owner waits for this source.
+    bool put(Arrival arrival);
+    // The source that its owner waits for; -1 if it does not.
+    int awaited() const { return awaited_.load(); }
+
+    // For its owner: merges and splats about so many packets. False if nothing is decided: it is complete, or waits.
+    bool advance(std::uint64_t max_packets, OwnerSeconds& seconds);
+    // For its owner, who has found nothing decided. False if something has arrived since.
+    bool wait();
+    bool complete() const { return buffers_.complete(); }
+    // For its owner, once it is complete: from then on it stands in the block, and its lines are empty.
+    void publish(const PixelBlock& target);
+    bool published() const { return published_.load(); }
+
+    // Once its owner is at it no more: empties what was not published.
+    void drop();
+
+    // Any thread: the region as it stands, into another block than the one that it is published to.
+    void show(const PixelBlock& published, const PixelBlock& target);
+
+    std::uint64_t packets() const { return packets_.load(); }
+    std::uint64_t hidden_packets() const { return hidden_packets_.load(); }
+
+private:
+    std::uint64_t merge(std::uint64_t max_packets, double& seconds);
+    void splat();
+    void publish_to(const PixelBlock& target) const;
+    RowSpan drawn() const { return {drawn_begin_.load(), drawn_end_.load()}; }
+
+    ImageMemory& image_;
+    SplatJob job_;
+    const EdgeLayers layers_;
+
+    std::mutex inbox_mutex_;  // guards the next
+    std::vector<Arrival> inbox_;
+    std::atomic<int> awaited_{-1};  // written with the mutex
+
+    // Its owner's
+    SortedBuffers buffers_;
+    std::vector<Arrival> arrived_;
+    std::vector<SpanView> spans_;
+    std::vector<std::shared_ptr<const void>> spent_;
+
+    std::atomic<int> drawn_begin_, drawn_end_;  // lines outside of these are empty
+    std::atomic<std::uint64_t> packets_{0}, hidden_packets_{0};
+    std::mutex showing_;  // its lines must not be emptied meanwhile
+    std::atomic<bool> published_{false};
+};
+
+}  // namespace volsplat

@@ -1,0 +1,203 @@
+#include "splat_frame.h"
+
+#include <stdexcept>
+#include <string>
+#include <utility>
+
+namespace volsplat {
+
+namespace {
+
+// Bytes that may be buffered of a walk: enough for owners of unequal regions, and little enough for the caches, and
+// that what has become hidden meanwhile is not walked.
+constexpr std::int64_t kWalkBudget = 1 << 20;
+
+RowSpan all_lines(const std::vector<RowSpan>& regions) { return {regions.front().begin, regions.back().end}; }
+
+}  // namespace
+
+SplatFrame::SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::shared_ptr<float[]> block,
+                       FrameBells bells)
+    : task_(std::move(task)),
+      image_(std::move(image)),
+      pixels_(std::move(block)),
+      bells_(std::move(bells)),
+      work_(image_->tile_rows()),
+      block_{pixels_.get(), rectangle_of(*image_, all_lines(task_.regions))},
+      seconds_(bells_.owners.size()),
+      unfinished_(static_cast<int>(task_.regions.size())) {
+    SplatJob job = task_.job;
+    job.image = image_->view();
+    job.work = work_.data();
+    for (const RowSpan& lines : task_.regions) {
+        job.row_begin = lines.begin, job.row_end = lines.end;
+        regions_.push_back(std::make_unique<Region>(*image_, job, task_.sources, task_.layers));
+    }
+    for (int n = 0; n < task_.sources; ++n) sources_.push_back(std::make_unique<Source>(task_.counts, regions_.size()));
+    for (std::size_t n = 0; n < task_.walks.size(); ++n) {
+        const auto wake = [bell = bells_.owners[n]] { bell->ring(); };
+        walks_.push_back({task_.walks[n], std::make_shared<ReadBudget>(kWalkBudget, wake)});
+    }
+}
+
+SplatFrame::Source& SplatFrame::source_at(int number) {
+    if (number < 0 || number >= static_cast<int>(sources_.size()))
+        throw std::invalid_argument("source " + std::to_string(number) + " is not part of this frame");
+    return *sources_[number];
+}
+
+void SplatFrame::push(int number, std::span<const PartView> parts, std::uint64_t reached_sheet,
+                      std::uint64_t reached_row, bool last, const std::shared_ptr<const void>& memory) {
+    Source& source = source_at(number);
+    const std::lock_guard lock(source.mutex);
+    source.rules.check(parts, reached_sheet, reached_row, last);
+    if (stopped_) return;
+    for (std::size_t n = 0; n < parts.size(); ++n) {
+        const SpanView& runs = parts[n].runs;
+        deliver(n, {number, runs, runs.run_count ? memory : nullptr, source.rules.bound(n), last});
+    }
+}
+
+void SplatFrame::finish(int number) {
+    Source& source = source_at(number);
+    const std::lock_guard lock(source.mutex);
+    if (!source.rules.finish()) return;
+    for (std::size_t n = 0; n < regions_.size(); ++n) deliver(n, {number, {}, nullptr, source.rules.bound(n), true});
+}
+
+bool SplatFrame::finished(int number) {
+    Source& source = source_at(number);
+    const std::lock_guard lock(source.mutex);
+    return source.rules.finished();
+}
+
+// Wakes only an owner that has waited for it; others find it when they look for more.
+void SplatFrame::deliver(std::size_t region, Arrival arrival) {
+    if (!regions_[region]->put(std::move(arrival))) return;
+    --waiting_;
+    bells_.owners[owner_of(region)]->ring();
+}
+
+bool SplatFrame::proceed(int owner) { return !stopped_ && (splat(owner) || !wait(owner) || walk(owner)); }
+
+// A portion of each of its regions.
+bool SplatFrame::splat(int owner) {
+    bool splatted = false;
+    for (std::size_t n = owner; n < regions_.size() && !stopped_; n += bells_.owners.size()) {
+        Region& region = *regions_[n];
+        if (region.published() || region.awaited() >= 0) continue;
+        const std::uint64_t hidden = region.hidden_packets();
+        splatted |= region.advance(task_.portion, seconds_[owner]);
+        if (task_.walks.empty() && region.hidden_packets() != hidden) bells_.news->ring();
+        if (region.complete()) publish(region, owner);
+    }
+    return splatted;
+}
+
+bool SplatFrame::wait(int owner) {
+    for (std::size_t n = owner; n < regions_.size(); n += bells_.owners.size()) {
+        Region& region = *regions_[n];
+        if (region.published() || region.awaited() >= 0) continue;
+        ++waiting_;  // before anyone can find that it does
+        if (!region.wait()) {
+            --waiting_;
+            return false;
+        }
+    }
+    tell_if_all_wait();
+    return true;
+}
+
+void SplatFrame::publish(Region& region, int owner) {
+    {
+        const Stopwatch watch(seconds_[owner].splat);
+        region.publish(block_);
+    }
+    if (--unfinished_ == 0) bells_.news->ring();
+    else tell_if_all_wait();
+}
+
+bool SplatFrame::walk(int owner) {
+    if (owner >= static_cast<int>(walks_.size())) return false;
+    Walk& walk = walks_[owner];
+    if (walk.ended || !walk.budget->open()) return false;
+    Step step;
+    {
+        const Stopwatch watch(seconds_[owner].walk);
+        step = walk.source->next();
+    }
+    walk.ended = step.last;
+    std::vector<PartView> parts;
+    std::int64_t packets = 0, bytes = 0;
+    for (const BatchPart& part : step.parts) {
+        const SpanView runs{reinterpret_cast<const unsigned char*>(part.runs),
+                            reinterpret_cast<const unsigned char*>(part.packets), part.run_count};
+        parts.push_back({runs, part.packet_count});
+        packets += part.packet_count;
+        bytes += part.run_count * sizeof(RowRun) + part.packet_count * kPacketBytes;
+    }
+    Walked& sum = walk.walked;
+    sum = {sum.steps + 1, sum.voxels + step.voxels_visited, sum.packets + packets, sum.bytes + bytes};
+    const auto memory = std::make_shared<HeldMemory>(std::move(step.memory), walk.budget, bytes);
+    push(owner, parts, step.reached_sheet, step.reached_row, step.last, memory);
+    return true;
+}
+
+Walked SplatFrame::walked() const {
+    Walked sum;
+    for (const Walk& walk : walks_) {
+        const Walked& one = walk.walked;
+        sum = {sum.steps + one.steps, sum.voxels + one.voxels, sum.packets + one.packets, sum.bytes + one.bytes};
+    }
+    return sum;
+}
+
+// In case that sources are held back.
+void SplatFrame::tell_if_all_wait() {
+    if (task_.walks.empty() && waiting_ == unfinished_) bells_.all_wait->ring();
+}
+
+std::vector<int> SplatFrame::awaited() const {
+    std::vector<int> sources;
+    if (waiting_ != unfinished_) return sources;
+    for (const auto& region : regions_)
+        if (const int source = region->awaited(); source >= 0) sources.push_back(source);
+    return sources;
+}
+
+bool SplatFrame::complete() const {
+    const std::lock_guard lock(failure_mutex_);
+    if (failure_) std::rethrow_exception(failure_);
+    return unfinished_ == 0;
+}
+
+void SplatFrame::fail(std::exception_ptr failure) {
+    {
+        const std::lock_guard lock(failure_mutex_);
+        failure_ = std::move(failure);
+    }
+    stop();
+    bells_.news->ring();
+}
+
+void SplatFrame::show(const PixelBlock& target) {
+    for (const auto& region : regions_) region->show(block_, target);
+}
+
+std::uint64_t SplatFrame::packets() const {
+    std::uint64_t sum = 0;
+    for (const auto& region : regions_) sum += region->packets();
+    return sum;
+}
+
+std::uint64_t SplatFrame::hidden_packets() const {
+    std::uint64_t sum = 0;
+    for (const auto& region : regions_) sum += region->hidden_packets();
+    return sum;
+}
+
+void SplatFrame::drop() {
+    for (const auto& region : regions_) region->drop();
+}
+
+}  // namespace volsplat

@@ -1,0 +1,127 @@
+// One frame of an image: its regions, and the sources whose packets they are splatted from.
+//
+// Sources are map/shade servers' walkers, whose batches any thread pushes, or walks of this process, one for each
+// owner, who walks whenever nothing is decided in its regions. What is buffered of a source is bounded, and that cannot
+// deadlock: a batch has reached the same place of the traversal for all regions, so that of the source that is the
+// furthest behind all that is buffered is decided everywhere, will be splatted without anything more being read, and
+// opens its budget again. Only sources that share a budget, the walkers of one server, may close it to one another: if
+// all regions wait, whoever is awaited must be read, whatever is buffered.
+#pragma once
+
+#include <array>
+#include <atomic>
+#include <cstdint>
+#include <exception>
+#include <memory>
+#include <mutex>
+#include <span>
+#include <vector>
+
+#include "bell.h"
+#include "kernels/batch_source.h"
+#include "read_budget.h"
+#include "region.h"
+#include "source_rules.h"
+
+namespace volsplat {
+
+struct FrameTask {
+    std::vector<RowSpan> regions;  // that follow each other
+    SplatJob job;                  // but for image, lines and spans
+    EdgeLayers layers;
+    FrameCounts counts;
+    int sources;
+    std::vector<BatchSource*> walks;    // or none: those of the first sources
+    std::uint64_t portion;              // packets that are splatted between two looks at whether to go on
+    std::shared_ptr<const void> keeps;  // what all of this points to
+};
+
+struct Walked {  // what walks have handed out
+    std::int64_t steps = 0, voxels = 0, packets = 0, bytes = 0;
+};
+
+struct FrameBells {
+    std::vector<std::shared_ptr<Bell>> owners;
+    std::shared_ptr<Bell> news;      // the frame is complete, or has failed; more was hidden that had been pushed
+    std::shared_ptr<Bell> all_wait;  // regions, for something to be pushed
+};
+
+class SplatFrame {
+public:
+    // Regions are dealt out to the owners by turns.
+    SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::shared_ptr<float[]> block, FrameBells bells);
+
+    // Any threads.
+
+    // Takes a batch of a source. Throws std::invalid_argument naming the fault if it breaks the rules.
+    void push(int source, std::span<const PartView> parts, std::uint64_t reached_sheet, std::uint64_t reached_row,
+              bool last, const std::shared_ptr<const void>& memory);
+    // Nothing more will come from the source. What it has handed out is still merged.
+    void finish(int source);
+    bool finished(int source);
+    // Nothing is splatted any more, once its owners have noticed.
+    void stop() { stopped_ = true; }
+    // Rethrows what an owner failed of.
+    bool complete() const;
+    // The sources without which no region can go on; none if one can.
+    std::vector<int> awaited() const;
+    // The image as it stands, into a block of its own.
+    void show(const PixelBlock& target);
+    const PixelBlock& block() const { return block_; }
+    const std::shared_ptr<float[]>& pixels() const { return pixels_; }
+    std::uint64_t packets() const;
+    std::uint64_t hidden_packets() const;
+    ImageMemory& image() { return *image_; }
+
+    // Once it is complete.
+    const std::vector<std::uint64_t>& work() const { return work_; }
+    const std::vector<OwnerSeconds>& seconds() const { return seconds_; }
+    Walked walked() const;
+
+    // For its owners: splats a portion or walks a step. False if there is nothing to do until the owner's bell rings.
+    bool proceed(int owner);
+    // For its owners: the frame ends with this.
+    void fail(std::exception_ptr failure);
+    // Once its owners are at it no more: leaves the image empty.
+    void drop();
+
+private:
+    struct Source {
+        Source(const FrameCounts& counts, std::size_t regions) : rules(counts, regions) {}
+        std::mutex mutex;  // its batches, and its end, come one after the other
+        SourceRules rules;
+    };
+
+    Source& source_at(int number);
+    int owner_of(std::size_t region) const { return static_cast<int>(region % bells_.owners.size()); }
+    void deliver(std::size_t region, Arrival arrival);
+    bool splat(int owner);
+    bool wait(int owner);
+    bool walk(int owner);
+    void publish(Region& region, int owner);
+    void tell_if_all_wait();
+
+    const FrameTask task_;
+    const std::shared_ptr<ImageMemory> image_;
+    const std::shared_ptr<float[]> pixels_;
+    const FrameBells bells_;
+    std::vector<std::uint64_t> work_;
+    std::vector<std::unique_ptr<Region>> regions_;
+    PixelBlock block_;
+    std::vector<std::unique_ptr<Source>> sources_;
+    struct Walk {
+        BatchSource* source;
+        std::shared_ptr<ReadBudget> budget;
+        bool ended = false;
+        Walked walked{};
+    };
+    std::vector<Walk> walks_;
+    std::vector<OwnerSeconds> seconds_;
+    std::atomic<int> unfinished_;  // regions
+    std::atomic<int> waiting_{0};  // of them
+    std::atomic<bool> stopped_{false};
+    mutable std::mutex failure_mutex_;  // guards the next
+    std::exception_ptr failure_;
+};
+
+}  // namespace volsplat
