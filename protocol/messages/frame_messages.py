@@ -44,8 +44,8 @@ Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
 class MapShadeStats(Detail, frozen=True):
     """What a frame cost one map/shade server.
 
-    Seconds follow each other: planning, then map/shade and sending by turns. `waiting_seconds` is the part of sending
-    that back-pressure held up.
+    Seconds follow each other: planning, then map/shade and sending by turns, those of the walker that was busy for the
+    longest time. `waiting_seconds` is the part of sending that back-pressure held up.
     """
 
     voxels_visited: Count

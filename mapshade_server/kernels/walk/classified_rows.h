@@ -5,7 +5,8 @@
 // beyond it the axis that was not walked for the longest time is forgotten, and an axis that needs more than all of
 // the share by itself is not kept. A walk may be outdated by another one that begins: its lists then may be kept no
 // longer, and no longer grow. Any number of threads may walk: who claims a row makes its list, in room of their own,
-// and who comes before it is there does without.
+// and who comes before it is there does without. Vector loops read beyond a list's end what another may
+// be writing, and make nothing of it.
 #pragma once
 
 #include <array>
