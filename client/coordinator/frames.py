@@ -75,7 +75,7 @@ class Frames:
                 geometry,
                 packing.quantisation,
                 resolution,
-                dict.fromkeys(holding.boxes, 1),
+                {worker: self._servers.machines[worker].threads for worker in holding.boxes},
                 self._servers.owners,
                 self._shares,
                 frame.exact,
@@ -185,7 +185,7 @@ class Frames:
     def finished(self, message: FrameFinished, event: MessageReceived) -> list[int]:
         """Note that a part of the image will not change any more; the workers that it lacks are in the answer.
 
-        Raises RemoteProtocolError unless these are workers of the frame, and the sender is one of its splat servers.
+        Raises RemoteProtocolError unless these are workers of the frame, and the sender did its part of it.
         """
         frame, workers = self.current(message.frame), list(self._holding.boxes)
         if frame is None or frame.unacknowledged:
@@ -193,6 +193,7 @@ class Frames:
         if event.server not in frame.rectangles:
             raise RemoteProtocolError(f"it draws nothing of frame {frame.frame}")
         if message.complete:
+            frame.check_work(event.server, message.stats)
             frame.splat[event.server], frame.drawn_at = message.stats, event.at
             return []
         if not message.lost or not set(message.lost) <= set(workers):

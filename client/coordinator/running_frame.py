@@ -7,7 +7,9 @@ from volsplat.client.coordinator.coordinator_events import FrameOutcome, ImagePa
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.regions import Rectangle, lines_of, rectangle_of
+from volsplat.protocol.text.errors import RemoteProtocolError
 
 
 @dataclass
@@ -48,6 +50,14 @@ class RunningFrame:
         servers = dict.fromkeys(region.server for region in regions)
         self.request, self.why_level = request, why_level
         self.rectangles = {server: rectangle_of(plan, lines_of(regions, server)) for server in servers}
+
+    def check_work(self, server: int, stats: SplatStats) -> None:
+        """Raises RemoteProtocolError unless a splat server counts its work for the lines that it was given."""
+        assert self.request is not None
+        begin, end = lines_of(self.request.regions, server)
+        rows = -(-end // TILE_SIDE) - begin // TILE_SIDE
+        if len(stats.work) != rows:
+            raise RemoteProtocolError(f"it counted its work in {len(stats.work)} rows of tiles, but has {rows}")
 
     def take(self, server: int, part: ImagePart, complete: bool) -> PublishImage | None:
         """The newest of a splat server. If it is the last that a partial image waited for: that image."""

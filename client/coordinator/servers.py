@@ -28,7 +28,7 @@ class Servers:
     @property
     def owners(self) -> dict[int, int]:
         """The splat servers that draw, each with the number of its threads that may own a region."""
-        return dict.fromkeys(self.splat_servers, 1)
+        return {server: self.machines[server].threads for server in self.splat_servers}
 
     def ready(self, role: Role) -> list[int]:
         """Those of a role that have told what they have."""
