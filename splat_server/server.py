@@ -242,7 +242,7 @@ class SplatServer:
             target[:] = pixels
             pixels = target
         image = messages.ImageRead(frame, step, complete, left, top, width, height, messages.RawPixels())
-        self._outbox.post_image(image, pixels, request.exact)
+        self._outbox.post_image(image, pixels, exact=complete and request.exact)
 
     # -- what other threads bring
 

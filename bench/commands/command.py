@@ -11,6 +11,7 @@ SUMMARIES = {
     "scaling": "How a frame's time grows with voxels, pixels and servers, and what limits it.",
     "kernels": "Voxels, splats and pixels a second on one core, beside the machine's floors.",
     "peers": "volsplat and VTK's CPU ray caster draw the same pictures.",
+    "images": "What images cost on their way to the client, in bytes and milliseconds.",
     "aborts": "How long an abort takes to reach every server.",
     "page": "How soon the page follows the hand, in a real browser.",
     "compare": "What moved between two records.",

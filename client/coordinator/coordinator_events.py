@@ -77,14 +77,14 @@ class VolumeAsked:
 class FrameAsked:
     """An image is wanted; if `require_complete`, only one that shows the whole volume.
 
-    One that is not `exact` is only looked at: where the link is slow it may come with 8 bits a channel.
+    One that need not be `exact` is only looked at: where the link is slow it may come with 8 bits a channel.
     """
 
     frame: int  # rises with every request
     scene: Scene
     step: Step
     require_complete: bool
-    exact: bool = True
+    exact: bool = True  # the finished image
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,7 @@ class ImagePart:
 
     rectangle: Rectangle
     pixels: memoryview  # float32 RGBA, associated
+    read: messages.ImageRead  # how it came
 
 
 @dataclass(frozen=True)

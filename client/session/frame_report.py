@@ -28,8 +28,6 @@ PAPER_SECONDS = {
     "4 Sun-4": (3, 11, 89, 108, 112, 116),
 }
 
-IMAGE_PIXEL_BYTES = 16  # RGBA, float32
-
 STEP_WORDS = {
     Step.A: "1/4",
     Step.B: "1/2",
@@ -68,7 +66,8 @@ class StepReport(msgspec.Struct, frozen=True):
     splat_waiting_seconds: float  # with nothing to splat
     messages_seconds: float  # what is left: of asking for the frame, and of messages on their way
     image_seconds: float  # until the finished image was here
-    image_bytes: int  # of the finished image, as the splat servers send it
+    image_bytes: int  # of the finished image, as splat servers sent it; none by memory that is shared
+    image_coding_seconds: float  # of the slowest splat server
     accounted_share: float  # of the wall seconds, by the slowest splat server's stages, the messages and the image
     hidden_packets: int  # of those sent, left out by the splat servers
     held_back_seconds: float  # that connections were not read because their buffers were full, over all of them
@@ -106,7 +105,7 @@ def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutco
         height=scene.image.height,
         order=scene.order.value,
         why_level=drawn[-1].servers.why_level if drawn else "",
-        steps=tuple(_step_report(outcome, scene) for outcome in drawn),
+        steps=tuple(_step_report(outcome) for outcome in drawn),
     )
 
 
@@ -156,7 +155,7 @@ def step_table(report: FrameReport) -> Table:
     return table
 
 
-def _step_report(outcome: StepOutcome, scene: Scene) -> StepReport:
+def _step_report(outcome: StepOutcome) -> StepReport:
     workers, splat_servers = outcome.servers.map_shade, outcome.servers.splat
     stats, splat = list(workers.values()), slowest(splat_servers)
     memory = {f"splat server {server}": one.peak_memory_bytes for server, one in sorted(splat_servers.items())}
@@ -178,7 +177,8 @@ def _step_report(outcome: StepOutcome, scene: Scene) -> StepReport:
         splat_waiting_seconds=splat.waiting_seconds,
         messages_seconds=_messages_seconds(outcome),
         image_seconds=outcome.image_seconds,
-        image_bytes=scene.image.width * scene.image.height * IMAGE_PIXEL_BYTES,
+        image_bytes=outcome.image_bytes,
+        image_coding_seconds=outcome.image_coding_seconds,
         accounted_share=_accounted_seconds(outcome) / outcome.wall_seconds,
         hidden_packets=sum(one.hidden_packets for one in splat_servers.values()),
         held_back_seconds=sum(seconds for one in splat_servers.values() for seconds in one.held_back_seconds.values()),

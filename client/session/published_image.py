@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 class PublishedImage:
     """(H, W, 4) float32, associated alpha, 0..1, without the background."""
 
-    def __init__(self, memory: bytearray | memoryview, width: int, height: int) -> None:
+    def __init__(self, memory: bytearray | memoryview, width: int, height: int, exact: bool = True) -> None:
+        """`exact` unless it has come with 8 bits a channel."""
         self.memory = memory
+        self.exact = exact
         self.width = width
         self.height = height
 
@@ -35,7 +37,7 @@ class PublishedImage:
     def of_parts(cls, parts: Sequence[ImagePart], width: int, height: int) -> PublishedImage:
         """Laid together; in the memory of the one part if there are no others. Empty where there is none."""
         if len(parts) == 1 and parts[0].rectangle == (0, 0, width, height):
-            return cls(parts[0].pixels, width, height)
+            return cls(parts[0].pixels, width, height, parts[0].read.exact)
         import numpy as np
 
         whole = np.zeros((height, width, 4), np.float32)
@@ -43,7 +45,7 @@ class PublishedImage:
             left, top, columns, rows = part.rectangle
             pixels = np.frombuffer(part.pixels, np.float32).reshape(rows, columns, 4)
             whole[top : top + rows, left : left + columns] = pixels
-        return cls.of(whole)
+        return cls(whole.data.cast("B"), width, height, all(part.read.exact for part in parts))
 
     @cached_property
     def pixels(self) -> NDArray[np.float32]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 PARTIAL_INTERVAL = 0.1  # seconds between partial images
+ALL_STEPS = tuple(Step)
 
 
 @dataclass(frozen=True)
@@ -28,6 +29,8 @@ class StepOutcome:
     wall_seconds: float  # from asking to having the image
     image_seconds: float  # of these, from the finished frame on: its image is sent
     servers: FrameOutcome
+    image_bytes: int = 0  # of the finished image, as splat servers sent it; none lie in memory that is shared
+    image_coding_seconds: float = 0.0  # that the slowest of them took to code it
 
 
 @dataclass(frozen=True)
@@ -68,8 +71,12 @@ class Renderer(Protocol):
         last: Step = Step.F,
         partial_interval: float = PARTIAL_INTERVAL,
         first: Step = Step.A,
+        exact: Collection[Step] = ALL_STEPS,
     ) -> Iterator[Refinement]:
-        """The steps `first` to `last`, each finished image and the partial images between."""
+        """The steps `first` to `last`, each finished image and the partial images between.
+
+        Finished images of the `exact` steps keep each bit; what is only looked at may come with 8 bits a channel.
+        """
 
     def probe(self, scene: Scene, x: float, y: float) -> ProbedVoxel | None:
         """The front-most visible voxel at a point of the scene's image, pixels from its first one's centre."""

@@ -15,7 +15,7 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -52,6 +52,7 @@ from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAbor
 from volsplat.client.session.probe_answers import ProbeAnswers
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
+    ALL_STEPS,
     PARTIAL_INTERVAL,
     Refinement,
     StepOutcome,
@@ -189,8 +190,12 @@ class Session:
         last: Step = Step.F,
         partial_interval: float = PARTIAL_INTERVAL,
         first: Step = Step.A,
+        exact: Collection[Step] = ALL_STEPS,
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
+
+        Finished images of the `exact` steps keep each bit. By a slow link all others, and partial images, come with
+        8 bits a channel, which look the same.
 
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
@@ -201,14 +206,17 @@ class Session:
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
         interval = min(checked_number(partial_interval, "partial_interval", least=0.0), threading.TIMEOUT_MAX)
-        return self._refined(scene, first, last, interval)
+        return self._refined(scene, first, last, interval, exact)
 
-    def _refined(self, scene: Scene, first: Step, last: Step, partial_interval: float) -> Iterator[Refinement]:
+    def _refined(
+        self, scene: Scene, first: Step, last: Step, partial_interval: float, exact: Collection[Step]
+    ) -> Iterator[Refinement]:
         asked: list[int] = []  # the newest frame of this refinement
 
         def drawn(step: Step) -> Iterator[Refinement]:
             while True:
-                frame, answers = self._ask(scene, step, require_complete=False, after=asked[-1] if asked else None)
+                after = asked[-1] if asked else None
+                frame, answers = self._ask(scene, step, False, after, step in exact)
                 asked.append(frame)
                 try:
                     yield from self._drawn(frame, answers, step, partial_interval)
@@ -239,7 +247,15 @@ class Session:
             self._events.put(AbortAsked(frame))
         image = _published(answer)
         now = time.perf_counter()
-        outcome = StepOutcome(step, now - started, now - answer.drawn_at, answer.outcome)
+        read = [part.read for part in answer.parts]
+        outcome = StepOutcome(
+            step,
+            now - started,
+            now - answer.drawn_at,
+            answer.outcome,
+            sum(image.payload_bytes() for image in read),
+            max((image.coding_seconds for image in read), default=0.0),
+        )
         yield Refinement(step, image, outcome)
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
@@ -292,10 +308,12 @@ class Session:
 
     # -- frames
 
-    def _ask(self, scene: Scene, step: Step, require_complete: bool, after: int | None = None) -> tuple[int, Answers]:
+    def _ask(
+        self, scene: Scene, step: Step, require_complete: bool, after: int | None = None, exact: bool = True
+    ) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`."""
         frame, answers = self._frames.ask(after)
-        self._events.put(FrameAsked(frame, scene, step, require_complete))
+        self._events.put(FrameAsked(frame, scene, step, require_complete, exact))
         return frame, answers
 
     def _coordinate(self) -> None:

@@ -6,7 +6,7 @@ The only file that imports both servers.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -31,7 +31,7 @@ from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.session.published_image import PublishedImage
-from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, StepOutcome, refined
+from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import Answer, HeldVolume
@@ -112,8 +112,11 @@ class SingleProcess:
         last: Step = Step.F,
         partial_interval: float = PARTIAL_INTERVAL,
         first: Step = Step.A,
+        exact: Collection[Step] = ALL_STEPS,
     ) -> Iterator[Refinement]:
         """The steps `first` to `last`: each finished image, and partial images every `partial_interval` seconds.
+
+        All of them are exact.
 
         Ends early, without an error, when something else is drawn meanwhile.
         """

@@ -112,8 +112,8 @@ class RenderFrame(Message, frozen=True):
 
     All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
     map/shade servers whose batches make up the image, each with the number of its threads that walk. `regions` say
-    which splat server splats which lines. `geometry` is the volume's, whatever level is drawn. An image
-    that need not be `exact` may come with 8 bits a channel.
+    which splat server splats which lines. `geometry` is the volume's, whatever level is drawn. A
+    finished image that need not be `exact` may come with 8 bits a channel, as those before it may.
     """
 
     frame: FrameId

@@ -72,6 +72,15 @@ class ImageRead(Message, frozen=True):
     pixels: RawPixels | CodedPixels | SharedPixels
 
     @property
+    def exact(self) -> bool:
+        """Bit for bit what was drawn."""
+        return not isinstance(self.pixels, CodedPixels) or self.pixels.exact
+
+    @property
+    def coding_seconds(self) -> float:
+        return self.pixels.coding_seconds if isinstance(self.pixels, CodedPixels) else 0.0
+
+    @property
     def raw_bytes(self) -> int:
         return self.width * self.height * RGBA_BYTES
 

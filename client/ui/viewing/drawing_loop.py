@@ -128,7 +128,7 @@ class DrawingLoop:
 
     def _draw_moving(self, state: SceneState) -> None:
         step = self.pacing.step_while_moving()
-        for refinement in self._session.refine(state.scene, step, NO_PARTIAL_IMAGES, first=step):
+        for refinement in self._session.refine(state.scene, step, NO_PARTIAL_IMAGES, first=step, exact=()):
             self._publish(state, refinement)
 
     def _refine(self, state: SceneState) -> None:
@@ -136,11 +136,14 @@ class DrawingLoop:
         first: Step | None = Step.A
         if shown is not None and shown.state.scene == state.scene:
             first = finer(shown.step)
+            if first is None and not shown.published.exact:  # it was only looked at
+                first = shown.step
         if first is None:
             assert shown is not None
             self._publish(state, Refinement(shown.step, shown.published, shown.outcome), measured=False)
             return
-        for refinement in self._session.refine(state.scene, max(Step), PARTIAL_INTERVAL, first=first):
+        finest = max(Step)
+        for refinement in self._session.refine(state.scene, finest, PARTIAL_INTERVAL, first, exact=(finest,)):
             if self._model.now.revision != state.revision:
                 return
             # What a drag has left on the screen stays there until the step after it is finished.

@@ -3,7 +3,7 @@
 
 #include "batch_decoder.h"
 #include "combining.h"
-#include "image_tiles.h"
+#include "kernels/bind_image_tiles.h"
 #include "kernels/bind_module.h"
 #include "owners.h"
 

@@ -1,11 +1,11 @@
-#include "image_tiles.h"
+#include "bind_image_tiles.h"
 
 #include <nanobind/ndarray.h>
 
 #include <stdexcept>
 #include <utility>
 
-#include "splat_server/kernels/image_tiles.h"
+#include "image_tiles.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -45,7 +45,24 @@ void bind(nb::module_& m, const char* name) {
                 nb::gil_scoped_release release;
                 self.tiles.planes(changed.data(), count, target.data());
             },
-            "changed"_a, "count"_a, "target"_a);
+            "changed"_a, "count"_a, "target"_a)
+        .def(
+            "take",
+            [](Images& self, const Bytes& changed, std::size_t count, const Bytes& planes) {
+                if (changed.nbytes() != (self.tiles.tiles() + 7) / 8 || planes.nbytes() != count * Tiles::kTileBytes)
+                    throw std::invalid_argument("planes must be those of the tiles that have changed");
+                nb::gil_scoped_release release;
+                self.tiles.take(changed.data(), count, planes.data());
+            },
+            "changed"_a, "count"_a, "planes"_a)
+        .def(
+            "lay_out",
+            [](const Images& self, const Target& pixels) {
+                if (pixels.nbytes() != self.bytes) throw std::invalid_argument("the image must have the size");
+                nb::gil_scoped_release release;
+                self.tiles.lay_out(reinterpret_cast<float*>(pixels.data()));
+            },
+            "pixels"_a);
 }
 
 }  // namespace

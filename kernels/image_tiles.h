@@ -25,10 +25,15 @@ public:
     // The planes of these tiles as they are now, predicted: so many times kTileBytes.
     void planes(const std::uint8_t* changed, std::size_t count, std::uint8_t* target) const;
 
+    // At the other end: takes the planes of these tiles, and lays out the image that they make with all others.
+    void take(const std::uint8_t* changed, std::size_t count, const std::uint8_t* planes);
+    void lay_out(float* pixels) const;
+
 private:
     using Tile = Value[kChannels][kImageTileSide][kImageTileSide];
 
     void read(const float* pixels, int row, int column, Tile& tile) const;
+    void write(const Value* tile, int row, int column, float* pixels) const;
     Value* tile_at(std::size_t number) { return values_.data() + number * kImageTilePixels * kChannels; }
     const Value* tile_at(std::size_t number) const { return values_.data() + number * kImageTilePixels * kChannels; }
 

@@ -22,6 +22,10 @@ void tell(float value, std::uint8_t& told) {
 
 void tell(float value, std::uint32_t& told) { told = std::bit_cast<std::uint32_t>(value); }
 
+void show(std::uint8_t told, float& value) { value = static_cast<float>(told) * (1.0f / 255); }
+
+void show(std::uint32_t told, float& value) { value = std::bit_cast<float>(told); }
+
 // What a plane through the neighbours misses each value by.
 template <class Value>
 void predict(const Value (*values)[kImageTileSide], Value (*misses)[kImageTileSide]) {
@@ -30,6 +34,16 @@ void predict(const Value (*values)[kImageTileSide], Value (*misses)[kImageTileSi
         for (int x = 0; x < kImageTileSide; ++x) steps[x] = values[y][x] - (y ? values[y - 1][x] : 0);
         misses[y][0] = steps[0];
         for (int x = 1; x < kImageTileSide; ++x) misses[y][x] = steps[x] - steps[x - 1];
+    }
+}
+
+// The values again.
+template <class Value>
+void restore(const Value (*misses)[kImageTileSide], Value (*values)[kImageTileSide]) {
+    for (int y = 0; y < kImageTileSide; ++y) {
+        Value step = 0;
+        for (int x = 0; x < kImageTileSide; ++x) values[y][x] = step += misses[y][x];
+        for (int x = 0; y && x < kImageTileSide; ++x) values[y][x] += values[y - 1][x];
     }
 }
 
@@ -50,8 +64,22 @@ void ImageTiles<Value>::read(const float* pixels, int row, int column, Tile& til
     if (width < kImageTileSide || height < kImageTileSide) std::memset(tile, 0, sizeof tile);
     for (int y = 0; y < height; ++y) {
         const float* const from = pixels + (static_cast<std::size_t>(top + y) * width_ + left) * kChannels;
+        Value told[kImageTileSide * kChannels];
+        for (int n = 0; n < width * kChannels; ++n) tell(from[n], told[n]);
         for (int x = 0; x < width; ++x)
-            for (int c = 0; c < kChannels; ++c) tell(from[x * kChannels + c], tile[c][y][x]);
+            for (int c = 0; c < kChannels; ++c) tile[c][y][x] = told[x * kChannels + c];
+    }
+}
+
+template <class Value>
+void ImageTiles<Value>::write(const Value* tile, int row, int column, float* pixels) const {
+    const int left = column * kImageTileSide, top = row * kImageTileSide;
+    const int width = std::min(kImageTileSide, width_ - left), height = std::min(kImageTileSide, height_ - top);
+    for (int y = 0; y < height; ++y) {
+        float* const to = pixels + (static_cast<std::size_t>(top + y) * width_ + left) * kChannels;
+        for (int x = 0; x < width; ++x)
+            for (int c = 0; c < kChannels; ++c)
+                show(tile[c * kImageTilePixels + y * kImageTileSide + x], to[x * kChannels + c]);
     }
 }
 
@@ -87,6 +115,32 @@ void ImageTiles<Value>::planes(const std::uint8_t* changed, std::size_t count, s
         }
         ++place;
     }
+}
+
+template <class Value>
+void ImageTiles<Value>::take(const std::uint8_t* changed, std::size_t count, const std::uint8_t* planes) {
+    constexpr int kBytes = sizeof(Value);
+    std::size_t place = 0;
+    for (std::size_t number = 0; number < tiles() && place < count; ++number) {
+        if (!(changed[number / 8] >> number % 8 & 1)) continue;
+        for (int c = 0; c < kChannels; ++c) {
+            Value misses[kImageTileSide][kImageTileSide] = {};
+            for (int byte = 0; byte < kBytes; ++byte) {
+                const std::uint8_t* const from = planes + ((c * kBytes + byte) * count + place) * kImageTilePixels;
+                for (int n = 0; n < kImageTilePixels; ++n)
+                    (&misses[0][0])[n] |= static_cast<Value>(from[n]) << 8 * byte;
+            }
+            Value* const plane = tile_at(number) + c * kImageTilePixels;
+            restore(misses, reinterpret_cast<Value(*)[kImageTileSide]>(plane));
+        }
+        ++place;
+    }
+}
+
+template <class Value>
+void ImageTiles<Value>::lay_out(float* pixels) const {
+    for (std::size_t number = 0; number < tiles(); ++number)
+        write(tile_at(number), static_cast<int>(number / columns_), static_cast<int>(number % columns_), pixels);
 }
 
 template class ImageTiles<std::uint8_t>;

@@ -1,0 +1,105 @@
+"""`volsplat bench images`: what images cost on their way to the client while the volume turns."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import click
+
+from volsplat.bench.subject import subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.tables.outputs import Outputs, output_options
+from volsplat.bench.tables.progress import shown_progress
+from volsplat.bench.tables.record import Figure, figure, record
+from volsplat.bench.tables.text_table import TextTable, significant
+from volsplat.bench.views import ELEVATION, FIRST_AZIMUTH, seen
+from volsplat.client.scene.view_rotation import rotation_from_angles
+from volsplat.client.session.image_decoder import ImageDecoder
+from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.session.single import SingleProcess
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
+from volsplat.protocol.messages.image_messages import ImageRead, RawPixels
+from volsplat.splat_server.image_coder import ImageCoder
+
+KINDS = {"8 bits": False, "exact": True}
+LINKS = {"100 Mbit/s": 12.5e6, "1 Gbit/s": 125e6, "10 Gbit/s": 1.25e9}  # bytes a second
+
+
+@click.command()
+@subject_options
+@click.option("--images", "count", type=click.IntRange(min=2), default=12, help="One after the other (12).")
+@click.option("--degrees", type=float, default=3.0, help="From one to the next (3).")
+@click.option(
+    "--image", "side", type=click.IntRange(16, LARGEST_EXTENT), default=1024, help="Side of the square image (1024)."
+)
+@output_options()
+def images(
+    volume: str | None,
+    phantom: str | None,
+    tables: str | None,
+    scene: Path | None,
+    preset: str | None,
+    count: int,
+    degrees: float,
+    side: int,
+    json: Path | None,
+    markdown: Path | None,
+) -> None:
+    """Code and decode images of step F, each turned a little from the one before, and weigh them against links.
+
+    Times are those that one core is busy. An image is coded, sent and decoded before the next one: nothing overlaps.
+    """
+    outputs = Outputs(json, markdown)
+    outputs.check()
+    subject = subject_of(volume, phantom, tables, scene, preset)
+    console = PlainConsole(stderr=True)
+    with console.status("starting") as status, volume_file(subject, status.update) as path:
+        with SingleProcess(path, threads=usable_cores(), on_progress=status.update) as single:
+            known = single.volume
+            status.stop()
+            shown = subject.scene_of(known)
+            drawn = []
+            with shown_progress("draw", count) as step:
+                for n in range(count):
+                    rotation = rotation_from_angles(FIRST_AZIMUTH + degrees * n, ELEVATION)
+                    view = seen(shown, known.description.geometry, rotation, (side, side))
+                    drawn.append(single.finish(view, Step.F).published)
+                    step()
+    raw = side * side * 16
+    table = TextTable(
+        f"Images of {volume_words(known)}, {side} x {side} pixels, turned by {degrees:g} degrees",
+        ("images", "MB", "code, ms", "decode, ms", *(f"a second by {link}" for link in LINKS)),
+        f"Median of {count - 1} images. As they are, they have {raw / 1e6:.3g} MB: "
+        + ", ".join(f"{rate / raw:.3g} a second by {link}" for link, rate in LINKS.items()),
+    )
+    figures: list[Figure] = []
+    for kind, exact in KINDS.items():
+        costs = list(_costs(drawn, exact))[1:]  # the first has none before it
+        of = [
+            figure(f"{kind}: {name}", unit, one)
+            for name, unit, one in zip(NAMES, UNITS, zip(*costs, strict=True), strict=True)
+        ]
+        size, coding, decoding = (one.median for one in of)
+        figures += of
+        rates = (1 / (coding + decoding + size / rate) for rate in LINKS.values())
+        table.add(kind, *(significant(value) for value in (size / 1e6, coding * 1e3, decoding * 1e3, *rates)))
+    outputs.deliver(record("images", {"volume": volume_words(known)}, figures), [table])
+
+
+NAMES, UNITS = ("bytes", "coding", "decoding"), ("B", "s", "s")
+
+
+def _costs(drawn: list[PublishedImage], exact: bool) -> Iterator[tuple[float, float, float]]:
+    """Of each image: bytes, and seconds to code and to decode it."""
+    coder, decoder = ImageCoder(), ImageDecoder()
+    for published in drawn:
+        image = ImageRead(1, Step.F, True, 0, 0, published.width, published.height, RawPixels())
+        target = memoryview(bytearray(image.raw_bytes))
+        began = time.thread_time()
+        told, payload = coder.coded(image, memoryview(published.memory), exact)
+        coded = time.thread_time()
+        decoder.decode(image, told, memoryview(b"".join(payload)), target)
+        yield told.bytes, coded - began, time.thread_time() - coded
