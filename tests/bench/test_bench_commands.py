@@ -133,6 +133,12 @@ def test_aborts_are_timed(person: Person) -> None:
     assert len(found.figures) == 4
 
 
+def test_images_are_weighed(person: Person) -> None:
+    found, _, _ = measured(person, "images", *PHANTOM, "--images", "3", "--image", "100")
+    size = {one.name: one.median for one in found.figures if one.unit == "B"}
+    assert 0 < size["8 bits: bytes"] < size["exact: bytes"] < 100 * 100 * 16
+
+
 def test_sizes_of_a_cluster_come_into_one_file(person: Person) -> None:
     options = ("--sizes", "1", "--images", "32", "--repeats", "2")
     for count in ("1", "2", "3"):
