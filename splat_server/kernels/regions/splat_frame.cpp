@@ -1,5 +1,6 @@
 #include "splat_frame.h"
 
+#include <algorithm>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -8,9 +9,9 @@ namespace volsplat {
 
 namespace {
 
-// Bytes that may be buffered of a walk: enough for owners of unequal regions, and little enough for the caches, and
-// that what has become hidden meanwhile is not walked.
-constexpr std::int64_t kWalkBudget = 1 << 20;
+// Bytes that may be buffered of all walks, and of each at least: enough for owners of unequal regions, and little
+// enough for the caches, and that hardly anything is walked that has become hidden meanwhile.
+constexpr std::int64_t kWalksBudget = 1 << 20, kLeastWalkBudget = 1 << 17;
 
 RowSpan all_lines(const std::vector<RowSpan>& regions) { return {regions.front().begin, regions.back().end}; }
 
@@ -34,9 +35,11 @@ SplatFrame::SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::
         regions_.push_back(std::make_unique<Region>(*image_, job, task_.sources, task_.layers));
     }
     for (int n = 0; n < task_.sources; ++n) sources_.push_back(std::make_unique<Source>(task_.counts, regions_.size()));
-    for (std::size_t n = 0; n < task_.walks.size(); ++n) {
+    const std::int64_t walks = task_.walks.size();
+    for (std::int64_t n = 0; n < walks; ++n) {
+        const std::int64_t bytes = std::max(kWalksBudget / walks, kLeastWalkBudget);
         const auto wake = [bell = bells_.owners[n]] { bell->ring(); };
-        walks_.push_back({task_.walks[n], std::make_shared<ReadBudget>(kWalkBudget, wake)});
+        walks_.push_back({task_.walks[n], std::make_shared<ReadBudget>(bytes, wake)});
     }
 }
 
