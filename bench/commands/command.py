@@ -9,6 +9,7 @@ from volsplat.client.caller.interrupts import interrupts_held
 SUMMARIES = {
     "paper": "The paper's timing table beside this machine's.",
     "scaling": "How a frame's time grows with voxels, pixels and servers, and what limits it.",
+    "hosts": "Splat servers on hosts of their own, over links of a given rate.",
     "kernels": "Voxels, splats and pixels a second on one core, beside the machine's floors.",
     "peers": "volsplat and VTK's CPU ray caster draw the same pictures.",
     "images": "What images cost on their way to the client, in bytes and milliseconds.",

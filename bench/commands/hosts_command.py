@@ -1,0 +1,114 @@
+"""`volsplat bench hosts`: several splat servers on hosts of their own, over links of a given rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import click
+
+from volsplat.bench.commands.option_lists import whole_numbers
+from volsplat.bench.hosts.cluster import cluster_of_hosts
+from volsplat.bench.subject import subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.tables.outputs import Outputs, output_options
+from volsplat.bench.tables.progress import shown_progress
+from volsplat.bench.tables.record import Figure, figure, record
+from volsplat.bench.tables.text_table import TextTable, give_or_take, significant
+from volsplat.bench.views import around, seen
+from volsplat.client.session.bottleneck import bottleneck
+from volsplat.client.session.frame_report import StepReport, report_of
+from volsplat.program.plain_console import PlainConsole
+
+
+@dataclass(frozen=True)
+class Taken:
+    """The frames of one number of splat servers."""
+
+    splat_servers: int
+    reports: Sequence[StepReport]
+
+    @property
+    def name(self) -> str:
+        return f"{self.splat_servers} splat server{'s' if self.splat_servers > 1 else ''}"
+
+    @property
+    def seconds(self) -> Figure:
+        return figure(f"{self.name}: frame", "s", [report.wall_seconds for report in self.reports])
+
+    @property
+    def usual(self) -> StepReport:
+        """The frame of median time."""
+        return sorted(self.reports, key=lambda report: report.wall_seconds)[len(self.reports) // 2]
+
+
+@click.command()
+@subject_options
+@click.option("--workers", type=click.IntRange(1, 64), default=4, help="Hosts with a map/shade server (4).")
+@click.option("--splat-servers", default="1,2,4", help="Numbers of hosts with a splat server (1,2,4).")
+@click.option("--link", type=click.FloatRange(1), default=100.0, help="Of every host, Mbit/s in each direction (100).")
+@click.option("--image", type=click.IntRange(16, 16384), default=512, help="Side of the square image, pixels (512).")
+@click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views (7).")
+@output_options(plot=False)
+def hosts(
+    volume: str | None,
+    phantom: str | None,
+    tables: str | None,
+    scene: Path | None,
+    preset: str | None,
+    workers: int,
+    splat_servers: str,
+    link: float,
+    image: int,
+    repeats: int,
+    json: Path | None,
+    markdown: Path | None,
+) -> None:
+    """Measure how splat servers on hosts of their own share the links' work. Needs Linux and root.
+
+    The hosts are network namespaces of this machine: each has its own network link of the given rate, all share its
+    cores. So it shows what links cost, not what more processors bring.
+    """
+    subject = subject_of(volume, phantom, tables, scene, preset)
+    counts = whole_numbers("--splat-servers", splat_servers, most=64)
+    outputs = Outputs(json, markdown, None)
+    outputs.check()
+    taken = []
+    console = PlainConsole(stderr=True)
+    with console.status("starting") as status, volume_file(subject, status.update) as path:
+        status.stop()
+        with shown_progress("frames", len(counts) * repeats) as step:
+            for count in counts:
+                with cluster_of_hosts(path, workers, count, link * 1e6, lambda text: None) as session:
+                    known = session.volume
+                    shown, geometry = subject.scene_of(known), known.description.geometry
+                    scenes = [seen(shown, geometry, turned, (image, image)) for turned in around(repeats)]
+                    session.finish(scenes[-1])
+                    reports: list[StepReport] = []
+                    for one in scenes:
+                        outcome = session.finish(one).outcome
+                        assert outcome is not None
+                        reports += report_of(known, one, [outcome]).steps
+                        step()
+                taken.append(Taken(count, reports))
+    facts = {
+        "volume": volume_words(known),
+        "tables": subject.tables.value,
+        "image": f"{image} x {image} pixels, {repeats} views",
+        "hosts": f"{workers} with a map/shade server, the client, and those with a splat server, one thread each",
+        "links": f"{link:g} Mbit/s in each direction",
+        **{f"what limits {one.name}": str(bottleneck(one.usual)) for one in taken},
+    }
+    outputs.deliver(record("hosts", facts, [one.seconds for one in taken]), [hosts_table(taken)])
+
+
+def hosts_table(taken: Sequence[Taken]) -> TextTable:
+    """A column for each number of splat servers."""
+    table = TextTable("Hosts", ("", *(one.name for one in taken)), "Medians, with half the width of their middle half.")
+    table.add("milliseconds a frame", *(significant(one.seconds.median * 1e3) for one in taken))
+    table.add("", *(give_or_take(one.seconds) for one in taken))
+    first = taken[0].seconds.median
+    table.add("times the frame rate", *(significant(first / one.seconds.median) for one in taken))
+    table.add("MB into splat servers", *(significant(one.usual.bytes_sent / 1e6) for one in taken))
+    table.add("ms of the image's way", *(significant(one.usual.image_seconds * 1e3) for one in taken))
+    return table

@@ -1,0 +1,109 @@
+"""A small lab on one machine: hosts as network namespaces, joined by a bridge over links of one rate (Linux, root).
+
+Processor and memory are shared; only the network is each host's own. The calling process is a host as well, behind a
+link of its own, so that what a client receives is as slow as what servers do.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+from volsplat.protocol.text.errors import BadInput
+
+NETWORK = "10.213.{lab}.{host}"
+BURST_SECONDS = 0.005  # of data that leaves at once: timers are no finer
+QUEUED_SECONDS = 0.05  # of data that waits in the link, as in a switch
+LEAST_BURST = 16 << 10  # bytes, some packets
+CLIENT = 1  # the host that this process is
+
+
+@dataclass(frozen=True)
+class Host:
+    """A namespace; or, with none, this process behind its own link."""
+
+    address: str
+    namespace: str | None
+
+    def start(self, command: Sequence[str], environment: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
+        """A program there. Whoever starts it ends it."""
+        inside = ["ip", "netns", "exec", self.namespace] if self.namespace else []
+        return subprocess.Popen([*inside, *command], env=environment, stdin=subprocess.DEVNULL)
+
+
+def why_no_lab() -> str:
+    """Why this machine cannot hold such a lab; empty if it can."""
+    if not shutil.which("ip") or not shutil.which("tc"):
+        return "network namespaces need `ip` and `tc` (Debian: iproute2)"
+    if os.geteuid() != 0:
+        return "network namespaces need root"
+    tried = _call("ip", "netns", "add", f"volsplat-try-{os.getpid()}")
+    if tried.returncode:
+        return f"network namespaces cannot be made here: {tried.stderr.strip()}"
+    _call("ip", "netns", "delete", f"volsplat-try-{os.getpid()}")
+    return ""
+
+
+@contextmanager
+def lab(hosts: int, bits_per_second: float) -> Iterator[list[Host]]:
+    """So many hosts, the first of which is this process. Raises BadInput where there can be none."""
+    if why := why_no_lab():
+        raise BadInput(why)
+    number = os.getpid() % 250 + 1
+    bridge = f"vs{number}br"
+    with ExitStack() as undone:
+        _do("ip", "link", "add", bridge, "type", "bridge")
+        undone.callback(_call, "ip", "link", "delete", bridge)
+        _do("ip", "link", "set", bridge, "up")
+        found = []
+        for n in range(CLIENT, hosts + 1):
+            address = NETWORK.format(lab=number, host=n)
+            found.append(_host(undone, bridge, f"vs{number}h{n}", address, own=n == CLIENT, rate=bits_per_second))
+        yield found
+
+
+def _host(undone: ExitStack, bridge: str, name: str, address: str, own: bool, rate: float) -> Host:
+    """One more host at the bridge; its link is as slow in both directions."""
+    port = f"{name}p"
+    inside: tuple[str, ...] = ()
+    _do("ip", "link", "add", name, "type", "veth", "peer", "name", port)
+    undone.callback(_call, "ip", "link", "delete", port)
+    if not own:
+        _do("ip", "netns", "add", name)
+        undone.callback(_call, "ip", "netns", "delete", name)
+        _do("ip", "link", "set", name, "netns", name)
+        inside = ("ip", "netns", "exec", name)
+        _do(*inside, "ip", "link", "set", "lo", "up")
+    _do("ip", "link", "set", port, "master", bridge, "up")
+    _do(*inside, "ip", "address", "add", f"{address}/24", "dev", name)
+    _do(*inside, "ip", "link", "set", name, "up")
+    _do("tc", "qdisc", "add", "dev", port, "root", *_shape(rate))
+    _do(*inside, "tc", "qdisc", "add", "dev", name, "root", *_shape(rate))
+    return Host(address, None if own else name)
+
+
+def _shape(bits_per_second: float) -> tuple[str, ...]:
+    burst = max(LEAST_BURST, round(bits_per_second / 8 * BURST_SECONDS))
+    return (
+        "tbf",
+        "rate",
+        f"{bits_per_second:.0f}bit",
+        "burst",
+        f"{burst}b",
+        "latency",
+        f"{QUEUED_SECONDS * 1e3:.0f}ms",
+    )
+
+
+def _do(*command: str) -> None:
+    done = _call(*command)
+    if done.returncode:
+        raise BadInput(f"{' '.join(command)}: {done.stderr.strip()}")
+
+
+def _call(*command: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command, capture_output=True, text=True, check=False)
