@@ -1,0 +1,156 @@
+"""A model of a frame's time: from what one thread takes for each voxel, packet and pixel to what a cluster takes.
+
+Walking, splatting and sending overlap, so that a frame takes as long as the slowest of them; what follows is the image's
+way to the client, and what every frame costs. The constants are fitted to frames of one thread.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from volsplat.client.session.frame_report import StepReport
+from volsplat.protocol.rules.packet_layout import SHADED_PACKET_BYTES
+
+RUN_SHARE = 0.15  # of a batch's bytes beside its packets: the directory of row runs
+BITS = 8
+
+
+@dataclass(frozen=True)
+class Load:
+    """What is drawn in a frame."""
+
+    voxels: float  # visited
+    packets: float  # sent if there is one region
+    pixels: float  # combined
+    footprint_lines: float  # that a packet reaches
+    lines: float  # of the image that the volume covers
+    image_bytes: float  # as they are sent
+
+    @property
+    def batch_bytes(self) -> float:
+        return self.packets * SHADED_PACKET_BYTES * (1 + RUN_SHARE)
+
+    def twice(self, regions: int) -> float:
+        """The part of the packets that reach two regions."""
+        return min(1.0, (regions - 1) * self.footprint_lines / self.lines)
+
+
+@dataclass(frozen=True)
+class Rates:
+    """Seconds of one thread."""
+
+    voxel: float  # visited
+    packet: float  # shaded
+    splat: float  # decoded and placed
+    pixel: float  # combined
+    frame: float  # of every frame, whatever is drawn
+    byte: float = 0.0  # of packets, handed over to another process of the machine
+
+
+@dataclass(frozen=True)
+class Cluster:
+    """What draws. Without a link everything runs on one machine."""
+
+    workers: int
+    walkers: int  # threads of each
+    splat_servers: int
+    owners: int  # threads of each
+    cores: int  # of each machine
+    bits_per_second: float | None = None  # of each machine's link; servers have a machine each
+
+    @property
+    def regions(self) -> int:
+        return self.splat_servers * self.owners
+
+
+@dataclass(frozen=True)
+class Prediction:
+    seconds: float
+    limit: str  # what takes longest
+
+
+def predicted(load: Load, rates: Rates, cluster: Cluster) -> Prediction:
+    """A frame's time, and what limits it."""
+    sent = 1 + load.twice(cluster.regions)
+    walking = load.voxels * rates.voxel + load.packets * sent * rates.packet
+    splatting = load.packets * sent * rates.splat + load.pixels * rates.pixel
+    parts = {
+        "walking": walking / (cluster.workers * cluster.walkers),
+        "splatting": splatting / cluster.regions,
+        **_shared(load, rates, cluster, walking + splatting),
+    }
+    limit = max(parts, key=lambda part: parts[part])
+    image = load.image_bytes * BITS / cluster.bits_per_second if cluster.bits_per_second else 0.0
+    seconds = parts[limit] + image + rates.frame
+    return Prediction(seconds, "the image's way" if image > parts[limit] else limit)
+
+
+def _shared(load: Load, rates: Rates, cluster: Cluster, processor: float) -> dict[str, float]:
+    """What servers of one machine, or packets on the links, share."""
+    if cluster.bits_per_second is None:
+        return {"cores": (processor + load.batch_bytes * rates.byte) / cluster.cores}
+    on_links = load.batch_bytes * (1 + load.twice(cluster.splat_servers)) * BITS / cluster.bits_per_second
+    return {
+        "links into splat servers": on_links / cluster.splat_servers,
+        "links of workers": on_links / cluster.workers,
+    }
+
+
+def load_of(report: StepReport, footprint_lines: float, image_bytes: float | None = None) -> Load:
+    """What a frame drew, by its report; `image_bytes` if they are other than it says."""
+    work = [line for splat in report.splat_servers.values() for line in splat.work]
+    covered = sum(pixels > 0 for pixels in work) * 4
+    return Load(
+        voxels=report.voxels_visited,
+        packets=report.packets_sent,
+        pixels=sum(work),
+        footprint_lines=footprint_lines,
+        lines=max(1, covered),
+        image_bytes=report.image_bytes if image_bytes is None else image_bytes,
+    )
+
+
+def fitted(reports: Sequence[StepReport]) -> Rates:
+    """The constants of a machine, by frames of one thread that differ in voxels, packets and pixels.
+
+    Differences count by their share of a frame, so that small frames say as much as large ones.
+    """
+    walks = [(report.voxels_visited, report.packets_sent, _walked(report)) for report in reports]
+    splats = [(report.packets_sent, _pixels(report), _splatted(report)) for report in reports]
+    voxel, packet = _least_squares(walks)
+    splat, pixel = _least_squares(splats)
+    rest = [report.wall_seconds - _walked(report) - _splatted(report) for report in reports]
+    return Rates(voxel, packet, splat, pixel, frame=max(0.0, float(np.median(rest))))
+
+
+def _walked(report: StepReport) -> float:
+    return report.map_shade_seconds
+
+
+def _splatted(report: StepReport) -> float:
+    return report.merge_seconds + report.splat_seconds
+
+
+def _pixels(report: StepReport) -> float:
+    return float(sum(line for splat in report.splat_servers.values() for line in splat.work))
+
+
+def _least_squares(rows: Iterable[tuple[float, float, float]]) -> tuple[float, float]:
+    """The two factors, not below 0, that give each row's last number from the others."""
+    drawn = np.array([[a / seconds, b / seconds] for a, b, seconds in rows if seconds > 0])
+    ones = np.ones(len(drawn))
+    first, second = np.linalg.lstsq(drawn, ones, rcond=None)[0]
+    if first >= 0 and second >= 0:
+        return float(first), float(second)
+    alone = 1 if first < 0 else 0
+    factor = float(drawn[:, alone] @ ones / (drawn[:, alone] @ drawn[:, alone]))
+    return (0.0, factor) if alone else (factor, 0.0)
+
+
+def error(measured: float, model: float) -> float:
+    """How far the model is off, as a share of what was measured: 0.2 where it is a fifth too long."""
+    return math.inf if measured <= 0 else model / measured - 1
