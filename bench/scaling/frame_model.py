@@ -1,18 +1,21 @@
 """A model of a frame's time: from what one thread takes for each voxel, packet and pixel to what a cluster takes.
 
-Walking, splatting and sending overlap, so that a frame takes as long as the slowest of them; what follows is the image's
-way to the client, and what every frame costs. The constants are fitted to frames of one thread.
+Walking, splatting and sending overlap, so that a frame takes as long as the slowest of them; what follows is the
+image's way to the client, and what every frame costs. The constants are fitted to frames of one thread, and to those of
+the fewest servers what servers cost beyond.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+import statistics
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from volsplat.client.session.frame_report import StepReport
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.packet_layout import SHADED_PACKET_BYTES
 
 RUN_SHARE = 0.15  # of a batch's bytes beside its packets: the directory of row runs
@@ -100,17 +103,17 @@ def _shared(load: Load, rates: Rates, cluster: Cluster, processor: float) -> dic
     }
 
 
-def load_of(report: StepReport, footprint_lines: float, image_bytes: float | None = None) -> Load:
-    """What a frame drew, by its report; `image_bytes` if they are other than it says."""
+def load_of(report: StepReport) -> Load:
+    """What a frame drew, by its report."""
     work = [line for splat in report.splat_servers.values() for line in splat.work]
-    covered = sum(pixels > 0 for pixels in work) * 4
+    pixels = float(sum(work))
     return Load(
         voxels=report.voxels_visited,
         packets=report.packets_sent,
-        pixels=sum(work),
-        footprint_lines=footprint_lines,
-        lines=max(1, covered),
-        image_bytes=report.image_bytes if image_bytes is None else image_bytes,
+        pixels=pixels,
+        footprint_lines=math.sqrt(pixels / max(report.packets_sent, 1)),
+        lines=max(1, TILE_SIDE * sum(line > 0 for line in work)),
+        image_bytes=report.image_bytes,
     )
 
 
@@ -119,24 +122,22 @@ def fitted(reports: Sequence[StepReport]) -> Rates:
 
     Differences count by their share of a frame, so that small frames say as much as large ones.
     """
-    walks = [(report.voxels_visited, report.packets_sent, _walked(report)) for report in reports]
-    splats = [(report.packets_sent, _pixels(report), _splatted(report)) for report in reports]
-    voxel, packet = _least_squares(walks)
-    splat, pixel = _least_squares(splats)
-    rest = [report.wall_seconds - _walked(report) - _splatted(report) for report in reports]
-    return Rates(voxel, packet, splat, pixel, frame=max(0.0, float(np.median(rest))))
+    voxel, packet = _least_squares((r.voxels_visited, r.packets_sent, r.map_shade_seconds) for r in reports)
+    splat, pixel = _least_squares(
+        (r.packets_sent, load_of(r).pixels, r.merge_seconds + r.splat_seconds) for r in reports
+    )
+    rest = [r.wall_seconds - r.map_shade_seconds - r.merge_seconds - r.splat_seconds for r in reports]
+    return Rates(voxel, packet, splat, pixel, frame=max(0.0, statistics.median(rest)))
 
 
-def _walked(report: StepReport) -> float:
-    return report.map_shade_seconds
-
-
-def _splatted(report: StepReport) -> float:
-    return report.merge_seconds + report.splat_seconds
-
-
-def _pixels(report: StepReport) -> float:
-    return float(sum(line for splat in report.splat_servers.values() for line in splat.work))
+def with_servers(rates: Rates, frames: Iterable[tuple[Load, Cluster, float]]) -> Rates:
+    """What servers cost beyond: each byte that is handed over, and each frame. Frames come with their seconds."""
+    rows = []
+    for load, cluster, seconds in frames:
+        alone = predicted(load, replace(rates, frame=0.0, byte=0.0), cluster).seconds
+        rows.append((load.batch_bytes / cluster.cores, seconds - alone, seconds))
+    byte, frame = _least_squares(((handed / over, 1 / over, 1.0) for handed, over, _ in rows if over > 0))
+    return replace(rates, byte=byte, frame=frame)
 
 
 def _least_squares(rows: Iterable[tuple[float, float, float]]) -> tuple[float, float]:
@@ -149,8 +150,3 @@ def _least_squares(rows: Iterable[tuple[float, float, float]]) -> tuple[float, f
     alone = 1 if first < 0 else 0
     factor = float(drawn[:, alone] @ ones / (drawn[:, alone] @ drawn[:, alone]))
     return (0.0, factor) if alone else (factor, 0.0)
-
-
-def error(measured: float, model: float) -> float:
-    """How far the model is off, as a share of what was measured: 0.2 where it is a fifth too long."""
-    return math.inf if measured <= 0 else model / measured - 1
