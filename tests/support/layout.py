@@ -45,7 +45,7 @@ FLOORS = {
         "ui",
         "command .",
     ),
-    "bench": ("tables", ".", "scaling peers floors", "commands"),
+    "bench": ("tables", ".", "scaling peers floors hosts", "commands"),
 }
 """The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""
 AT_LAST = {(Path("client/session/session.py"), "ui")}  # who asks a session for its widget loads the page's modules
