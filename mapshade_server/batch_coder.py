@@ -23,5 +23,14 @@ class BatchCoder:
     def coded(self, parts: Sequence[ShadedPart], level: int) -> bytes:
         if level not in self._compressors:
             self._compressors[level] = zstandard.ZstdCompressor(level=level)
+        """Compressed at this level of zstd."""
         code = self._encoder.encode([(part.runs, part.packets) for part in parts])
         return self._compressors[level].compress(code)
+
+
+def coder_of(plan: FramePlan) -> BatchCoder | None:
+    """None if positions do not tell the plan's samples apart."""
+    try:
+        return BatchCoder(plan)
+    except ValueError:
+        return None

@@ -4,18 +4,22 @@ Walkers send; a thread of the link's own hears which tiles of the image are clos
 """
 
 import threading
-from typing import TYPE_CHECKING, NamedTuple
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
 
+import msgspec
+
+from volsplat.mapshade_server.frame_walk import ShadedPart
+from volsplat.mapshade_server.link_coding import LinkCoding
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map, tile_map_bytes
+from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed, Counters
-
-if TYPE_CHECKING:
-    from typing_extensions import Buffer
 
 
 class FrameTiles(NamedTuple):
@@ -23,6 +27,15 @@ class FrameTiles(NamedTuple):
 
     frame: int
     map: memoryview
+
+
+class Sent(NamedTuple):
+    """What it took to send a batch."""
+
+    nbytes: int
+    coding_seconds: float
+    seconds: float
+    waiting_seconds: float  # of these, for the splat server or the network
 
 
 class DataLink:
@@ -35,6 +48,7 @@ class DataLink:
             0, new_tile_map(1, 1)
         )  # replaced by the thread that begins frames, filled by the hearing one
         self._failure: VolsplatError | None = None  # how the splat server was lost
+        self._coding = None if connection.may_share_memory else LinkCoding()  # within a machine nothing is gained
         self._hearing = threading.Thread(target=self._hear, name=f"receive from {connection.peer}", daemon=True)
         self._hearing.start()
 
@@ -46,17 +60,32 @@ class DataLink:
     def counters(self) -> Counters:
         return self._connection.counters
 
-    def begin_frame(self, frame: int, tile_map: memoryview) -> None:
+    def begin_frame(self, frame: int, plan: FramePlan, tile_map: memoryview) -> None:
         """The splat server's lines of the map of closed tiles are filled from now on (see protocol.closed_tiles)."""
         self._tiles = FrameTiles(frame, tile_map)
+        if self._coding is not None:
+            self._coding.begin_frame(plan)
 
-    def send(self, batch: messages.Batch, *payload: "Buffer") -> None:
-        """Raises PeerLost where the splat server is gone."""
+    def send(self, batch: messages.Batch, parts: Sequence[ShadedPart]) -> Sent:
+        """Send a batch of these parts, coded if so it is there sooner. Raises PeerLost if the splat server is gone."""
+        began = time.perf_counter()
+        coded = self._coding.coded(batch, parts) if self._coding is not None else None
+        if coded is not None:
+            batch = msgspec.structs.replace(batch, coded_bytes=len(coded))
+        sending, waited = time.perf_counter(), self.counters.seconds_in_send
         try:
-            self._connection.send(batch, *payload)
+            if coded is not None:
+                self._connection.send(batch, coded)
+            else:
+                self._connection.send(batch, *(memory for part in parts for memory in (part.runs, part.packets)))
         except ConnectionClosed as closed:
             self._hearing.join()  # it closed the connection, and is about to say why
             raise self._failure or closed from None
+        ended, waited = time.perf_counter(), self.counters.seconds_in_send - waited
+        if self._coding is not None:
+            self._coding.choice.sent(batch.raw_bytes, batch.payload_bytes(), waited > 0, ended)
+        seconds = ended - sending
+        return Sent(batch.payload_bytes(), sending - began, seconds, min(seconds, waited))  # another walker waits, too
 
     def interrupt(self) -> None:
         """Close it from any thread: whoever sends is woken."""

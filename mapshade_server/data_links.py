@@ -47,7 +47,7 @@ class DataLinks:
         """The map of closed tiles of a frame's image, which every splat server has filled from now on for its lines."""
         tile_map = new_tile_map(plan.width, plan.height)
         for link in self._links.values():
-            link.begin_frame(frame, tile_map)
+            link.begin_frame(frame, plan, tile_map)
         return tile_map
 
     def interrupt(self) -> None:

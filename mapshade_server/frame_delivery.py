@@ -97,18 +97,17 @@ class _Outlet:
             worker=worker,
             walker=walker,
             sequence=self._sequence,
-            encoding=messages.RAW,
+            coded_bytes=0,
             parts=[messages.BatchPart(part.run_count, part.packet_count) for part in parts],
             reached_sheet=batch.reached[0],
             reached_row=batch.reached[1],
             last=batch.last,
         )
-        counters = self._link.counters
-        started, waited = time.perf_counter(), counters.seconds_in_send
-        self._link.send(message, *(memory for part in parts for memory in (part.runs, part.packets)))
-        seconds = time.perf_counter() - started
-        tally.sending_seconds += seconds
-        tally.waiting_seconds += min(seconds, counters.seconds_in_send - waited)  # for another walker, too
+        sent = self._link.send(message, parts)
+        tally.bytes -= message.raw_bytes - sent.nbytes
+        tally.coding_seconds += sent.coding_seconds
+        tally.sending_seconds += sent.seconds
+        tally.waiting_seconds += sent.waiting_seconds
         self._sequence += 1
 
 

@@ -16,9 +16,11 @@ class FrameTally:
     voxels_visited: int = 0
     packets: int = 0
     batches: int = 0
+    raw_bytes: int = 0
     bytes: int = 0
     planning_seconds: float = 0.0
     map_shade_seconds: float = 0.0
+    coding_seconds: float = 0.0
     sending_seconds: float = 0.0
     waiting_seconds: float = 0.0
 
@@ -27,7 +29,9 @@ class FrameTally:
         self.batches += 1
         self.voxels_visited += batch.voxels_visited
         self.packets += batch.packet_count
-        self.bytes += sum(len(part.runs) + len(part.packets) for part in batch.parts)
+        raw_bytes = sum(len(part.runs) + len(part.packets) for part in batch.parts)
+        self.raw_bytes += raw_bytes
+        self.bytes += raw_bytes
 
     @staticmethod
     def of_walkers(tallies: "Sequence[FrameTally]") -> "FrameTally":
@@ -38,6 +42,7 @@ class FrameTally:
             voxels_visited=sum(tally.voxels_visited for tally in tallies),
             packets=sum(tally.packets for tally in tallies),
             batches=sum(tally.batches for tally in tallies),
+            raw_bytes=sum(tally.raw_bytes for tally in tallies),
             bytes=sum(tally.bytes for tally in tallies),
         )
 

@@ -13,9 +13,11 @@ from dataclasses import dataclass, field
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
+from volsplat.splat_server.batch_decoder import decoded
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
@@ -46,13 +48,14 @@ class _Came:
     frame: int = 0
     batches: defaultdict[int, int] = field(default_factory=lambda: defaultdict(int))  # of each walker
     nbytes: int = 0
+    decoding_seconds: float = 0.0
 
-    def count(self, batch: messages.Batch, nbytes: int) -> None:
+    def count(self, batch: messages.Batch, decoding_seconds: float) -> None:
         """Raises RemoteProtocolError where a batch is missing, comes twice, or belongs to an older frame."""
         if batch.frame < self.frame:
             raise RemoteProtocolError(f"a batch of frame {batch.frame} came after one of frame {self.frame}")
         if batch.frame > self.frame:
-            self.frame, self.nbytes = batch.frame, 0
+            self.frame, self.nbytes, self.decoding_seconds = batch.frame, 0, 0.0
             self.batches.clear()
         due = self.batches[batch.walker]
         if batch.sequence != due:
@@ -61,7 +64,8 @@ class _Came:
                 "repeated"
             )
         self.batches[batch.walker] += 1
-        self.nbytes += nbytes
+        self.nbytes += batch.payload_bytes()
+        self.decoding_seconds += decoding_seconds
 
 
 class DataLinks:
@@ -85,6 +89,7 @@ class DataLinks:
         self._came: dict[int, _Came] = {}  # by worker, over its newest link
         self._budgets: dict[int, ReadBudget] = {}  # by worker
         self._held_back: defaultdict[int, float] = defaultdict(float)  # seconds since the frame began, by worker
+        self._rooms = BufferPool()  # for batches that come coded
         threading.Thread(target=self._accept, name="accept data links", daemon=True).start()
 
     def close(self) -> None:
@@ -108,6 +113,10 @@ class DataLinks:
         """Bytes of the frame's batches."""
         with self._lock:
             return sum(came.nbytes for came in self._came.values() if came.frame == frame)
+
+    def decoding_seconds(self, frame: int) -> float:
+        with self._lock:
+            return sum(came.decoding_seconds for came in self._came.values() if came.frame == frame)
 
     def held_back(self) -> dict[int, float]:
         """For how many seconds since the frame began each worker was not read; only those that waited."""
@@ -214,6 +223,7 @@ class DataLinks:
         """Hand a batch to the owners of regions. Raises RemoteProtocolError where it breaks the rules."""
         try:
             parts = [(part.run_count, part.packet_count) for part in message.parts]
+            payload, decoding_seconds = self._raw(message, payload)
             memory = BatchMemory(payload, parts, self._budgets[message.worker])
         except ValueError as fault:
             raise _broken(link, f"frame {message.frame}: {fault}") from fault
@@ -223,12 +233,21 @@ class DataLinks:
             if not self._in_use(link):
                 return
             try:
-                self._came[message.worker].count(message, len(payload))
+                self._came[message.worker].count(message, decoding_seconds)
             except RemoteProtocolError as error:
                 raise _broken(link, str(error)) from error
             instructions = self._merge.handle(BatchArrived(message.worker, message.frame, batch))
         for refused in carried_out(instructions):
             raise _broken(link, refused.fault)
+
+    def _raw(self, message: messages.Batch, payload: memoryview) -> tuple[memoryview, float]:
+        """The payload as it would have come raw, and the seconds that took. Raises ValueError."""
+        if not message.coded_bytes:
+            return payload, 0.0
+        began = time.perf_counter()
+        room = memoryview(self._rooms(message, message.raw_bytes))[: message.raw_bytes]
+        decoded(payload, message.parts, room)
+        return room, time.perf_counter() - began
 
 
 def carried_out(instructions: list[Instruction]) -> list[RefuseBatch]:

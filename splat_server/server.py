@@ -166,6 +166,7 @@ class SplatServer:
             waiting_seconds=max(0.0, frame - self._planning_seconds - slowest.merge - slowest.splat),
             answering_seconds=0.0,
             held_back_seconds=self._data_links.held_back(),
+            decoding_seconds=self._data_links.decoding_seconds(assembly.frame),
             work=assembly.work[begin // TILE_SIDE : -(-end // TILE_SIDE)],
             peak_memory_bytes=peak_memory(),
             machine=this_machine(),

@@ -56,6 +56,9 @@ class StepReport(msgspec.Struct, frozen=True):
     voxels_visited: int
     packets_sent: int
     bytes_sent: int
+    bytes_uncoded: int  # what these would have been if no batch had been coded
+    coding_seconds: float  # over all workers
+    decoding_seconds: float  # over all splat servers, beside their other stages
     map_shade_seconds: float
     map_shade_seconds_slowest: float
     map_shade_waiting_seconds: float  # in sends that back-pressure held up
@@ -144,6 +147,7 @@ def step_table(report: FrameReport) -> Table:
         "voxels visited": lambda s: f"{s.voxels_visited / 1e6:.3f} M",
         "packets sent": lambda s: f"{s.packets_sent / 1e6:.3f} M",
         "bytes sent": lambda s: f"{s.bytes_sent / 1e6:.2f} MB",
+        "  uncoded": lambda s: f"{s.bytes_uncoded / 1e6:.2f} MB",
         "peak memory": lambda s: f"{max(s.peak_memory_bytes.values(), default=0) / 1e6:.0f} MB",
     }
     for name, figure in rows.items():
@@ -167,6 +171,9 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         voxels_visited=sum(worker.voxels_visited for worker in stats),
         packets_sent=sum(worker.packets for worker in stats),
         bytes_sent=sum(worker.bytes for worker in stats),
+        bytes_uncoded=sum(worker.raw_bytes for worker in stats),
+        coding_seconds=sum(worker.coding_seconds for worker in stats),
+        decoding_seconds=sum(one.decoding_seconds for one in splat_servers.values()),
         map_shade_seconds=sum(worker.map_shade_seconds for worker in stats),
         map_shade_seconds_slowest=max((worker.map_shade_seconds for worker in stats), default=0.0),
         map_shade_waiting_seconds=sum(worker.waiting_seconds for worker in stats),

@@ -1,6 +1,6 @@
 """Messages about a frame: asked for by the client, mapped and shaded, splatted, read; and probes of its voxels."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar
 
 from msgspec import Meta
 
@@ -16,7 +16,6 @@ from volsplat.protocol.messages.message import (
     Detail,
     FrameId,
     LevelNumber,
-    Line,
     Message,
     Ordinal,
     ProbeId,
@@ -36,24 +35,26 @@ from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_B
 from volsplat.protocol.rules.regions import MOST_REGIONS, LineNumber, Regions, check_regions
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
-RAW: Literal["raw"] = "raw"  # the one encoding of batches so far
-
 Extent = Annotated[int, Meta(ge=1, le=LARGEST_EXTENT)]  # pixels
+LARGEST_BATCH = 1 << 24  # bytes; senders choose far less
 
 
 class MapShadeStats(Detail, frozen=True):
     """What a frame cost one map/shade server.
 
-    Seconds follow each other: planning, then map/shade and sending by turns, those of the walker that was busy for the
-    longest time. `waiting_seconds` is the part of sending that back-pressure held up.
+    Seconds follow each other: planning, then map/shade, coding and sending by turns, those of the walker that was busy
+    for the longest time. `waiting_seconds` is the part of sending that back-pressure held up. Of `raw_bytes` of
+    batches `bytes` were sent, fewer if batches were coded.
     """
 
     voxels_visited: Count
     packets: Count
     batches: Count
+    raw_bytes: Count
     bytes: Count
     planning_seconds: Seconds
     map_shade_seconds: Seconds
+    coding_seconds: Seconds
     sending_seconds: Seconds
     waiting_seconds: Seconds
     peak_memory_bytes: Count
@@ -66,6 +67,7 @@ class SplatStats(Detail, frozen=True):
     `frame_seconds` passed from taking the request to the finished image; in them it planned the frame, splatted and
     published, and, while nothing was splatted, merged, waited and answered requests for partial images.
     `held_back_seconds` tells for each worker how long its connection was not read because its buffers were full.
+    `decoding_seconds` went, in threads of their own, into batches that came coded.
     `hidden_packets` came, but were left out as hidden. `work` counts the splatted pixels of each row of tiles of its
     regions' lines: the next frame's regions are cut by it.
     """
@@ -80,6 +82,7 @@ class SplatStats(Detail, frozen=True):
     waiting_seconds: Seconds
     answering_seconds: Seconds
     held_back_seconds: dict[ServerId, Seconds]
+    decoding_seconds: Seconds
     work: Annotated[list[Count], Meta(max_length=LARGEST_EXTENT // TILE_SIDE + 1)]
     peak_memory_bytes: Count
     machine: Machine
@@ -171,30 +174,34 @@ class Batch(Message, frozen=True):
     """Map/shade data link to splat server: the next shaded packets of a walker of `worker`, in traversal order.
 
     There is a part for each region of the splat server, in their order. The payload holds of each its row runs, then
-    its shaded packets (see packet_layout). `sequence` counts a frame's batches of one walker from 0. Everything that
-    the walker has before row (reached_sheet, reached_row) has been sent, this batch included; after `last` nothing of
-    the frame follows from it. A batch may be empty to say only that.
+    its shaded packets (see packet_layout), or `coded_bytes` of the code of all of them (see sample_lattice). `sequence`
+    counts a frame's batches of one walker from 0. Everything that the walker has before row (reached_sheet,
+    reached_row) has been sent, this batch included; after `last` nothing of the frame follows from it. A batch may be
+    empty to say only that.
     """
 
-    largest_payload: ClassVar[int] = 1 << 24  # senders choose far less
+    largest_payload: ClassVar[int] = LARGEST_BATCH
 
     frame: FrameId
     worker: ServerId
     walker: Annotated[int, Meta(ge=0, lt=MOST_THREADS)]
     sequence: Count
-    encoding: Line
+    coded_bytes: Annotated[int, Meta(ge=0, le=LARGEST_BATCH)]  # 0: it is not coded
     parts: Annotated[list[BatchPart], Meta(min_length=1, max_length=MOST_REGIONS)]
     reached_sheet: Ordinal
     reached_row: Ordinal
     last: bool
 
-    def payload_bytes(self) -> int:
-        if self.encoding != RAW:
-            raise ValueError(
-                f"Batch.encoding is {self.encoding!r}, but this version takes only {RAW!r} batches; let both "
-                "servers run the same version of volsplat"
-            )
+    @property
+    def raw_bytes(self) -> int:
         return sum(part.bytes for part in self.parts)
+
+    def payload_bytes(self) -> int:
+        if not self.coded_bytes:
+            return self.raw_bytes
+        if self.raw_bytes > self.largest_payload:  # before there is memory for it
+            raise ValueError(f"a coded batch of {self.raw_bytes} bytes exceeds the limit of {self.largest_payload}")
+        return self.coded_bytes
 
 
 @says(DATA_LINK_TO_SPLAT.back)

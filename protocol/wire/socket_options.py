@@ -5,6 +5,7 @@ import socket
 KEEPALIVE_IDLE_SECONDS = 10  # a silent peer is asked after this; one whose machine is gone is noticed …
 KEEPALIVE_INTERVAL_SECONDS = 5
 KEEPALIVE_PROBES = 3  # … this many unanswered questions later
+UNSENT = 256 << 10  # bytes over TCP that need not be on the way when a send returns; then it waits if the network does
 ON_THE_WAY = 2 << 20  # bytes by a Unix socket, if the system allows: with more, too much is hidden when it arrives
 
 
@@ -18,6 +19,7 @@ def set_options(connected: socket.socket) -> None:
         ("TCP_KEEPIDLE", KEEPALIVE_IDLE_SECONDS),
         ("TCP_KEEPINTVL", KEEPALIVE_INTERVAL_SECONDS),
         ("TCP_KEEPCNT", KEEPALIVE_PROBES),
+        ("TCP_NOTSENT_LOWAT", UNSENT),
     ):
         if hasattr(socket, name):  # macOS has no TCP_KEEPIDLE
             connected.setsockopt(socket.IPPROTO_TCP, getattr(socket, name), value)

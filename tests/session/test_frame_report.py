@@ -37,9 +37,11 @@ def worker_stats(times: int) -> MapShadeStats:
         voxels_visited=1000 * times,
         packets=100 * times,
         batches=10 * times,
-        bytes=800 * times,
+        raw_bytes=800 * times,
+        bytes=400 * times,
         planning_seconds=0.125 * times,
         map_shade_seconds=0.5 * times,
+        coding_seconds=0.0625 * times,
         sending_seconds=0.375 * times,
         waiting_seconds=0.25 * times,
         peak_memory_bytes=10_000_000 * times,
@@ -59,6 +61,7 @@ def outcome(step: Step) -> StepOutcome:
         waiting_seconds=0.0625,
         answering_seconds=0.03125,
         held_back_seconds={2: 0.5, 3: 0.25},
+        decoding_seconds=0.125,
         work=[],
         peak_memory_bytes=40_000_000,
         machine=this_machine(),
@@ -72,7 +75,8 @@ def report(*steps: Step) -> FrameReport:
 
 def test_the_workers_figures_are_added_up_and_the_slowest_named() -> None:
     step = report(Step.F).steps[0]
-    assert (step.voxels_visited, step.packets_sent, step.bytes_sent) == (3000, 300, 2400)
+    assert (step.voxels_visited, step.packets_sent, step.bytes_sent) == (3000, 300, 1200)
+    assert (step.bytes_uncoded, step.coding_seconds, step.decoding_seconds) == (2400, 0.1875, 0.125)
     assert (step.map_shade_seconds, step.map_shade_seconds_slowest) == (1.5, 1.0)
     assert (step.map_shade_waiting_seconds, step.map_shade_waiting_seconds_slowest) == (0.75, 0.5)
     assert (step.merge_seconds, step.splat_seconds, step.splat_waiting_seconds) == (0.125, 0.75, 0.0625)

@@ -23,6 +23,7 @@ from support.scenes.shaded_packets import all_batches
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.session.image_receiver import ImageReceiver
+from volsplat.mapshade_server.batch_coder import QUICK, BatchCoder
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
@@ -85,6 +86,7 @@ class Bench:
         control.send(messages.InviteWorkers(KEYS))
         self.links = {worker: self.linked(worker) for worker in WORKERS}
         self.picture = memoryview(b"")  # of the frame that was drawn last
+        self.coder: BatchCoder | None = None  # of the batches that are sent
 
     def _run(self) -> None:
         try:
@@ -128,18 +130,20 @@ class Bench:
         self.control.send(request(frame, scene, step))
 
     def sends(self, worker: int, frame: int, sequence: int, batch: ShadedBatch) -> None:
+        coded = None if self.coder is None else self.coder.coded(batch.parts, QUICK)
         message = messages.Batch(
             frame,
             worker,
             0,
             sequence,
-            messages.RAW,
+            0 if coded is None else len(coded),
             [messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts],
             batch.reached[0],
             batch.reached[1],
             batch.last,
         )
-        self.links[worker].send(message, *(memory for part in batch.parts for memory in (part.runs, part.packets)))
+        raw = [memory for part in batch.parts for memory in (part.runs, part.packets)]
+        self.links[worker].send(message, *(raw if coded is None else [coded]))
 
     def draws(self, frame: int, of_workers: list[list[ShadedBatch]]) -> messages.FrameFinished:
         """A whole frame."""
@@ -347,7 +351,7 @@ def test_a_batch_that_breaks_the_rules_costs_its_sender_the_link_and_nobody_else
         WORKERS[0],
         0,
         0,
-        messages.RAW,
+        0,
         [messages.BatchPart(part.run_count, part.packet_count)],
         *batch.reached,
         False,
@@ -568,3 +572,26 @@ def test_a_link_for_which_there_is_no_thread_is_dropped_and_the_next_one_taken(
     bench.links[WORKERS[0]].close()  # it was replaced
     bench.link_anew(WORKERS[0])
     assert bench.draws(1, batches(slabs(0, 8, 16))).complete
+
+
+def test_coded_batches_give_the_same_picture(bench: Bench) -> None:
+    of_workers = batches(slabs(0, 8, 16))
+    assert bench.draws(1, of_workers).stats.decoding_seconds == 0.0
+    picture = bytes(bench.picture)
+    bench.coder = BatchCoder(plan_frame(SCENE, GEOMETRY, Step.F))
+    stats = bench.draws(2, of_workers).stats
+    assert bytes(bench.picture) == picture
+    assert stats.decoding_seconds > 0.0
+    assert stats.bytes < 24 * stats.packets
+
+
+def test_a_code_that_is_none_loses_its_worker_alone(bench: Bench, caplog: pytest.LogCaptureFixture) -> None:
+    bench.renders(1)
+    part = messages.BatchPart(1, 2)
+    bench.links[WORKERS[0]].send(messages.Batch(1, WORKERS[0], 0, 0, 9, [part], 0, 0, False), bytes(9))
+    for worker, sent in list(zip(WORKERS, batches(slabs(0, 8, 16)), strict=True))[1:]:
+        for sequence, batch in enumerate(sent):
+            bench.sends(worker, 1, sequence, batch)
+    finished = bench.hears(messages.FrameFinished)[0]
+    assert isinstance(finished, messages.FrameFinished) and finished.lost == [WORKERS[0]]
+    assert "broke the protocol: frame 1: its code cannot be decompressed" in caplog.text

@@ -92,7 +92,7 @@ class Attacked:
 
 
 def empty(frame: int, worker: int, sequence: int, last: bool = False) -> messages.Batch:
-    return messages.Batch(frame, worker, 0, sequence, messages.RAW, [messages.BatchPart(0, 0)], 0, 0, last)
+    return messages.Batch(frame, worker, 0, sequence, 0, [messages.BatchPart(0, 0)], 0, 0, last)
 
 
 @pytest.fixture

@@ -32,9 +32,11 @@ map_shade_stats = st.builds(
     voxels_visited=counts,
     packets=counts,
     batches=counts,
+    raw_bytes=counts,
     bytes=counts,
     planning_seconds=seconds,
     map_shade_seconds=seconds,
+    coding_seconds=seconds,
     sending_seconds=seconds,
     waiting_seconds=seconds,
     peak_memory_bytes=counts,
@@ -52,6 +54,7 @@ splat_stats = st.builds(
     waiting_seconds=seconds,
     answering_seconds=seconds,
     held_back_seconds=st.just({}),
+    decoding_seconds=seconds,
     peak_memory_bytes=counts,
     machine=st.just(this_machine()),
 )
@@ -96,7 +99,7 @@ def test_a_bar_is_as_long_as_its_stage_took(stats: MapShadeStats | SplatStats) -
 
 
 def _servers(stats: MapShadeStats | SplatStats) -> FrameOutcome:
-    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, [], 0, this_machine())
+    nothing = SplatStats(0, 0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0.0, [], 0, this_machine())
     return FrameOutcome({7: stats}, {8: nothing}) if isinstance(stats, MapShadeStats) else FrameOutcome({}, {8: stats})
 
 

@@ -109,7 +109,7 @@ def in_thread(work: Callable[[], object]) -> Iterator["queue.SimpleQueue[object]
 
 
 def batch(packets: int, sequence: int = 0) -> Batch:
-    return Batch(1, 4, 0, sequence, messages.RAW, [messages.BatchPart(1, packets)], 0, 0, False)
+    return Batch(1, 4, 0, sequence, 0, [messages.BatchPart(1, packets)], 0, 0, False)
 
 
 def payload_of(packets: int, fill: int = 0) -> bytearray:

@@ -105,7 +105,7 @@ def test_another_protocol_is_told_by_its_magic() -> None:
 
 def test_a_batch_beyond_its_limit_is_refused_before_anything_is_allocated() -> None:
     packets = messages.Batch.largest_payload // SHADED_PACKET_BYTES
-    batch = messages.Batch(1, 2, 0, 0, "raw", [messages.BatchPart(1, packets)], 0, 0, False)
+    batch = messages.Batch(1, 2, 0, 0, 0, [messages.BatchPart(1, packets)], 0, 0, False)
     size = ROW_RUN_BYTES + packets * SHADED_PACKET_BYTES
     line = refusal(framed(encode_control(batch), payload_bytes=size), Speech(DATA_LINK_TO_SPLAT))
     assert str(size) in line and str(messages.Batch.largest_payload) in line
@@ -125,14 +125,15 @@ def test_an_image_larger_than_a_scene_may_ask_for_is_refused() -> None:
     assert "$.width" in line and "16385" in line and "16384" in line
 
 
-def test_an_unknown_encoding_is_refused_with_its_name() -> None:
-    batch = messages.Batch(1, 2, 0, 0, "zstd", [messages.BatchPart(1, 2)], 0, 0, False)
+def test_a_coded_batch_is_refused_if_uncoded_it_would_be_beyond_the_limit() -> None:
+    packets = messages.Batch.largest_payload // SHADED_PACKET_BYTES
+    batch = messages.Batch(1, 2, 0, 0, 10, [messages.BatchPart(1, packets)], 0, 0, False)
     line = refusal(framed(encode_control(batch), bytes(10)), Speech(DATA_LINK_TO_SPLAT))
-    assert "encoding is 'zstd'" in line and "'raw'" in line
+    assert "coded" in line and str(messages.Batch.largest_payload) in line
 
 
 def test_a_batch_of_another_worker_is_refused() -> None:
-    control = encode_control(messages.Batch(1, 2, 0, 0, "raw", [messages.BatchPart(0, 0)], 0, 0, True))
+    control = encode_control(messages.Batch(1, 2, 0, 0, 0, [messages.BatchPart(0, 0)], 0, 0, True))
     assert "worker is 2" in refusal(framed(control), Speech(DATA_LINK_TO_SPLAT, server=3))
     assert len(list(Decoder(Speech(DATA_LINK_TO_SPLAT, server=2)).feed(framed(control)))) == 1
 

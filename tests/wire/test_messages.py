@@ -150,7 +150,7 @@ def test_a_batch_has_a_run_for_each_packet_and_a_packet_in_each_run(shape: tuple
 
 
 def test_an_empty_batch_may_say_that_a_worker_is_done() -> None:
-    control = encode_control(messages.Batch(1, 2, 0, 0, messages.RAW, [messages.BatchPart(0, 0)], 3, 4, True))
+    control = encode_control(messages.Batch(1, 2, 0, 0, 0, [messages.BatchPart(0, 0)], 3, 4, True))
     (received,) = Decoder(speech_for(messages.Batch)).feed(framed(control))
     assert received.payload.nbytes == 0
 

@@ -59,7 +59,7 @@ def _with_image(stats: SplatStats, outcome: StepOutcome) -> tuple[Bar, ...]:
 def stages_of(stats: MapShadeStats | SplatStats) -> list[tuple[str, float]]:
     """A server's stages and their seconds, in the order in which a frame meets them."""
     if isinstance(stats, MapShadeStats):
-        sending = max(0.0, stats.sending_seconds - stats.waiting_seconds)  # waiting is a part of it
+        sending = stats.coding_seconds + max(0.0, stats.sending_seconds - stats.waiting_seconds)
         return [
             ("planning", stats.planning_seconds),
             ("map/shade", stats.map_shade_seconds),

@@ -43,8 +43,8 @@ MEMORY = 1 << 40
 ASKED = VolumeAsked("/volumes/head.nrrd", workers=2)
 SCENE = msgspec.structs.replace(preset_scene("ct-skin"), image=Image(width=1, height=1))
 DESCRIPTION = VolumeDescription(name="head", format="NRRD", geometry=Geometry(dims=(8, 9, 10)), scalar_type="uint16")
-SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, [1], 1, this_machine())
-MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 0.0, 0.0, 0.0, 0.0, 1, this_machine())
+SPLAT_STATS = messages.SplatStats(1, 0, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, {}, 0.0, [1], 1, this_machine())
+MAP_STATS = messages.MapShadeStats(1, 1, 1, 8, 8, 0.0, 0.0, 0.0, 0.0, 0.0, 1, this_machine())
 
 
 class CheckedCoordinator(Coordinator):

@@ -65,7 +65,7 @@ REGIONS = [Region(3, 0, 0), Region(3, 0, 256), Region(4, 256, PLAN.height)]
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 MACHINE = Machine("node-1", "Linux", "a processor", 8)
 SPLAT_STATS = messages.SplatStats(
-    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, [5, 0, 7], 1 << 30, MACHINE
+    100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 0.25, [5, 0, 7], 1 << 30, MACHINE
 )
 
 SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
@@ -102,7 +102,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.FrameAborted(7), b""),
         (
             messages.FrameMapped(
-                7, messages.MapShadeStats(120, 100, 2, 900, 0.125, 0.5, 0.375, 0.25, 1 << 29, MACHINE), [3]
+                7, messages.MapShadeStats(120, 100, 2, 2000, 900, 0.125, 0.5, 0.25, 0.375, 0.25, 1 << 29, MACHINE), [3]
             ),
             b"",
         ),
@@ -114,7 +114,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         ),
         (messages.ImagesTaken(7000, 0.125, 0.25, 1, [0, 0, 3]), b""),
         (
-            messages.Batch(7, 2, 1, 0, "raw", [messages.BatchPart(0, 0), messages.BatchPart(1, 2)], 4, 3, True),
+            messages.Batch(7, 2, 1, 0, 0, [messages.BatchPart(0, 0), messages.BatchPart(1, 2)], 4, 3, True),
             ROW_RUN.pack(4, 2, 1, 2, -64, 64) + struct.pack("<2Q", 0xFF80403FFF000040, 0x0102030014000041),
         ),
         (messages.TilesClosed(7, 260, 4, 9), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
@@ -201,12 +201,13 @@ _shadings = st.builds(shading_rule, scenes(), _steps)
 _level_numbers = st.integers(0, 31)
 _prepared = st.builds(Prepared, surveys, quantisations, st.lists(geometries(), min_size=1, max_size=3).map(tuple))
 _machines = st.builds(Machine, *[st.text(max_size=20)] * 3, st.integers(1, 64))
-_map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 4, *[seconds] * 4, counts, _machines)
+_map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 5, *[seconds] * 5, counts, _machines)
 _splat_stats = st.builds(
     messages.SplatStats,
     *[counts] * 3,
     *[seconds] * 6,
     st.dictionaries(ids, seconds, max_size=3),
+    seconds,
     st.lists(counts, max_size=4),
     counts,
     _machines,
@@ -317,7 +318,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         ids,
         st.integers(0, 9),
         counts,
-        st.just("raw"),
+        st.integers(0, 40),
         st.lists(_batch_parts, min_size=1, max_size=3),
         ordinals,
         ordinals,
