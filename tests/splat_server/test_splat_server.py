@@ -121,9 +121,9 @@ class Bench:
 
     def fills_buffers(self, worker: int) -> None:
         """Wait until the server reads no more from a worker."""
-        budget = self._server._data_links._budgets[worker]
+        budgets = self._server._data_links._budgets
         until = time.monotonic() + PATIENCE
-        while budget.open:
+        while worker not in budgets or budgets[worker].open:
             assert time.monotonic() < until
 
     def renders(self, frame: int, scene: Scene = SCENE, step: Step = Step.F) -> None:
