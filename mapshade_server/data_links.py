@@ -1,5 +1,6 @@
 """The links to all splat servers that the client names."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 
 from volsplat.mapshade_server.data_link import DataLink
@@ -7,10 +8,13 @@ from volsplat.protocol.messages.messages import Route
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.tokens import Token
+
+log = logging.getLogger(__name__)
 
 
 class DataLinks:
@@ -27,15 +31,25 @@ class DataLinks:
         return self._links
 
     def connect(self, routes: Sequence[Route], server: int) -> None:
-        """Have this server linked to the ends of these routes and to no other. Raises PeerLost."""
+        """Have this server linked to the ends of these routes and to no other.
+
+        One that cannot be reached is done without. Raises PeerLost if none can.
+        """
         kept = {link.route: link for link in self._links.values() if not link.closed and link.route in routes}
+        unreached: PeerLost | None = None
         before, self._links = self._links, {route.server: link for route, link in kept.items()}
         for link in before.values():
             if link not in kept.values():
                 link.close()
         for route in routes:
             if route not in kept:
-                self._links = {**self._links, route.server: self._link(route, server)}
+                try:
+                    self._links = {**self._links, route.server: self._link(route, server)}
+                except PeerLost as error:
+                    log.info("%s", error)
+                    unreached = unreached or error
+        if unreached and not self._links:
+            raise unreached
 
     def _link(self, route: Route, server: int) -> DataLink:
         address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=server)

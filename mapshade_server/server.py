@@ -127,7 +127,7 @@ class MapShadeServer:
     @takes(messages.ConnectToSplatServers)
     def _connect_to_splat_servers(self, request: messages.ConnectToSplatServers) -> None:
         self._links.connect(request.routes, self._client.id)
-        self._client.send(messages.ConnectedToSplatServers(servers=[route.server for route in request.routes]))
+        self._client.send(messages.ConnectedToSplatServers(servers=list(self._links.of_servers)))
 
     @takes(messages.AbortFrame)
     def _abort_frame(self, request: messages.AbortFrame) -> None:

@@ -8,14 +8,17 @@ import pytest
 import torch
 
 from support.patience import wait_until
-from support.programs.mapshade_bench import SCENE, Bench, probe, render
+from support.programs.hand_started import free_port
+from support.programs.mapshade_bench import KEY, SCENE, Bench, probe, render
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.mapshade_server.data_links import DataLinks
 from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
+from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.connection import Connection
 
 SIZE = 16
@@ -171,3 +174,15 @@ def test_an_abort_ends_all_walkers(bench: Bench, full: Path, shells: Path) -> No
                 assert batch.frame == 1 and not of_second
         bench.hears(messages.FrameAborted)
         bench.hears(messages.FrameMapped)
+
+
+def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> None:
+    there = bench.splat_servers[0].address
+    links = DataLinks(bench.token, given_up=lambda: True)  # so that nobody is dialled twice
+    nobody = messages.Route(9, there.host, free_port(), KEY)
+    links.connect([nobody, messages.Route(2, there.host, there.port, KEY)], 1)
+    assert list(links.of_servers) == [2]
+    with pytest.raises(PeerLost, match="nobody listens"):
+        links.connect([nobody], 1)
+    assert not links.of_servers
+    links.close()
