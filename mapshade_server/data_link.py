@@ -12,6 +12,7 @@ import msgspec
 
 from volsplat.mapshade_server.frame_walk import ShadedPart
 from volsplat.mapshade_server.link_coding import LinkCoding
+from volsplat.mapshade_server.shared_batches import SharedBatches
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.roles import Role
@@ -49,6 +50,7 @@ class DataLink:
         )  # replaced by the thread that begins frames, filled by the hearing one
         self._failure: VolsplatError | None = None  # how the splat server was lost
         self._coding = None if connection.may_share_memory else LinkCoding()  # within a machine nothing is gained
+        self._shared = SharedBatches(connection)
         self._hearing = threading.Thread(target=self._hear, name=f"receive from {connection.peer}", daemon=True)
         self._hearing.start()
 
@@ -74,7 +76,10 @@ class DataLink:
             batch = msgspec.structs.replace(batch, coded_bytes=len(coded))
         sending, waited = time.perf_counter(), self.counters.seconds_in_send
         try:
-            if coded is not None:
+            if (block := self._shared.filled(parts)) is not None:
+                batch = msgspec.structs.replace(batch, block=block)
+                self._connection.send(batch)
+            elif coded is not None:
                 self._connection.send(batch, coded)
             else:
                 self._connection.send(batch, *(memory for part in parts for memory in (part.runs, part.packets)))
@@ -111,6 +116,10 @@ class DataLink:
         begin = message.begin // TILE_SIDE * tile_map_bytes(message.width, TILE_SIDE)
         if message.frame == tiles.frame and begin + len(payload) <= len(whole):
             whole[begin : begin + len(payload)] = payload
+
+    @takes(messages.BlocksFreed)
+    def _take_blocks_back(self, message: messages.BlocksFreed, _: memoryview) -> None:
+        self._shared.freed(message.freed)
 
 
 HANDLERS = handlers(DataLink)

@@ -41,10 +41,13 @@ class BatchMemory:
     """A batch's payload: for each region its row runs (24 bytes each), then its packets (8 bytes each).
 
     `parts` are their counts; ValueError if they do not fit. The payload may be any contiguous CPU memory. It is pinned
-    while this lives or has been pushed and not splatted, and counts in the budget so long.
+    while this lives or has been pushed and not splatted, and counts in the budget so long. If it is `shared`, somebody
+    else may write to it.
     """
 
-    def __init__(self, payload: object, parts: Sequence[tuple[int, int]], budget: ReadBudget) -> None: ...
+    def __init__(
+        self, payload: object, parts: Sequence[tuple[int, int]], budget: ReadBudget, shared: bool = False
+    ) -> None: ...
 
 class OwnerSeconds:
     """In which an owner merged, splatted and walked."""

@@ -28,6 +28,7 @@ from volsplat.splat_server.merge_events import (
     WorkerLinked,
     WorkerLost,
 )
+from volsplat.splat_server.shared_batches import SharedBatches
 
 log = logging.getLogger(__name__)
 
@@ -49,6 +50,7 @@ class _Came:
     batches: defaultdict[int, int] = field(default_factory=lambda: defaultdict(int))  # of each walker
     nbytes: int = 0
     decoding_seconds: float = 0.0
+    shared: SharedBatches = field(default_factory=SharedBatches)
 
     def count(self, batch: messages.Batch, decoding_seconds: float) -> None:
         """Raises RemoteProtocolError where a batch is missing, comes twice, or belongs to an older frame."""
@@ -218,13 +220,33 @@ class DataLinks:
     def _in_use(self, link: Connection) -> bool:
         return self._links.get(link.peer.id) is link and not link.closed
 
+    @takes(messages.BlocksShared)
+    def _share(self, message: messages.BlocksShared, link: Connection, _: memoryview) -> None:
+        """Take memory that batches are to lie in. Raises RemoteProtocolError, MemoryError."""
+        if (came := self._came_over(link)) is not None:
+            came.shared.share(message, link.descriptors.take())
+
     @takes(messages.Batch)
     def _take(self, message: messages.Batch, link: Connection, payload: memoryview) -> None:
         """Hand a batch to the owners of regions. Raises RemoteProtocolError where it breaks the rules."""
+        if (came := self._came_over(link)) is None:
+            return
+        self._push(message, link, came.shared.payload(message, payload))
+        if (freed := came.shared.news()) is not None:
+            link.send(freed)
+
+    def _came_over(self, link: Connection) -> _Came | None:
+        """None if the link is out of use."""
+        with self._lock:
+            return self._came[link.peer.id] if self._in_use(link) else None
+
+    def _push(self, message: messages.Batch, link: Connection, payload: memoryview) -> None:
         try:
             parts = [(part.run_count, part.packet_count) for part in message.parts]
             payload, decoding_seconds = self._raw(message, payload)
-            memory = BatchMemory(payload, parts, self._budgets[message.worker])
+            memory = BatchMemory(
+                payload, parts, self._budgets[message.worker], shared=message.block != messages.NO_BLOCK
+            )
         except ValueError as fault:
             raise _broken(link, f"frame {message.frame}: {fault}") from fault
         reached = (message.reached_sheet, message.reached_row)

@@ -8,6 +8,8 @@ from msgspec import Meta
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
 from volsplat.protocol.messages.message import (
     MAX_SERVERS,
+    BlockCount,
+    BlockNumber,
     Count,
     Detail,
     FrameId,
@@ -21,9 +23,6 @@ from volsplat.protocol.messages.roles import CLIENT_TO_SPLAT
 from volsplat.protocol.rules.regions import LineNumber
 
 RGBA_BYTES = 16  # four float32
-MOST_BLOCKS = 64
-
-BlockNumber = Annotated[int, Meta(ge=0, lt=MOST_BLOCKS)]
 
 
 class RawPixels(Detail, frozen=True, tag=True):
@@ -52,7 +51,7 @@ class SharedPixels(Detail, frozen=True, tag=True):
 
     memory: Count
     block: BlockNumber
-    blocks: Annotated[int, Meta(ge=1, le=MOST_BLOCKS)]
+    blocks: BlockCount
     block_bytes: Count
     first: bool
 

@@ -18,6 +18,7 @@ LARGEST_COUNT = 2**62
 MOST_LEVELS = 32
 MAX_SERVERS = 4096
 MOST_THREADS = 1024
+MOST_BLOCKS = 64  # of one shared memory
 OTHERS_AT_ONCE = 64
 LONGEST_LINE = 1000  # characters
 
@@ -30,6 +31,8 @@ LevelNumber = Annotated[int, Meta(ge=0, lt=MOST_LEVELS)]
 Count = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]
 Ordinal = Annotated[int, Meta(ge=0, le=2**32 - 1)]  # as in a row run
 Seconds = Annotated[float, Meta(ge=0)]
+BlockNumber = Annotated[int, Meta(ge=0, lt=MOST_BLOCKS)]
+BlockCount = Annotated[int, Meta(ge=1, le=MOST_BLOCKS)]
 Threads = Annotated[int, Meta(ge=1, le=MOST_THREADS)]  # of one server
 Line = Annotated[str, Meta(max_length=LONGEST_LINE)]
 ServerIds = Annotated[list[ServerId], Meta(max_length=MAX_SERVERS)]

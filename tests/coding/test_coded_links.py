@@ -33,6 +33,7 @@ from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 from volsplat.splat_server.batch_decoder import decoded
+from volsplat.splat_server.shared_batches import SharedBatches
 
 GEOMETRY = Geometry((48, 48, 48))
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
@@ -76,9 +77,10 @@ def test_over_a_slow_link_batches_come_coded_and_have_the_same_bytes() -> None:
     assert sum(cost.coding_seconds for cost in costs) > 0.0
 
 
-def test_within_a_machine_batches_come_raw() -> None:
+def test_within_a_machine_batches_come_raw_in_memory_that_both_sides_see() -> None:
     _, costs, coded = sent_over(None)
     assert not coded
+    assert any(cost.nbytes == 0 for cost in costs)
     assert all(cost.coding_seconds < cost.seconds + 1.0 for cost in costs)
 
 
@@ -99,10 +101,17 @@ def sent_over(bits_per_second: float | None) -> tuple[list[ShadedBatch], list[Se
 
         sending = threading.Thread(target=send)
         sending.start()
+        shared = SharedBatches()
+        if there.may_share_memory:
+            received = there.receive()
+            assert received is not None and isinstance(received.message, messages.BlocksShared)
+            shared.share(received.message, there.descriptors.take())
         for batch in batches * FRAMES:
             received = there.receive()
             assert received is not None and isinstance(received.message, messages.Batch)
-            message, payload = received.message, bytes(received.payload)
+            message, payload = received.message, bytes(shared.payload(received.message, received.payload))
+            if (freed := shared.news()) is not None:
+                there.send(freed)
             if message.coded_bytes:
                 came += 1
                 room = bytearray(message.raw_bytes)

@@ -10,9 +10,11 @@
 
 #include <array>
 #include <cmath>
+#include <cstring>
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <utility>
 
 #include "let_go.h"
 #include "owners.h"
@@ -31,13 +33,28 @@ typedef std::pair<std::uint64_t, std::uint64_t> Counts;  // of runs and packets
 // Bytes that a batch costs beside its own, at most: objects, and the rounding of its buffer.
 constexpr std::int64_t kBatchOverhead = 8 << 10;
 
-// A batch, pinned for as long as the object lives or its parts are to be splatted.
+// A batch, pinned for as long as the object lives or its parts are to be splatted. Where its sender may still write to
+// the payload, the runs, which must stay as they are checked, are copied; packets may be any bits at any time.
 struct PythonBatch {
     std::shared_ptr<const void> memory;
     std::vector<PartView> parts;
 };
 
-PythonBatch batch_of(Bytes payload, const std::vector<Counts>& counts, std::shared_ptr<ReadBudget> budget) {
+std::vector<unsigned char> copied_runs(std::vector<PartView>& parts) {
+    std::size_t runs = 0;
+    for (const PartView& part : parts) runs += part.runs.run_count;
+    std::vector<unsigned char> copies(runs * sizeof(RowRun));
+    unsigned char* place = copies.data();
+    for (PartView& part : parts) {
+        const std::size_t bytes = part.runs.run_count * sizeof(RowRun);
+        if (bytes) std::memcpy(place, part.runs.runs, bytes);
+        part.runs.runs = std::exchange(place, place + bytes);
+    }
+    return copies;
+}
+
+PythonBatch batch_of(Bytes payload, const std::vector<Counts>& counts, std::shared_ptr<ReadBudget> budget,
+                     bool shared) {
     LetGo::now();
     const std::uint64_t bytes = payload.size() * payload.itemsize();
     const unsigned char* place = static_cast<const unsigned char*>(payload.data());
@@ -52,8 +69,10 @@ PythonBatch batch_of(Bytes payload, const std::vector<Counts>& counts, std::shar
         left -= runs * sizeof(RowRun) + packets * kPacketBytes;
     }
     if (left) throw std::invalid_argument(std::to_string(left) + " bytes of a batch belong to no part");
-    batch.memory = std::make_shared<HeldMemory>(LetGo::later(std::move(payload)), std::move(budget),
-                                                static_cast<std::int64_t>(bytes) + kBatchOverhead);
+    std::vector<unsigned char> copied;
+    if (shared) copied = copied_runs(batch.parts);
+    batch.memory = std::make_shared<HeldMemory>(LetGo::later(std::make_pair(std::move(payload), std::move(copied))),
+                                                std::move(budget), static_cast<std::int64_t>(bytes) + kBatchOverhead);
     return batch;
 }
 
@@ -184,10 +203,9 @@ void bind_owners(nb::module_& m) {
     nb::class_<PythonBatch>(m, "BatchMemory")
         .def(
             "__init__",
-            [](PythonBatch* self, Bytes payload, const std::vector<Counts>& parts, std::shared_ptr<ReadBudget> budget) {
-                new (self) PythonBatch(batch_of(std::move(payload), parts, std::move(budget)));
-            },
-            "payload"_a, "parts"_a, "budget"_a);
+            [](PythonBatch* self, Bytes payload, const std::vector<Counts>& parts, std::shared_ptr<ReadBudget> budget,
+               bool shared) { new (self) PythonBatch(batch_of(std::move(payload), parts, std::move(budget), shared)); },
+            "payload"_a, "parts"_a, "budget"_a, "shared"_a = false);
     nb::class_<OwnerSeconds>(m, "OwnerSeconds")
         .def_ro("merge", &OwnerSeconds::merge)
         .def_ro("splat", &OwnerSeconds::splat)

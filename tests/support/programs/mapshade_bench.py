@@ -87,9 +87,12 @@ class Bench:
         self.hears(messages.ConnectedToSplatServers)
 
     def accepts(self, number: int) -> Connection:
-        """The data link that a splat server gets."""
+        """The data link that a splat server gets, with memory that batches are to lie in."""
         link = self.splat_servers[number].accept(PATIENCE)
         assert link is not None
+        if link.may_share_memory:
+            received = link.receive()
+            assert received is not None and isinstance(received.message, messages.BlocksShared)
         return link
 
     def holds(self, path: Path, assignment: int) -> Geometry:
