@@ -10,20 +10,21 @@ from pathlib import Path
 from typing import NamedTuple
 
 from volsplat.mapshade_server.awaited_parts import AwaitedParts
+from volsplat.mapshade_server.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.lent_volume import LentVolume, lent
 from volsplat.mapshade_server.packet_store import PacketStore, is_store
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.slabs import PassedBox, slab_reader
-from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.mapshade_server.volume_identity import (
-    check_identity,
+    check_still,
+    described_store,
+    described_volume,
     identified_store,
     identified_volume,
-    identity_of,
 )
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
@@ -32,7 +33,6 @@ from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.rules.levels import Prepared, dims_at_level
 from volsplat.protocol.text.errors import BadInput
 
-PACKET_BYTES = 4
 NO_PAYLOAD = memoryview(b"")
 
 
@@ -105,30 +105,30 @@ class HeldVolume:
         """From the volume that was lent to others, if it is that, which is let go; else from the file."""
         started = time.perf_counter()
         loan = self._lent if self._lent_for == request.assignment else None
-        reader: VolumeReader = loan or _reader_of(request)
+        reader: VolumeReader = loan or described_volume(request.path, request.identity)
         description = reader.describe()
         _check_within(request.boxes, description.geometry)
         self._drop()  # nothing is held, should the reading fail
         if not request.held:
             slabs = slab_reader(reader)
             self._passed = [PassedBox(slabs, box) for box in request.boxes]
-            self._passed_by = lambda: _check_still(request, reader, description)
+            self._passed_by = lambda: check_still(request.path, reader, description, request.identity)
             return [self._read(self._passed, request.assignment, started)]
         sub_cubes = [SubCube(description.geometry, box, description.second_scalar) for box in request.boxes]
         for sub_cube in sub_cubes:
             sub_cube.read(reader)
         if loan is None:
-            _check_still(request, reader, description)
+            check_still(request.path, reader, description, request.identity)
         self._levels = {0: sub_cubes}
         return [self._read(sub_cubes, request.assignment, started)]
 
     @takes(messages.LendVolume)
     def _lend_volume(self, request: messages.LendVolume) -> list[Answer]:
         started = time.perf_counter()
-        reader = _reader_of(request)
+        reader = described_volume(request.path, request.identity)
         self._drop()
         loan = lent(reader)
-        _check_still(request, reader, reader.describe())
+        check_still(request.path, reader, reader.describe(), request.identity)
         self._lent, self._lent_for = loan, request.assignment
         answer = messages.VolumeLent(
             assignment=request.assignment,
@@ -193,7 +193,19 @@ class HeldVolume:
         self.check(request.assignment, "the packing")
         for sub_cube in self.sub_cubes(0):
             sub_cube.pack(request.quantisation)
-        return [self._packed(request.assignment, started)]
+        return [self._packed(request.assignment, started, read=0)]
+
+    @takes(messages.ChangeSubCubes)
+    def _change_sub_cubes(self, request: messages.ChangeSubCubes) -> list[Answer]:
+        """What is not wanted any more is let go once all the rest is there."""
+        started = time.perf_counter()
+        held, reader = self.sub_cubes(0), described_volume(request.path, request.identity)
+        description = reader.describe()
+        _check_within(request.boxes, description.geometry)
+        sub_cubes, read = packed_sub_cubes(reader, request.quantisation, request.boxes, held)
+        check_still(request.path, reader, description, request.identity)
+        self._levels, self.assignment = {0: sub_cubes}, request.assignment
+        return [self._packed(request.assignment, started, read)]
 
     # -- from a packet store
 
@@ -204,33 +216,38 @@ class HeldVolume:
         Coarse levels come first. If a newer assignment is on its way, this one is given up without an answer.
         """
         started = time.perf_counter()
-        store, identity = identified_store(request.path)
-        check_identity(request.path, identity, request.identity)
+        store = described_store(request.path, request.identity)
         for one in request.levels:
             if one.level >= len(store.levels):
                 raise BadInput(f"there is no level {one.level}: {request.path} has {len(store.levels)} levels")
             _check_within(one.boxes, store.levels[one.level].geometry)
-        kept = self._let_go_except({(one.level, box) for one in request.levels for box in one.boxes}, request.path)
+        kept, read = self._let_go_except(request), 0
         self._path = request.path
         for one in sorted(request.levels, key=lambda one: -one.level):
-            self._levels[one.level] = []
-            for box in one.boxes:
-                cube = kept.pop((one.level, box), None) or stored_sub_cube(
-                    store, one.level, box, lambda: self._superseded(request.assignment)
+            try:
+                self._levels[one.level], more = stored_sub_cubes(
+                    store,
+                    one.level,
+                    one.boxes,
+                    kept[one.level],
+                    given_up=lambda: self._superseded(request.assignment),
                 )
-                if cube is None:
-                    return []
-                self._levels[one.level].append(cube)
-        _check_still(request, store, store.description)
+            except GivenUp:
+                self._levels = kept | self._levels
+                return []
+            read += more
+        check_still(request.path, store, store.description, request.identity)
         self.assignment = request.assignment
-        return [self._packed(request.assignment, started)]
+        return [self._packed(request.assignment, started, read)]
 
-    def _let_go_except(self, wanted: set[tuple[int, Box]], path: str) -> dict[tuple[int, Box], SubCube]:
-        """Hold nothing any more; what is wanted of it is in the answer."""
-        before = self._levels if self._path == path else {}
+    def _let_go_except(self, request: messages.OpenPackets) -> dict[int, list[SubCube]]:
+        """Hold nothing any more; what reaches into what is wanted is in the answer, by level."""
+        before = self._levels if self._path == request.path else {}
         self._drop()
-        cubes = ((level, cube) for level, cubes in before.items() for cube in cubes)
-        return {(level, cube.box): cube for level, cube in cubes if (level, cube.box) in wanted}
+        return {
+            one.level: [cube for cube in before.get(one.level, []) if any(map(cube.box.common, one.boxes))]
+            for one in request.levels
+        }
 
     def _drop(self) -> None:
         self._levels, self.assignment, self._path = {}, 0, ""
@@ -251,12 +268,12 @@ class HeldVolume:
         )
         return Answer(read)
 
-    def _packed(self, assignment: int, started: float) -> Answer:
+    def _packed(self, assignment: int, started: float, read: int) -> Answer:
         voxels = sum(sub_cube.box.voxels for sub_cubes in self._levels.values() for sub_cube in sub_cubes)
         packed = messages.VoxelsPacked(
             assignment=assignment,
             voxels=voxels,
-            bytes=PACKET_BYTES * voxels,
+            read=read,
             seconds=time.perf_counter() - started,
         )
         return Answer(packed)
@@ -269,22 +286,6 @@ def _check_within(boxes: Sequence[Box], geometry: Geometry) -> None:
     for box in boxes:
         if any(high > size for high, size in zip(box.high, geometry.dims, strict=True)):
             raise BadInput(f"box {box.low} to {box.high} reaches beyond the volume of {geometry.dims} voxels")
-
-
-def _reader_of(request: messages.ReadSubCubes | messages.LendVolume) -> VolumeReader:
-    """Of the volume that was described. Raises BadInput if there is another one by now."""
-    reader, identity = identified_volume(request.path)
-    check_identity(request.path, identity, request.identity)
-    return reader
-
-
-def _check_still(
-    request: messages.ReadSubCubes | messages.LendVolume | messages.OpenPackets,
-    opened: object,
-    description: VolumeDescription,
-) -> None:
-    """Raises BadInput if the volume was changed while it was read."""
-    check_identity(request.path, identity_of(request.path, opened, description), request.identity)
 
 
 def _described(store: PacketStore, identity: VolumeIdentity) -> Answer:

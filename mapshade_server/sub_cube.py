@@ -8,7 +8,6 @@ from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarR
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.description.volume import HALO, Box, Geometry, Index
 from volsplat.protocol.rules.index_rules import Quantisation, Survey, physical_gradient
-from volsplat.protocol.rules.levels import LISTS_PER_STORED_PACKET
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError
 
 LISTS_PER_PACKET = 0.65  # of the packets' bytes, for the lists of what can be seen: a tenth of the voxels on three axes
@@ -48,11 +47,14 @@ class SubCube:
         return sub_cube
 
     @classmethod
-    def of_packets(cls, geometry: Geometry, box: Box, packets: Any) -> "SubCube":
-        """A sub-cube whose packets were made before: uint32 (k, j, i), with some room behind them."""
+    def of_packets(cls, geometry: Geometry, box: Box, packets: Any, lists: float) -> "SubCube":
+        """A sub-cube whose packets were made before: uint32 (k, j, i), with some room behind them.
+
+        `lists` of what can be seen may take this share of their bytes.
+        """
         sub_cube = cls(geometry, box)
         sub_cube._packets = packets
-        sub_cube._classified_rows = _kernels.ClassifiedRows(box.size, LISTS_PER_STORED_PACKET)
+        sub_cube._classified_rows = _kernels.ClassifiedRows(box.size, lists)
         return sub_cube
 
     def read(self, reader: VolumeReader) -> None:

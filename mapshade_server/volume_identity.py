@@ -51,6 +51,25 @@ def identified_store(place: str) -> tuple[PacketStore, VolumeIdentity]:
     return _unchanged(place, look)
 
 
+def described_volume(volume: str, described: VolumeIdentity) -> VolumeReader:
+    """The reader of the volume that was described. Raises BadInput if there is another one by now."""
+    reader, identity = identified_volume(volume)
+    check_identity(volume, identity, described)
+    return reader
+
+
+def described_store(place: str, described: VolumeIdentity) -> PacketStore:
+    """The packet store that was described. Raises BadInput if there is another one by now."""
+    store, identity = identified_store(place)
+    check_identity(place, identity, described)
+    return store
+
+
+def check_still(volume: str, opened: object, description: VolumeDescription, described: VolumeIdentity) -> None:
+    """Raises BadInput if the volume was changed while it was read."""
+    check_identity(volume, identity_of(volume, opened, description), described)
+
+
 def identity_of(volume: str, opened: object, description: VolumeDescription) -> VolumeIdentity:
     """The identity of what is `opened` by this name now. Raises BadInput if its files cannot be looked at."""
     name = volume_name(volume)

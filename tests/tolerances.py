@@ -199,3 +199,6 @@ HELIX_PITCH = 0.02
 
 BALL_DIRECTION = 1e-3
 """Radians: the page is told the light's direction to four digits, and turns it a few times."""
+
+BALANCED = 1.1
+"""Times the mean, of the most that one of 16 boxes has to do: each cut lies within half a voxel, of 28 or more."""

@@ -10,7 +10,6 @@ off.
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
 from typing import get_args
 
 from volsplat.client.coordinator.base_level import budgets
@@ -38,6 +37,7 @@ from volsplat.client.coordinator.probes import Probes
 from volsplat.client.coordinator.server_states import ServerState, incomplete, taken_over
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
 from volsplat.protocol.messages.handlers import Handler, check_handlers, handlers, takes
 from volsplat.protocol.messages.message import Message
@@ -62,7 +62,8 @@ class Coordinator:
         self.servers = Servers()
         self.holding = VolumeHolding()
         self.routes = DataRoutes(self.servers)
-        self.frames = Frames(self.servers, self.holding)
+        self.work = WorkShares(self.holding)
+        self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
         self.failure: VolsplatError | None = None
         self._asked: VolumeAsked | None = None
@@ -94,8 +95,15 @@ class Coordinator:
         return []
 
     def _go_on(self) -> list[Instruction]:
-        """Begin the frame that waits and send the probes that do, if the servers are ready for them."""
-        return [] if self.failure is not None else [*self.frames.begin(), *self.probes.send()]
+        """Begin the frame that waits and send the probes that do, if the servers are ready for them.
+
+        Before that sub-cubes may change hands, unless some are missing or a frame is being drawn.
+        """
+        if self.failure is not None:
+            return []
+        moved = self.work.move() if self.frames.idle and not self.servers.missing else []
+        self.servers.hold(self.holding.boxes)
+        return [*moved, *self.frames.begin(), *self.probes.send()]
 
     def _fail(self, error: VolsplatError) -> list[Instruction]:
         self.failure = error
@@ -196,7 +204,6 @@ class Coordinator:
         """Have every server that is to hold a part of the volume link to the splat servers, and the volume read."""
         told = self.holding.described(message, event.payload)
         boxes = self.holding.boxes
-        self.servers.note(replace(self.server_states[worker], boxes=tuple(held)) for worker, held in boxes.items())
         return [*self.routes.invite(boxes), *self.routes.connect(boxes), *told]
 
     @takes(ConnectedToSplatServers)
@@ -224,10 +231,12 @@ class Coordinator:
                 return [Send(server, EndSession()), *self._lose(server, str(error))]
         if holding.volume is None or not message.assignment:
             return self._fail(error)
-        if message.assignment != holding.newest_assignment or not holding.refused(
-            server, message.request, message.held
-        ):
+        assignments = holding.assignments
+        if message.assignment != assignments.newest:
             return []  # who waits now has asked since
+        moves = assignments.moving and assignments.may_move
+        if not holding.refused(server, message.request, message.held):
+            return [ReportProgress(f"{error}; the sub-cubes stay where they are")] if moves else []
         waiting = [probe.probe for probe in self.probes.waiting()]
         return [*self.frames.end(error), *(told for probe in waiting for told in self.probes.refused(probe, error))]
 

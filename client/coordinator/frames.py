@@ -18,6 +18,7 @@ from volsplat.client.coordinator.running_frame import RunningFrame
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, incomplete
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import (
     AbortFrame,
     FrameAborted,
@@ -33,11 +34,12 @@ from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, Volspla
 class Frames:
     """One at a time: a newer one ends the one before."""
 
-    def __init__(self, servers: Servers, holding: VolumeHolding) -> None:
+    def __init__(self, servers: Servers, holding: VolumeHolding, work: WorkShares) -> None:
         self.frame: RunningFrame | None = None
         self._servers = servers
         self._holding = holding
         self._shares = RegionShares()
+        self._work = work
 
     @takes(FrameAsked)
     def asked(self, event: FrameAsked) -> list[Instruction]:
@@ -106,6 +108,11 @@ class Frames:
         """Nothing more is sent."""
         frame, self.frame = self.frame, None
         return [EndFrame(frame.frame, error)] if frame is not None else []
+
+    @property
+    def idle(self) -> bool:
+        """No server is at one."""
+        return self.frame is None or not self.frame.started
 
     def current(self, frame: int) -> RunningFrame | None:
         """The running frame if it has this id; messages of older frames are of no use any more."""
@@ -221,6 +228,7 @@ class Frames:
         if frame is None or frame.request is None or image is None:
             return []
         self._shares.measured(frame.request, frame.splat)
+        self._work.measured(frame.scene, frame.request, frame.map_shade, frame.splat, frame.drawn_at)
         self.frame = None
         return [image]
 

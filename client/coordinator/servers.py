@@ -1,6 +1,6 @@
 """The servers of a session: who is there, who shares the volume and the image, who was lost with a part of either."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 from volsplat.client.coordinator.coordinator_events import ServerJoined
@@ -43,6 +43,11 @@ class Servers:
 
     def note(self, states: Iterable[ServerState]) -> None:
         self.states = self.states | {state.id: state for state in states}
+
+    def hold(self, boxes: Mapping[int, list[Box]]) -> None:
+        """These hold parts of the volume, or will when what is on its way is there."""
+        told = ((self.states[server], tuple(held)) for server, held in boxes.items())
+        self.note(replace(state, boxes=held) for state, held in told if state.boxes != held)
 
     def describe(self, server: int, machine: MachineDescribed) -> None:
         self.machines[server] = machine

@@ -54,6 +54,11 @@ class StoredLevels:
             told.append(Send(server, opened))
         return replace(wanted, level=self._held[0]), told
 
+    @property
+    def packets_a_voxel(self) -> float:
+        """Of the volume, over all levels that are held."""
+        return sum(self.grids[level].box.voxels for level in self._held) / self.grids[0].box.voxels
+
     def refused(self, kept: bool) -> None:
         """What was opened last cannot be had: the servers hold what they held before, or nothing."""
         self._held = self._ready = self._before if kept else ()

@@ -5,6 +5,7 @@ A state machine like the coordinator, which hands it the answers of the servers:
 
 from collections.abc import Mapping
 
+from volsplat.client.coordinator.assignments import NOTHING, Assignments, Held
 from volsplat.client.coordinator.base_level import LevelChoice
 from volsplat.client.coordinator.coordinator_events import (
     Instruction,
@@ -14,6 +15,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
 )
 from volsplat.client.coordinator.lending import Lending
+from volsplat.client.coordinator.moving_costs import MovingCosts
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.phase import SETTLED, SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.stored_levels import StoredLevels
@@ -22,10 +24,11 @@ from volsplat.client.coordinator.volume_survey import VolumeSurvey
 from volsplat.client.volume.survey_checks import check_survey
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.description.volume import Box
+from volsplat.protocol.description.volume import Box, VolumeDescription
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.volume_messages import (
+    ChangeSubCubes,
     DescribeVolume,
     HistogramsCounted,
     LendVolume,
@@ -46,7 +49,7 @@ class VolumeHolding:
 
     def __init__(self) -> None:
         self.phase = Phase.GATHERING
-        self.assignment = 0
+        self.assignments = Assignments()
         self.boxes: dict[int, list[Box]] = {}  # by map/shade server; of those that are there
         self.volume: SurveyedVolume | None = None
         self.packing: Packing | None = None  # what is held, or on its way
@@ -57,9 +60,12 @@ class VolumeHolding:
         self._known: VolumeSurvey | None = None
         self._pending: set[int] = set()  # servers whose answer the phase waits for
         self._lending: Lending | None = None  # while a volume that only comes whole is read
-        self.newest_assignment = 0  # asked for; `assignment` is held, or on its way
-        self._before: tuple[int, Packing | None] = (0, None)  # the assignment that was held, and its packets
-        self._refusals: dict[int, int] = {}  # of the newest assignment: what each server that refused it still holds
+        self.costs = MovingCosts({})
+
+    @property
+    def assignment(self) -> int:
+        """Held, or on its way."""
+        return self.assignments.current
 
     @property
     def settled(self) -> bool:
@@ -73,7 +79,7 @@ class VolumeHolding:
         """
         self.phase = Phase.DESCRIBING
         self._held = held
-        self._path, self._memory = path, memory
+        self._path, self._memory, self.costs = path, memory, MovingCosts(memory)
         return [
             ReportProgress("reading the volume's header"),
             Send(next(iter(memory)), DescribeVolume(path=path)),
@@ -130,6 +136,39 @@ class VolumeHolding:
         grid = self.volume.description.geometry if self._levels is None else self._levels.grids[level]
         return Resolution(level=level, geometry=grid, stride=1)
 
+    @property
+    def description(self) -> VolumeDescription:
+        assert self._known is not None
+        return self._known.description
+
+    @property
+    def may_move(self) -> bool:
+        """Whether packets may change hands now, by servers that read no more than what they get."""
+        parts = self._levels is not None or self.description.reads_sub_cubes
+        return self.phase == Phase.READY and self.assignments.may_move and parts and len(self.boxes) > 1
+
+    @property
+    def packets_a_voxel(self) -> float:
+        """How many are held, or on their way, for each voxel of the volume."""
+        return 1.0 if self._levels is None else self._levels.packets_a_voxel
+
+    def move(self, boxes: Mapping[int, Box]) -> list[Instruction]:
+        """Have the packets change hands, so that each server holds this box."""
+        assert self._known is not None and self.packing is not None and self.may_move
+        told = ReportProgress("sharing out the volume by what there is to do")
+        if self._levels is not None:
+            return [told, *self._open_packets(self._levels, self.packing, boxes)]
+        self._begin_assignment(boxes)
+        self.phase = Phase.PACKING
+        identity, quantisation = self._known.identity, self.packing.quantisation
+        changes = (
+            ChangeSubCubes(
+                assignment=self.assignment, path=self._path, boxes=held, identity=identity, quantisation=quantisation
+            )
+            for held in self.boxes.values()
+        )
+        return [told, *map(Send, self.boxes, changes)]
+
     def lose(self, server: int) -> list[Instruction]:
         """Go on without this server, which is not the last one."""
         del self.boxes[server]
@@ -143,36 +182,34 @@ class VolumeHolding:
     def refused(self, server: int, request: str, held: int) -> bool:
         """A server has refused the newest assignment and still holds the one that is `held`, 0 for none.
 
-        Once all have answered, what they held is held again, where they all still do. True for the first refusal.
+        Once all have answered, what they held is held again, where they all still do. True if somebody waited for it,
+        for the first refusal.
         """
-        first = not self._refusals
-        self._refusals[server] = held
+        first = self.assignments.refuse(server, held)
         self._pending.discard(server)
         if self._lending is not None:  # without it the others get nothing; before it lends they are asked for nothing
             kept = held if request == LendVolume.__name__ else 0
-            self._refusals = dict.fromkeys(self.boxes, kept)
+            self.assignments.refuse_all(self.boxes, kept)
             self._pending, self._lending = set(), None
         self._go_on()
         return first
 
-    def _begin_assignment(self) -> None:
+    def _begin_assignment(self, boxes: Mapping[int, Box] | None = None) -> None:
+        """Of these boxes, or of those that the servers have."""
         if self.phase == Phase.READY:
-            self._before = (self.assignment, self.packing)
-        elif self.phase != Phase.EMPTY:
-            self._before = (0, None)
-        self.newest_assignment += 1
-        self.assignment = self.newest_assignment
-        self._pending, self._refusals = set(self.boxes), {}
+            before: Held | None = Held(self.assignment, self.packing, dict(self.boxes))
+        else:
+            before = None if self.phase == Phase.EMPTY else NOTHING
+        self.assignments.begin(before, moving=boxes is not None)
+        self.boxes.update((server, [box]) for server, box in (boxes or {}).items())
+        self._pending = set(self.boxes)
 
     def _end_refused(self) -> None:
-        held, packing = self._before
-        kept = held and all(self._refusals.get(server) == held for server in self.boxes)
-        self.phase = Phase.READY if kept else Phase.EMPTY
-        if kept:
-            self.assignment = held
-        self.packing = packing if kept else None
+        held = self.assignments.end_refused(self.boxes)
+        self.phase, self.packing = Phase.READY if held.assignment else Phase.EMPTY, held.packing
+        self.boxes.update({server: boxes for server, boxes in held.boxes.items() if server in self.boxes})
         if self._levels is not None:
-            self._levels.refused(kept=bool(kept))
+            self._levels.refused(kept=bool(held.assignment))
 
     def described(self, message: VolumeDescribed, payload: memoryview) -> list[Instruction]:
         """Divide the volume among the servers. Raises BadInput if it has too few voxels for so many."""
@@ -186,9 +223,11 @@ class VolumeHolding:
         self._levels = StoredLevels(prepared.quantisation, choice)
         return self._surveyed()
 
-    def _open_packets(self, levels: StoredLevels, packing: Packing) -> list[Instruction]:
+    def _open_packets(
+        self, levels: StoredLevels, packing: Packing, boxes: Mapping[int, Box] | None = None
+    ) -> list[Instruction]:
         assert self._known is not None
-        self._begin_assignment()
+        self._begin_assignment(boxes)
         self.phase = Phase.PACKING
         self.packing, opened = levels.open(packing, self.assignment, self._path, self._known.identity, self.boxes)
         return opened
@@ -229,6 +268,7 @@ class VolumeHolding:
     def _sub_cubes_read(self, message: SubCubesRead, event: MessageReceived) -> list[Instruction]:
         assert self._known is not None
         check_survey(message.survey, self._voxels_of(event.server))
+        self.costs.read(event.server, message.seconds, self._voxels_of(event.server))
         if self.volume is None:
             self._known.surveyed(message.survey)
         self._pending.discard(event.server)
@@ -271,6 +311,10 @@ class VolumeHolding:
 
     @takes(VoxelsPacked, Phase.PACKING)
     def _packed(self, message: VoxelsPacked, event: MessageReceived) -> list[Instruction]:
+        if message.read:
+            self.costs.read(event.server, message.seconds, message.read)
+        elif not self.assignments.moving:
+            self.costs.packed(event.server, message.seconds, self._voxels_of(event.server))
         self._pending.discard(event.server)
         self._go_on()
         return []
@@ -279,7 +323,7 @@ class VolumeHolding:
         """Leave a phase of a surveyed volume once every server has read again, or packed."""
         if self._pending:
             return
-        if self._refusals and self.phase in (Phase.READING, Phase.PACKING):
+        if self.assignments.refused and self.phase in (Phase.READING, Phase.PACKING):
             return self._end_refused()
         match self.phase:
             case Phase.READING:
@@ -296,6 +340,6 @@ class VolumeHolding:
         assert awaited <= bool(self._pending) <= (not self.settled), f"{phase} waits for {self._pending or 'nobody'}"
         assert (self.volume is None) <= (phase not in (*SETTLED, Phase.PACKING)), "an unknown volume is held"
         assert (self.volume is not None) <= (phase in SURVEYED_PHASES), f"a known volume is {phase.value}"
-        assert self.assignment <= self.newest_assignment, "an assignment is held that was never asked for"
+        assert self.assignment <= self.assignments.newest, "an assignment is held that was never asked for"
         assert self.packing is not None or phase not in (Phase.PACKING, Phase.READY), "packets without rules"
         assert self._lending is None or (phase is Phase.READING and self._lending.lender in self.boxes), "a stray loan"

@@ -5,11 +5,12 @@ least and its greatest value are. That part fits by a ball about its middle, so 
 is turned.
 """
 
-from itertools import accumulate, product
+from itertools import product
 
 from volsplat.client.volume.enclosing_ball import Ball, enclosing_ball, squared_distances
-from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
-from volsplat.protocol.description.scene import GREATEST_ZOOM, LEAST_ZOOM, TABLE_ENTRIES, Field, Scene
+from volsplat.client.volume.visible_blocks import block_rows, opacities
+from volsplat.protocol.description.block_extremes import BlockExtremes, block_size
+from volsplat.protocol.description.scene import GREATEST_ZOOM, LEAST_ZOOM, TABLE_ENTRIES, Scene
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
@@ -68,35 +69,21 @@ def _visible_rows(
     scene: Scene, dims: Index, bounds: Box, quantisation: Quantisation, extremes: BlockExtremes
 ) -> dict[Row, int]:
     """The visible blocks of each row along i as the bits of a number, block 0 lowest; rows without any are left out."""
-    ni, nj, nk = block_dims(dims)
-    ranges = [range(low // step, -(-high // step)) for low, high, step in zip(*bounds, block_size(dims), strict=True)]
-    seen = _seen_up_to(scene)
-    low, scale = quantisation.window[0], quantisation.density_scale
-
-    def entry(value: float) -> int:
-        return int(min(max((value - low) * scale, 0.0), TABLE_ENTRIES - 1) + 0.5)
-
     rows: dict[Row, int] = {}
-    for k, j in product(ranges[2], ranges[1]):
-        bits, first = 0, ni * (j + nj * k)
-        for i in ranges[0]:
-            least, greatest = extremes.least[first + i], extremes.greatest[first + i]
-            if least <= greatest and seen[entry(greatest) + 1] > seen[entry(least)]:
-                bits |= 1 << i
+    for row in block_rows(_seen(scene), dims, bounds, quantisation, extremes):
+        bits = sum(1 << n for n, share in enumerate(row.shares, row.first) if share)
         if bits:
-            rows[j, k] = bits
+            rows[row.j, row.k] = bits
     return rows
 
 
-def _seen_up_to(scene: Scene) -> list[int]:
-    """For each density byte, how many below it are seen. Indexed by another field, opacity may be anywhere."""
-    if scene.cross_bar.opac != Field.DENSITY:
-        return list(range(TABLE_ENTRIES + 1))
-    opacities = scene.tables.opac.entries()
-    if scene.shading.modulation and scene.cross_bar.modu == Field.DENSITY:
-        opacities = [a * b for a, b in zip(opacities, scene.tables.modu.entries(), strict=True)]
-    least = min(FAINT, FAINT_SHARE * max(opacities))
-    return list(accumulate((int(opacity > least) for opacity in opacities), initial=0))
+def _seen(scene: Scene) -> list[bool]:
+    """Of each density byte whether it can well be seen. Indexed by another field, opacity may be anywhere."""
+    known = opacities(scene)
+    if known is None:
+        return [True] * TABLE_ENTRIES
+    least = min(FAINT, FAINT_SHARE * max(known))
+    return [opacity > least for opacity in known]
 
 
 def _without_strays(rows: dict[Row, int]) -> dict[Row, int]:

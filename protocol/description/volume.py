@@ -53,6 +53,32 @@ class Box(NamedTuple):
         i, j, k = (slice(low - at, high - at) for low, high, at in zip(*self, origin, strict=True))
         return k, j, i
 
+    def cut(self, axis: int, at: int) -> tuple["Box", "Box"]:
+        """What is below and above a place on an axis, which must lie within."""
+        below, above = list(self.high), list(self.low)
+        below[axis] = above[axis] = at
+        return Box(self.low, (below[0], below[1], below[2])), Box((above[0], above[1], above[2]), self.high)
+
+    def common(self, other: "Box") -> "Box | None":
+        """What lies in both; None if that is nothing."""
+        i0, j0, k0 = map(max, self.low, other.low)
+        i1, j1, k1 = map(min, self.high, other.high)
+        return Box((i0, j0, k0), (i1, j1, k1)) if i0 < i1 and j0 < j1 and k0 < k1 else None
+
+    def without(self, other: "Box") -> list["Box"]:
+        """What lies not in the other, in as few boxes as that takes: whole sheets, then rows, then samples."""
+        if self.common(other) is None:
+            return [self]
+        rest, parts = self, list[Box]()
+        for axis in (2, 1, 0):
+            if rest.low[axis] < other.low[axis]:
+                part, rest = rest.cut(axis, other.low[axis])
+                parts.append(part)
+            if other.high[axis] < rest.high[axis]:
+                rest, part = rest.cut(axis, other.high[axis])
+                parts.append(part)
+        return parts
+
     def grown(self, margin: int, dims: Index) -> "Box":
         """The box with `margin` more voxels on every side, clipped to a grid of `dims`."""
         low = (max(self.low[0] - margin, 0), max(self.low[1] - margin, 0), max(self.low[2] - margin, 0))

@@ -247,11 +247,14 @@ class CountHistograms(Message, frozen=True):
 
 
 class VoxelsPacked(Message, frozen=True):
-    """Map/shade server to client: the voxel packets of the assignment are ready for frames."""
+    """Map/shade server to client: the voxel packets of the assignment are ready for frames.
+
+    Of its `voxels` so many were `read` since it was asked for; the others were there already.
+    """
 
     assignment: AssignmentId
     voxels: Count
-    bytes: Count
+    read: Count
     seconds: Seconds
 
 
@@ -263,11 +266,28 @@ class PackVoxels(Message, frozen=True):
     quantisation: Quantisation
 
 
+@asks(CLIENT_TO_MAPSHADE, VoxelsPacked)
+class ChangeSubCubes(Message, frozen=True):
+    """Client to map/shade server: hold the packets of these boxes from now on, made as those that are held.
+
+    What is held of them stays; only the rest is read. Where that is refused, all that is held stays.
+    """
+
+    assignment: AssignmentId
+    path: Path
+    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
+    identity: VolumeIdentity
+    quantisation: Quantisation
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
+
+
 @asks(CLIENT_TO_MAPSHADE, VoxelsPacked, at_once=MAX_SERVERS, newest=True)
 class OpenPackets(Message, frozen=True):
     """Client to map/shade server: hold these boxes of a volume that was prepared. VoxelsPacked answers it.
 
-    Replaces what was held.
+    Replaces what was held, of which stays what is wanted again.
     """
 
     assignment: AssignmentId

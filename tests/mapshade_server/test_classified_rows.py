@@ -129,7 +129,7 @@ def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geo
 def test_packets_from_a_store_have_smaller_lists() -> None:
     values = torch.rand(SIDE, SIDE, SIDE, generator=torch.Generator().manual_seed(1))
     [packed] = held_as(CUBE, values, [CUBE.box])
-    stored = SubCube.of_packets(CUBE, CUBE.box, packed.packets)
+    stored = SubCube.of_packets(CUBE, CUBE.box, packed.packets, LISTS_PER_STORED_PACKET)
     most = LISTS_PER_STORED_PACKET * PACKET_BYTES * CUBE.box.voxels
     for axis in TOWARDS:  # each list takes a quarter of the packets' bytes or more
         scene = seen_from(axis, 0.72)

@@ -17,10 +17,10 @@ from volsplat.client.scene.presets import preset_scene
 from volsplat.client.session.renderer import Refinement, Renderer
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.kept_packets import GivenUp, stored_sub_cubes
 from volsplat.mapshade_server.packet_store import open_store
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
-from volsplat.mapshade_server.stored_sub_cube import stored_sub_cube
 from volsplat.mapshade_server.volume_identity import identified_store
 from volsplat.protocol.description.scene import Quantise, Refine, Scene, Step, View
 from volsplat.protocol.description.volume import Box
@@ -190,9 +190,9 @@ def test_servers_of_one_host_share_its_memory() -> None:
 def test_any_box_of_a_level_has_the_packets_of_the_store(store: Path) -> None:
     opened = open_store(str(store))
     box = Box((3, 5, 6), (30, 29, 25))
-    cube = stored_sub_cube(opened, 1, box)
-    assert cube is not None
+    [cube], read = stored_sub_cubes(opened, 1, [box], [], given_up=lambda: False)
     assert torch.equal(torch.from_numpy(cube.packets), torch.from_numpy(opened.read(1, box)))
+    assert read == box.voxels
 
 
 def test_reading_is_given_up_between_two_sheets_of_bricks(store: Path) -> None:
@@ -204,7 +204,8 @@ def test_reading_is_given_up_between_two_sheets_of_bricks(store: Path) -> None:
         looks.append(1)
         return len(looks) == 3
 
-    assert stored_sub_cube(opened, 0, box, given_up) is None
+    with pytest.raises(GivenUp):
+        stored_sub_cubes(opened, 0, [box], [], given_up)
     assert len(looks) == 3 < box.size[2] / opened.brick_size
 
 

@@ -331,7 +331,7 @@ def test_the_last_map_shade_server_takes_the_session_with_it() -> None:
 def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_one_goes_on() -> None:
     coordinator = surveyed()
     coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=True))
-    coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 1440, 0.1)))
+    coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 0, 0.1)))
     assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
     assert coordinator.holding.phase == Phase.READY
     asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
@@ -349,7 +349,7 @@ def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already
     assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
     asked = coordinator.handle(FrameAsked(3, narrow, Step.F, require_complete=False))
     assert sent(asked if already_read else coordinator.handle(read)) == [(SECOND, messages.PackVoxels)]
-    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 1440, 0.1)))
+    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0, 0.1)))
     assert sent(drawn) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
@@ -535,7 +535,7 @@ def lending_again() -> CheckedCoordinator:
         coordinator.handle(counted(server, 200))
     coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=False))
     for server in (FIRST, SECOND, THIRD):
-        coordinator.handle(said(server, messages.VoxelsPacked(1, 240, 960, 0.1)))
+        coordinator.handle(said(server, messages.VoxelsPacked(1, 240, 0, 0.1)))
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
     told = coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=False))
     assert sent(told)[-1] == (FIRST, messages.LendVolume)
@@ -614,7 +614,7 @@ def test_who_moves_does_not_wait_for_a_finer_level() -> None:
     packed(coordinator)
     assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.C, require_complete=False))) == [0, 1, 2]
     assert levels_opened(coordinator.handle(FrameAsked(3, zoomed(1.0), Step.A, require_complete=False))) == [1, 2]
-    assert coordinator.handle(said(FIRST, messages.VoxelsPacked(2, 1, 4, 0.1))) == [], "of what was given up"
+    assert coordinator.handle(said(FIRST, messages.VoxelsPacked(2, 1, 0, 0.1))) == [], "of what was given up"
     assert drawn_from(packed(coordinator, 3)) == {(2, 1)}
 
 

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from itertools import combinations, product
+from random import Random
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.client.coordinator.sub_cubes import divided
+from support.scenes.partitions import cut as cut_at_random
+from tolerances import BALANCED
+from volsplat.client.coordinator.block_work import BlockWork
+from volsplat.client.coordinator.sub_cubes import Even, Share, Work, divided, divided_by_work
+from volsplat.protocol.description.block_extremes import block_dims
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.text.errors import BadInput
@@ -60,3 +68,74 @@ def test_rows_of_a_file_are_left_whole(parts: int, size: tuple[int, int, int]) -
 def test_what_comes_together_is_cut_where_nothing_else_is_left() -> None:
     assert {box.size for box in divided(Geometry((16, 16, 16)), 4, (16, 16, 16))} == {(8, 8, 16)}
     assert {box.size for box in divided(Geometry((16, 1, 1)), 4, (16, 1, 1))} == {(4, 1, 1)}
+
+
+def test_whoever_is_faster_gets_more_and_nobody_more_than_fits() -> None:
+    line = Geometry((100, 1, 1))
+    assert [box.voxels for box in by_work(line, [Share(3.0), Share(1.0)])] == [75, 25]
+    assert [box.voxels for box in by_work(line, [Share(3.0, most=60), Share(1.0)])] == [60, 40]
+    assert [box.voxels for box in by_work(line, [Share(1.0), Share(3.0, most=60)])] == [40, 60]
+
+
+def by_work(geometry: Geometry, shares: list[Share], work: Work | None = None) -> list[Box]:
+    return divided_by_work(geometry, shares, (1, 1, 1), work or Even())
+
+
+speeds = st.floats(1e-3, 1e3)
+amounts = st.just(0.0) | st.floats(1e-9, 1e9)
+
+
+@given(data=st.data(), dims=st.tuples(*[st.integers(1, 70)] * 3))
+def test_boxes_partition_the_grid_for_any_work_and_speeds(data: st.DataObject, dims: tuple[int, int, int]) -> None:
+    geometry = Geometry(dims)
+    few = data.draw(st.lists(amounts, min_size=1, max_size=20))
+    work = BlockWork(dims, [few[n * n % len(few)] for n in range(math.prod(block_dims(dims)))])
+    shares = st.lists(st.builds(Share, speeds, st.integers(1, 2 * geometry.box.voxels)), min_size=1, max_size=16)
+    boxes = by_work(geometry, data.draw(shares.filter(lambda shares: len(shares) <= geometry.box.voxels)), work)
+    assert sum(box.voxels for box in boxes) == geometry.box.voxels
+    assert all(min(box.size) > 0 for box in boxes)
+    assert all(one.common(other) is None for one, other in combinations(boxes, 2))
+
+
+profiles = st.lists(st.floats(1.0, 2.0), min_size=32, max_size=32)
+
+
+@given(profiles=st.tuples(profiles, profiles, profiles), speeds=st.lists(st.floats(1.0, 2.0), min_size=2, max_size=16))
+def test_boxes_are_balanced_to_within_their_layers_of_voxels(
+    profiles: tuple[list[float], list[float], list[float]], speeds: list[float]
+) -> None:
+    """Where work is a product of what it is along each axis."""
+    dims = (256, 256, 256)
+    work = BlockWork(dims, [i * j * k for k, j, i in product(*reversed(profiles))])
+    boxes = by_work(Geometry(dims), [Share(speed) for speed in speeds], work)
+    seconds = [work.of(box) / speed for box, speed in zip(boxes, speeds, strict=True)]
+    assert max(seconds) <= BALANCED * sum(map(work.of, boxes)) / sum(speeds)
+
+
+@given(data=st.data(), dims=st.tuples(*[st.integers(1, 70)] * 3))
+def test_the_work_of_boxes_is_counted_and_corrected_by_their_voxels(
+    data: st.DataObject, dims: tuple[int, int, int]
+) -> None:
+    grid = Geometry(dims)
+    few = data.draw(st.lists(st.floats(0.1, 10.0), min_size=1, max_size=20))
+    work = BlockWork(dims, [few[n * n % len(few)] for n in range(math.prod(block_dims(dims)))])
+    boxes = by_work(grid, [Share()] * data.draw(st.integers(1, min(8, grid.box.voxels))))
+    assert sum(map(work.of, boxes)) == pytest.approx(work.of(grid.box))
+    box = data.draw(st.sampled_from(boxes))
+    for axis in range(3):
+        layers = work.along(box, axis)
+        assert layers[-1][0] == box.high[axis] and sum(done for _, done in layers) == pytest.approx(work.of(box))
+    whole = work.of(grid.box)
+    work.multiply(grid.box, 3.0)
+    assert work.of(grid.box) == pytest.approx(3 * whole)
+
+
+@given(cut=st.randoms(use_true_random=False), cuts=st.integers(0, 6))
+def test_boxes_have_in_common_what_they_are_not_without(cut: Random, cuts: int) -> None:
+    grid = Box((0, 0, 0), (9, 8, 7))
+    one, other = cut_at_random(grid, cut, cuts)[0], cut_at_random(grid, cut, cuts)[-1]
+    common, rest = one.common(other), one.without(other)
+    parts = [*rest, *([common] if common else [])]
+    voxels = [voxel for part in parts for voxel in voxels_of(part)]
+    assert sorted(voxels) == sorted(voxels_of(one))
+    assert set(voxels_of(one)) & set(voxels_of(other)) == set(voxels_of(common) if common else [])

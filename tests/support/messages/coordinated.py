@@ -103,7 +103,7 @@ def surveyed(splat_servers: int = 1) -> CheckedCoordinator:
 def packed(coordinator: CheckedCoordinator, assignment: int = 1) -> list[Instruction]:
     instructions: list[Instruction] = []
     for server in (FIRST, SECOND):
-        instructions = coordinator.handle(said(server, messages.VoxelsPacked(assignment, 360, 1440, 0.1)))
+        instructions = coordinator.handle(said(server, messages.VoxelsPacked(assignment, 360, 0, 0.1)))
     return instructions
 
 

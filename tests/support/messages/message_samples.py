@@ -90,7 +90,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.CountHistograms(1, -1000.0, 3000.0, 512.5), b""),
         (messages.HistogramsCounted(1, 2, 1), struct.pack("<4q2d", 100, 18, 60, 58, -1000.0, 3000.0)),
         (messages.PackVoxels(1, QUANTISATION), b""),
-        (messages.VoxelsPacked(1, 120, 480, 0.0625), b""),
+        (messages.VoxelsPacked(1, 120, 48, 0.0625), b""),
+        (messages.ChangeSubCubes(2, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
         (messages.DescribeMachine(), b""),
         (messages.MachineDescribed(1 << 34, 8), b""),
         (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
@@ -272,6 +273,9 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.HistogramsCounted: st.builds(messages.HistogramsCounted, ids, st.integers(1, 40), st.integers(1, 40)),
     messages.PackVoxels: st.builds(messages.PackVoxels, ids, quantisations),
     messages.VoxelsPacked: st.builds(messages.VoxelsPacked, ids, counts, counts, seconds),
+    messages.ChangeSubCubes: st.builds(
+        messages.ChangeSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
+    ),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
     messages.MachineDescribed: st.builds(messages.MachineDescribed, counts, st.integers(1, messages.MOST_THREADS)),
     messages.OpenPackets: st.builds(

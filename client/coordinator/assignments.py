@@ -1,0 +1,64 @@
+"""Assignments of sub-cubes: the one that is held or on its way, who refused it, and what was held before."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from volsplat.client.coordinator.packing import Packing
+from volsplat.protocol.description.volume import Box
+
+
+@dataclass(frozen=True)
+class Held:
+    """What all servers hold: of assignment 0 nothing."""
+
+    assignment: int
+    packing: Packing | None
+    boxes: Mapping[int, list[Box]]  # by server
+
+
+NOTHING = Held(0, None, {})
+
+
+class Assignments:
+    """Numbered from 1 on."""
+
+    def __init__(self) -> None:
+        self.current = 0  # held, or on its way
+        self.newest = 0  # asked for
+        self.moving = False  # packets are changing hands, which nobody waits for
+        self.may_move = True  # until that is refused
+        self._before = NOTHING  # what was held when the newest was asked for
+        self._refusals: dict[int, int] = {}  # of the newest: what each server that refused it still holds
+
+    @property
+    def refused(self) -> bool:
+        """Whether somebody has refused the newest one."""
+        return bool(self._refusals)
+
+    def begin(self, before: Held | None, moving: bool = False) -> None:
+        """Ask for another one. `before` is what is held; None where nothing came of the last one."""
+        self._before = before or self._before
+        self.newest += 1
+        self.current, self.moving, self._refusals = self.newest, moving, {}
+
+    def refuse(self, server: int, held: int) -> bool:
+        """A server refuses the newest one, and still holds another. True for the first, if somebody waits for it."""
+        first = not self._refusals and not self.moving
+        self._refusals[server] = held
+        self.may_move = self.may_move and not self.moving
+        return first
+
+    def refuse_all(self, servers: Iterable[int], held: int) -> None:
+        """Nobody gets anything."""
+        self._refusals = dict.fromkeys(servers, held)
+
+    def end_refused(self, servers: Iterable[int]) -> Held:
+        """What all of these servers still hold, which is held again."""
+        before, there = self._before, set(servers)
+        kept = before.assignment and all(self._refusals.get(server) == before.assignment for server in there)
+        if self.moving and there != before.boxes.keys():
+            kept = False  # what a lost one was to hold is held by nobody else
+        if not kept:
+            return NOTHING
+        self.current = before.assignment
+        return before

@@ -1,0 +1,129 @@
+"""Who should hold which part of the volume: by what the frames of the last second had to do where, and how fast.
+
+Work is counted in packets. Where it lies is known by blocks as far as these tell, and by sub-cube as measured. Between
+frames sub-cubes change hands if the last second would have been shorter by more than the move takes.
+"""
+
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from volsplat.client.coordinator.block_work import VOXELS_OF_A_PACKET, BlockWork
+from volsplat.client.coordinator.coordinator_events import Instruction
+from volsplat.client.coordinator.sub_cubes import Share, divided_by_work
+from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats
+
+HORIZON = 1.0  # seconds: within them a move must pay for itself
+LEAST_GAIN = 0.1  # of the busiest server's seconds: less may be chance
+JUDGED_EVERY = 0.5  # seconds, at most
+LEAST_FRAMES = 2  # one alone may be the last
+TELLING_SECONDS = 0.002  # of map/shade: a server's speed is not known from less
+NEWEST_WEIGHT = 0.5  # of the speed that was measured last
+
+
+@dataclass(frozen=True)
+class _Frame:
+    """What a frame took."""
+
+    at: float  # when it was drawn, seconds
+    work: dict[int, float]  # by map/shade server
+    seconds: dict[int, float]  # likewise, of each of its threads
+    waited: float  # by the splat server that waited least, with nothing to splat
+
+
+class WorkShares:
+    """Forgets what it measured when other things become visible, or sub-cubes change hands."""
+
+    def __init__(self, holding: VolumeHolding) -> None:
+        self._holding = holding
+        self._frames: deque[_Frame] = deque()  # of the last second
+        self._judged_at = 0.0  # when shares were last looked at
+        self._shows: object = None  # what decides which voxels are visible
+        self._scene: Scene | None = None  # one that shows them
+        self._work: BlockWork | None = None
+        self._speeds: dict[int, float] = {}  # packets a second, by map/shade server
+
+    def measured(
+        self,
+        scene: Scene,
+        request: RenderFrame,
+        map_shade: Mapping[int, MapShadeStats],
+        splat: Mapping[int, SplatStats],
+        at: float,
+    ) -> None:
+        """Take what the servers of a finished frame report."""
+        shows = _shown(scene)
+        if shows != self._shows:
+            self._shows, self._scene, self._work = shows, scene, None
+            self._frames.clear()
+        work = {n: stats.packets + stats.voxels_visited / VOXELS_OF_A_PACKET for n, stats in map_shade.items()}
+        seconds = {n: stats.map_shade_seconds / request.workers[n] for n, stats in map_shade.items()}
+        self._frames.append(_Frame(at, work, seconds, min(stats.waiting_seconds for stats in splat.values())))
+        while self._frames[0].at < at - HORIZON:
+            self._frames.popleft()
+
+    def move(self) -> list[Instruction]:
+        """Have sub-cubes change hands, if that pays."""
+        frames, due = self._frames, self._judged_at + JUDGED_EVERY
+        if len(frames) < LEAST_FRAMES or frames[-1].at < due or not self._holding.may_move:
+            return []
+        self._judged_at = frames[-1].at
+        boxes = self._better()
+        if boxes is None:
+            return []
+        frames.clear()
+        return self._holding.move(boxes)
+
+    def _better(self) -> dict[int, Box] | None:
+        """The boxes that each server should hold rather than what it holds; None where that would not pay."""
+        holding = self._holding
+        boxes, work = {n: box for n, (box,) in holding.boxes.items()}, self._summed("work")
+        speeds = self._measured_speeds(work)
+        busiest = max(work[n] / speeds[n] for n in boxes)
+        saved = self._saved(busiest, sum(work.values()) / sum(speeds.values()))
+        if saved <= LEAST_GAIN * busiest:
+            return None  # however it were shared out
+        blocks = self._corrected(boxes, work)
+        packets, description = holding.packets_a_voxel, holding.description
+        shares = [Share(speeds[n], holding.costs.most_voxels(n, box.voxels, packets)) for n, box in boxes.items()]
+        new = dict(zip(boxes, divided_by_work(description.geometry, shares, description.chunk, blocks), strict=True))
+        saved = self._saved(busiest, max(blocks.of(box) / speeds[n] for n, box in new.items()))
+        fits = all(box.voxels <= share.most for box, share in zip(new.values(), shares, strict=True))
+        pays = saved > max(LEAST_GAIN * busiest, holding.costs.seconds(holding.boxes, new, packets))
+        return new if fits and pays else None
+
+    def _saved(self, busiest: float, then: float) -> float:
+        """Seconds of the last one, had the busiest server needed so many: as long as splat servers waited for it."""
+        return min(busiest - then, sum(frame.waited for frame in self._frames))
+
+    def _summed(self, what: str) -> dict[int, float]:
+        """Over all frames, by server."""
+        return {n: sum(getattr(frame, what)[n] for frame in self._frames) for n in self._holding.boxes}
+
+    def _measured_speeds(self, work: Mapping[int, float]) -> dict[int, float]:
+        """Of all servers; of those that did next to nothing as it was before, or as others have it on average."""
+        for n, seconds in self._summed("seconds").items():
+            if seconds >= TELLING_SECONDS and work[n]:
+                speed, before = work[n] / seconds, self._speeds.get(n)
+                self._speeds[n] = speed if before is None else NEWEST_WEIGHT * speed + (1 - NEWEST_WEIGHT) * before
+        known = [self._speeds[n] for n in work if n in self._speeds]
+        usual = sum(known) / len(known) if known else 1.0
+        return {n: self._speeds.get(n, usual) for n in work}
+
+    def _corrected(self, boxes: Mapping[int, Box], measured: Mapping[int, float]) -> BlockWork:
+        """The work by block, so that it is in each box what was measured there."""
+        assert self._scene is not None and self._holding.volume is not None
+        self._work = self._work or BlockWork.expected(self._holding.volume, self._scene)
+        least = sum(measured.values()) / self._holding.description.geometry.box.voxels
+        for n, box in boxes.items():
+            self._work.multiply(box, max(measured[n], least) / self._work.of(box))
+        return self._work
+
+
+def _shown(scene: Scene) -> object:
+    """What of a scene decides which voxels are visible."""
+    tables = scene.tables.opac, scene.tables.modu
+    return *tables, scene.cross_bar.opac, scene.cross_bar.modu, scene.shading.modulation, scene.bounds, scene.quantise

@@ -1,0 +1,86 @@
+"""Sub-cubes made out of those that are held: what is there already is copied, only the rest is read."""
+
+from collections.abc import Callable, Iterable, Sequence
+
+import numpy as np
+
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.packet_store import Packets, PacketStore
+from volsplat.mapshade_server.readers import VolumeReader
+from volsplat.mapshade_server.sub_cube import LISTS_PER_PACKET, SubCube
+from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import LISTS_PER_STORED_PACKET
+
+Read = Callable[[Box], Iterable[tuple[Box, Packets]]]  # the packets of a box, part by part
+
+
+class GivenUp(Exception):
+    """Nobody wants these packets any more."""
+
+
+def stored_sub_cubes(
+    store: PacketStore, level: int, boxes: Sequence[Box], held: Sequence[SubCube], given_up: Callable[[], bool]
+) -> tuple[list[SubCube], int]:
+    """Boxes of a level, and how many voxels were read for them. `held` are sub-cubes of the level.
+
+    Beside these no more is held meanwhile than one sheet of bricks. Raises GivenUp if that is so, BadInput for damage.
+    """
+    _kernels.give_freed_memory_back()  # bricks are unpacked by many threads
+
+    def read(box: Box) -> Iterable[tuple[Box, Packets]]:
+        rest: Box | None = box
+        while rest is not None:
+            if given_up():
+                raise GivenUp
+            end = (rest.low[2] // store.brick_size + 1) * store.brick_size
+            sheet, rest = rest.cut(2, end) if end < rest.high[2] else (rest, None)
+            yield sheet, store.read(level, sheet)
+
+    return _sub_cubes(store.levels[level].geometry, boxes, held, read, LISTS_PER_STORED_PACKET)
+
+
+def packed_sub_cubes(
+    reader: VolumeReader, quantisation: Quantisation, boxes: Sequence[Box], held: Sequence[SubCube]
+) -> tuple[list[SubCube], int]:
+    """Boxes of a volume, and how many voxels were read for them. `held` are packed by the same rules."""
+    description = reader.describe()
+
+    def read(box: Box) -> Iterable[tuple[Box, Packets]]:
+        part = SubCube(description.geometry, box, description.second_scalar)
+        part.read(reader)
+        part.pack(quantisation)
+        yield box, _array(part)
+
+    return _sub_cubes(description.geometry, boxes, held, read, LISTS_PER_PACKET)
+
+
+def _sub_cubes(
+    geometry: Geometry, boxes: Sequence[Box], held: Sequence[SubCube], read: Read, lists: float
+) -> tuple[list[SubCube], int]:
+    made, voxels_read = [], 0
+    for box in boxes:
+        cube = next((cube for cube in held if cube.box == box), None)  # with what a walk keeps of it
+        if cube is None:
+            packets, voxels = _gathered(box, held, read)
+            cube, voxels_read = SubCube.of_packets(geometry, box, packets, lists), voxels_read + voxels
+        made.append(cube)
+    return made, voxels_read
+
+
+def _gathered(box: Box, held: Sequence[SubCube], read: Read) -> tuple[Packets, int]:
+    packets = np.asarray(memoryview(_kernels.empty_packets(box.size)))
+    rest = [box]
+    for cube in held:
+        if (common := box.common(cube.box)) is not None:
+            packets[common.slices(box.low)] = _array(cube)[common.slices(cube.box.low)]
+            rest = [part for one in rest for part in one.without(common)]
+    for part in rest:
+        for place, values in read(part):
+            packets[place.slices(box.low)] = values
+    return packets, sum(part.voxels for part in rest)
+
+
+def _array(cube: SubCube) -> Packets:
+    array: Packets = np.asarray(memoryview(cube.packets))
+    return array
