@@ -17,6 +17,7 @@ from volsplat.protocol.wire.addresses import Address
 class FrameOutcome:
     """What the servers report of a finished frame, and the parts of the volume that no server holds any more.
 
+    `voxels` are how many of the volume each map/shade server holds: they change when sub-cubes change hands.
     Of a prepared volume also which level was drawn, and why the finest step draws the one that it does.
     """
 
@@ -25,6 +26,7 @@ class FrameOutcome:
     missing: tuple[Box, ...] = ()
     level: int = 0
     why_level: str = ""
+    voxels: dict[int, int] = field(default_factory=dict)
 
 
 # -- events -----------------------------------------------------------------------------------------------------

@@ -228,7 +228,7 @@ class Frames:
         if frame is None or frame.request is None or image is None:
             return []
         self._shares.measured(frame.request, frame.splat)
-        self._work.measured(frame.scene, frame.request, frame.map_shade, frame.splat, frame.drawn_at)
+        self._work.measured(frame.scene, frame.map_shade, frame.splat, frame.drawn_at)
         self.frame = None
         return [image]
 

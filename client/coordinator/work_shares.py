@@ -14,7 +14,7 @@ from volsplat.client.coordinator.sub_cubes import Share, divided_by_work
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box
-from volsplat.protocol.messages.frame_messages import MapShadeStats, RenderFrame, SplatStats
+from volsplat.protocol.messages.frame_messages import MapShadeStats, SplatStats
 
 HORIZON = 1.0  # seconds: within them a move must pay for itself
 LEAST_GAIN = 0.1  # of the busiest server's seconds: less may be chance
@@ -30,7 +30,7 @@ class _Frame:
 
     at: float  # when it was drawn, seconds
     work: dict[int, float]  # by map/shade server
-    seconds: dict[int, float]  # likewise, of each of its threads
+    seconds: dict[int, float]  # likewise, of the busiest of its threads
     waited: float  # by the splat server that waited least, with nothing to splat
 
 
@@ -49,7 +49,6 @@ class WorkShares:
     def measured(
         self,
         scene: Scene,
-        request: RenderFrame,
         map_shade: Mapping[int, MapShadeStats],
         splat: Mapping[int, SplatStats],
         at: float,
@@ -60,7 +59,7 @@ class WorkShares:
             self._shows, self._scene, self._work = shows, scene, None
             self._frames.clear()
         work = {n: stats.packets + stats.voxels_visited / VOXELS_OF_A_PACKET for n, stats in map_shade.items()}
-        seconds = {n: stats.map_shade_seconds / request.workers[n] for n, stats in map_shade.items()}
+        seconds = {n: stats.map_shade_seconds for n, stats in map_shade.items()}
         self._frames.append(_Frame(at, work, seconds, min(stats.waiting_seconds for stats in splat.values())))
         while self._frames[0].at < at - HORIZON:
             self._frames.popleft()

@@ -75,6 +75,7 @@ class StepReport(msgspec.Struct, frozen=True):
     hidden_packets: int  # of those sent, left out by the splat servers
     held_back_seconds: float  # that connections were not read because their buffers were full, over all of them
     peak_memory_bytes: dict[str, int]  # of each process so far
+    voxels_held: dict[int, int]  # of the volume, by map/shade server; others when sub-cubes have changed hands
     workers: dict[int, MapShadeStats]
     splat_servers: dict[int, SplatStats]
 
@@ -190,6 +191,7 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         hidden_packets=sum(one.hidden_packets for one in splat_servers.values()),
         held_back_seconds=sum(seconds for one in splat_servers.values() for seconds in one.held_back_seconds.values()),
         peak_memory_bytes={"client": peak_memory(), **memory},
+        voxels_held=outcome.servers.voxels,
         workers=workers,
         splat_servers=splat_servers,
     )

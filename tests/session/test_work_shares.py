@@ -130,7 +130,8 @@ class Model:
         splat = msgspec.structs.replace(SPLAT_STATS, waiting_seconds=self.waits * max(seconds.values()))
         finished = messages.FrameFinished(self.frame, True, [], splat)
         self.coordinator.handle(MessageReceived(SPLAT, finished, memoryview(b""), at))
-        return self.coordinator.handle(said(SPLAT, messages.ImageRead(self.frame, Step.F, True, 0, 0, 1, 1), bytes(16)))
+        image = messages.ImageRead(self.frame, Step.F, True, 0, 0, 1, 1, messages.RawPixels())
+        return self.coordinator.handle(said(SPLAT, image, bytes(16)))
 
     def answer(self, told: list[Instruction]) -> list[Instruction]:
         """Have servers hold what they are asked to."""

@@ -132,7 +132,8 @@ def _figures(server: ServerState, outcome: StepOutcome | None) -> list[str]:
         return []
     seconds = dict(stages_of(stats))
     times = [f"{1000 * seconds[stage]:.1f}" if stage in seconds else "" for stage in STAGES]
-    return [f"{stats.packets:,}", *times, f"{stats.bytes / 1e6 / max(outcome.wall_seconds, 1e-9):,.1f}"]
+    share = stats.packets / (sum(one.packets for one in servers.values()) or 1)
+    return [f"{stats.packets:,} ({share:.0%})", *times, f"{stats.bytes / 1e6 / max(outcome.wall_seconds, 1e-9):,.1f}"]
 
 
 def box_text(box: Box) -> str:

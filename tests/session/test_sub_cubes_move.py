@@ -1,0 +1,174 @@
+"""Sub-cubes change hands between real processes: the same picture, and nothing is read but what changes hands."""
+
+from __future__ import annotations
+
+import signal
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import psutil
+import pytest
+import torch
+
+from support.files.counted_bytes import bytes_read
+from support.files.prepared import Told
+from support.patience import wait_until
+from volsplat.client import Session
+from volsplat.client.coordinator import work_shares
+from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.prepare import Options, prepare
+from volsplat.protocol.description.scene import Image, ScalarTable, Scene, Step, View
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput
+
+SIDE = 96
+LINE = "sharing out the volume by what there is to do"
+FIRST, SECOND = Box((0, 0, 0), (SIDE, SIDE // 2, SIDE)), Box((0, SIDE // 2, 0), (SIDE, SIDE, SIDE))
+MOVED = Box((0, 0, 0), (SIDE, SIDE // 4, SIDE)), Box((0, SIDE // 4, 0), (SIDE, SIDE, SIDE))
+NEWS = 1.2  # times what changes hands: its halo is read as well, and the volume is looked at before and after
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """All that is visible lies in one corner."""
+    path = tmp_path_factory.mktemp("volumes") / f"corner_{SIDE}x{SIDE}x{SIDE}_float64.raw"
+    values = np.random.default_rng(1).random((SIDE,) * 3)
+    third = SIDE // 3
+    values[:third, :third, :third] += 2.0
+    values.tofile(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def store(volume: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("stores") / "corner.zarr"
+    prepare(str(volume), path, Options(), Told())
+    return path
+
+
+def scene(renderer: Session | SingleProcess) -> Scene:
+    """Small, so that splat servers wait for map/shade servers."""
+    shown = renderer.volume.default_scene()
+    tables = msgspec.structs.replace(shown.tables, opac=ScalarTable(points=((0.5, 0.0), (0.5, 0.01))))
+    return Scene(tables=tables, image=Image(width=96, height=96), view=View(zoom=1.0))
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However slow this machine is, what frames could save adds up."""
+    monkeypatch.setattr(work_shares, "HORIZON", 600.0)
+
+
+def boxes(session: Session) -> list[Box]:
+    return [box for server in session.servers if server.role == Role.MAPSHADE_SERVER for box in server.boxes]
+
+
+@pytest.mark.parametrize("prepared", [False, True])
+@pytest.mark.parametrize("workers", [2, 3])
+def test_the_picture_is_the_same_before_and_after(workers: int, prepared: bool, volume: Path, store: Path) -> None:
+    path = store if prepared else volume
+    lines: list[str] = []
+    with SingleProcess(path) as single, Session(path, workers=workers, on_progress=lines.append) as session:
+        shown = scene(session)
+        before, expected = boxes(session), single.render(shown, Step.C)
+        assert torch.equal(session.render(shown, Step.C), expected)
+        wait_until(lambda: session.render(shown, Step.C) is not None and LINE in lines, "do sub-cubes change hands")
+        after = session.finish(shown, Step.C)
+        assert boxes(session) != before
+        assert sum(box.voxels for box in boxes(session)) == SIDE**3
+        assert torch.equal(after.image, expected)
+        assert torch.equal(session.render(shown, Step.F), single.render(shown, Step.F))
+        assert after.outcome is not None
+        assert list(after.outcome.servers.voxels.values()) == [box.voxels for box in boxes(session)]
+
+
+def test_a_server_killed_in_the_middle_is_lost_like_any_other(volume: Path) -> None:
+    killed: list[int] = []
+
+    def watch(line: str) -> None:
+        if line == LINE and not killed:
+            servers = [psutil.Process(pid) for pid in session.server_processes]
+            worker = next(s for s in servers if "volsplat.mapshade_server" in s.cmdline())
+            killed.append(worker.pid)
+            worker.send_signal(signal.SIGKILL)
+
+    with Session(volume, workers=3, on_progress=watch) as session:
+        shown = scene(session)
+
+        def missing() -> tuple[Box, ...]:
+            *_, last = session.refine(shown, Step.C, first=Step.C)
+            assert last.outcome is not None
+            return last.outcome.servers.missing
+
+        wait_until(missing, "is a server lost")
+        (lost,) = [server for server in session.servers if server.lost]
+        assert missing() == lost.boxes
+        assert sum(box.voxels for box in boxes(session)) == SIDE**3
+
+
+def answered(held: HeldVolume, request: messages.Message) -> messages.Message:
+    return held.answers(request)[-1].message
+
+
+def test_a_server_reads_only_what_it_gets(volume: Path) -> None:
+    held, whole = HeldVolume(), HeldVolume()
+    described = answered(held, messages.DescribeVolume(str(volume)))
+    assert isinstance(described, messages.VolumeDescribed)
+    with SingleProcess(volume) as single:
+        rules = single.volume.quantisation(scene(single).quantise)
+    for one, box in ((held, SECOND), (whole, MOVED[1])):
+        answered(one, messages.ReadSubCubes(1, str(volume), [box], described.identity))
+        answered(one, messages.PackVoxels(1, rules))
+    before = bytes_read()
+    packed = answered(held, messages.ChangeSubCubes(2, str(volume), [MOVED[1]], described.identity, rules))
+    news = MOVED[1].voxels - SECOND.voxels
+    assert isinstance(packed, messages.VoxelsPacked) and (packed.voxels, packed.read) == (MOVED[1].voxels, news)
+    assert 8 * news <= bytes_read() - before < NEWS * 8 * news
+    assert packets(held) == packets(whole)
+    before = bytes_read()
+    packed = answered(held, messages.ChangeSubCubes(3, str(volume), [SECOND], described.identity, rules))
+    assert isinstance(packed, messages.VoxelsPacked) and packed.read == 0
+    assert bytes_read() - before < 8 * news * (NEWS - 1)
+
+
+def test_of_a_store_only_what_is_new_is_read(store: Path) -> None:
+    held, whole = HeldVolume(), HeldVolume()
+    described = answered(held, messages.DescribeVolume(str(store)))
+    assert isinstance(described, messages.VolumeDescribed)
+
+    def opened(one: HeldVolume, assignment: int, box: Box) -> int:
+        levels = [messages.LevelBoxes(0, [box])]
+        packed = answered(one, messages.OpenPackets(assignment, str(store), levels, described.identity))
+        assert isinstance(packed, messages.VoxelsPacked) and packed.voxels == box.voxels
+        return packed.read
+
+    assert opened(held, 1, SECOND) == SECOND.voxels
+    assert opened(held, 2, MOVED[1]) == MOVED[1].voxels - SECOND.voxels
+    assert opened(whole, 1, MOVED[1]) == MOVED[1].voxels
+    assert packets(held) == packets(whole)
+
+
+def test_what_is_held_stays_where_a_change_is_refused(volume: Path, tmp_path: Path) -> None:
+    copy = tmp_path / volume.name
+    copy.write_bytes(volume.read_bytes())
+    held = HeldVolume()
+    described = answered(held, messages.DescribeVolume(str(copy)))
+    assert isinstance(described, messages.VolumeDescribed)
+    with SingleProcess(volume) as single:
+        rules = single.volume.quantisation(scene(single).quantise)
+    answered(held, messages.ReadSubCubes(1, str(copy), [FIRST], described.identity))
+    answered(held, messages.PackVoxels(1, rules))
+    before = packets(held)
+    copy.write_bytes(bytes(8 * SIDE**3))
+    with pytest.raises(BadInput, match="was replaced or changed"):
+        held.answers(messages.ChangeSubCubes(2, str(copy), [MOVED[0]], described.identity, rules))
+    assert (held.assignment, packets(held)) == (1, before)
+
+
+def packets(held: HeldVolume) -> bytes:
+    [cube] = held.sub_cubes(0)
+    return bytes(np.asarray(memoryview(cube.packets)))
