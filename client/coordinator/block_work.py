@@ -10,7 +10,7 @@ from volsplat.protocol.description.scene import TABLE_ENTRIES, Scene
 from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.rules.resolved_view import resolved_bounds
 
-VOXELS_OF_A_PACKET = 50  # that show nothing take as long as one that becomes a packet: their rows are passed by
+VOXELS_OF_A_PACKET = 100  # that show nothing take as long as one that becomes a packet: their rows are passed by
 
 Layer = tuple[int, float]  # where it ends on an axis, and its work
 

@@ -29,7 +29,8 @@ SIDE = 96
 LINE = "sharing out the volume by what there is to do"
 FIRST, SECOND = Box((0, 0, 0), (SIDE, SIDE // 2, SIDE)), Box((0, SIDE // 2, 0), (SIDE, SIDE, SIDE))
 MOVED = Box((0, 0, 0), (SIDE, SIDE // 4, SIDE)), Box((0, SIDE // 4, 0), (SIDE, SIDE, SIDE))
-NEWS = 1.2  # times what changes hands: its halo is read as well, and the volume is looked at before and after
+WITH_HALO = 1.1  # times what changes hands
+LOOKED_AT = 1 << 20  # bytes, to tell the volume before and after
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +75,9 @@ def test_the_picture_is_the_same_before_and_after(workers: int, prepared: bool, 
     lines: list[str] = []
     with SingleProcess(path) as single, Session(path, workers=workers, on_progress=lines.append) as session:
         shown = scene(session)
+        session.render(
+            shown, Step.A
+        )  # of a store another level is read for C, with all libraries there: so it is timed
         before, expected = boxes(session), single.render(shown, Step.C)
         assert torch.equal(session.render(shown, Step.C), expected)
         wait_until(lambda: session.render(shown, Step.C) is not None and LINE in lines, "do sub-cubes change hands")
@@ -127,12 +131,12 @@ def test_a_server_reads_only_what_it_gets(volume: Path) -> None:
     packed = answered(held, messages.ChangeSubCubes(2, str(volume), [MOVED[1]], described.identity, rules))
     news = MOVED[1].voxels - SECOND.voxels
     assert isinstance(packed, messages.VoxelsPacked) and (packed.voxels, packed.read) == (MOVED[1].voxels, news)
-    assert 8 * news <= bytes_read() - before < NEWS * 8 * news
+    assert 8 * news <= bytes_read() - before < WITH_HALO * 8 * news + LOOKED_AT
     assert packets(held) == packets(whole)
     before = bytes_read()
     packed = answered(held, messages.ChangeSubCubes(3, str(volume), [SECOND], described.identity, rules))
     assert isinstance(packed, messages.VoxelsPacked) and packed.read == 0
-    assert bytes_read() - before < 8 * news * (NEWS - 1)
+    assert bytes_read() - before < LOOKED_AT
 
 
 def test_of_a_store_only_what_is_new_is_read(store: Path) -> None:
