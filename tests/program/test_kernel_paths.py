@@ -31,7 +31,7 @@ def test_a_table_that_lacks_a_kernel_does_not_compile(tmp_path: Path) -> None:
     source = tmp_path / "path_table.cpp"
     source.write_text("".join(rows))
     assert _compiles(source, tmp_path)
-    lacking = [row for row in rows if ".find_run_rows" not in row]
+    lacking = [row for row in rows if ".fill_footprints" not in row]
     assert len(lacking) == len(rows) - 1
     source.write_text("".join(lacking))
     assert not _compiles(source, tmp_path)
