@@ -10,7 +10,7 @@ import click
 
 from volsplat.bench.commands.option_lists import fractions, whole_numbers
 from volsplat.bench.renderers import Row, opened_rows
-from volsplat.bench.scaling.model_table import model_table, rates_of
+from volsplat.bench.scaling.model_table import model_table
 from volsplat.bench.scaling.scaling_cases import Case, frames_of, visible_cases, voxel_cases
 from volsplat.bench.scaling.scaling_tables import (
     figures_of,
@@ -119,7 +119,7 @@ def scaling(
     at_middle = [one for one in taken if one.case.group == "pixels" and one.case.value == middle * middle / 1e6]
     tables_shown = [servers_table(at_middle, middle), growth_table(taken)]
     if spawns:
-        tables_shown.append(model_table(taken, rates_of(taken)))
+        tables_shown.append(model_table(taken))
     if by_threads:
         tables_shown.append(threads_table(by_threads, sides[-1]))
     by_servers = [one for one in at_middle if one.row.workers]

@@ -12,15 +12,16 @@ from volsplat.program.this_machine import usable_cores
 NANO = 1e9
 
 
-def rates_of(taken: Sequence[Taken]) -> Rates:
-    """The constants of this machine, from the frames of one thread and of the fewest servers."""
+def rates_of(taken: Sequence[Taken]) -> tuple[Rates, Rates]:
+    """The constants of this machine: of threads, from the frames of one; and of servers, from those of the fewest."""
     alone = {one.case: one for one in taken if not one.row.workers}
     rates = fitted([report for one in alone.values() for report in one.reports])
     counts = [one.row.workers for one in taken if one.row.workers]
     if not counts:
-        return rates
+        return rates, rates
     few = [one for one in taken if one.row.workers == min(counts)]
-    return with_servers(rates, [(load_of(alone[one.case].usual), cluster_of(one), one.seconds.median) for one in few])
+    frames = [(load_of(alone[one.case].usual), cluster_of(one), one.seconds.median) for one in few]
+    return rates, with_servers(rates, frames)
 
 
 def cluster_of(taken: Taken) -> Cluster:
@@ -31,18 +32,20 @@ def cluster_of(taken: Taken) -> Cluster:
     return Cluster(workers, min(shared_out(cores, workers)), 1, cores, cores)
 
 
-def model_table(taken: Sequence[Taken], rates: Rates) -> TextTable:
+def model_table(taken: Sequence[Taken]) -> TextTable:
     """Milliseconds measured and by the model, and the difference as a share of what was measured."""
+    rates, served = rates_of(taken)
     loads: dict[Case, StepReport] = {one.case: one.usual for one in taken if not one.row.workers}
     table = TextTable(
         "Model beside measured",
         ("setting", "by", "measured, ms", "model, ms", "off by", "limit"),
         f"A thread takes {rates.voxel * NANO:.3g} ns a voxel, {rates.packet * NANO:.3g} a packet shaded, "
         f"{rates.splat * NANO:.3g} a packet splatted, {rates.pixel * NANO:.3g} a pixel combined; servers take "
-        f"{rates.byte * NANO:.3g} ns more a byte, and {rates.frame * 1e3:.3g} ms a frame.",
+        f"{served.byte * NANO:.3g} ns more a byte, and {served.frame * 1e3:.3g} ms a frame.",
     )
     for one in taken:
-        model, measured = predicted(load_of(loads[one.case]), rates, cluster_of(one)), one.seconds.median
+        constants, measured = served if one.row.workers else rates, one.seconds.median
+        model = predicted(load_of(loads[one.case]), constants, cluster_of(one))
         off = f"{model.seconds / measured - 1:+.0%}"
         cells = (significant(measured * 1e3), significant(model.seconds * 1e3), off, model.limit)
         table.add(one.case.name, one.row.name, *cells)
