@@ -16,6 +16,7 @@ from support.files.prepared import Told
 from support.patience import wait_until
 from volsplat.client import Session
 from volsplat.client.coordinator import work_shares
+from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.prepare import Options, prepare
@@ -64,8 +65,12 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work_shares, "HORIZON", 600.0)
 
 
+def holders(session: Session) -> list[ServerState]:
+    return [server for server in session.servers if server.role == Role.MAPSHADE_SERVER]
+
+
 def boxes(session: Session) -> list[Box]:
-    return [box for server in session.servers if server.role == Role.MAPSHADE_SERVER for box in server.boxes]
+    return [box for server in holders(session) for box in server.boxes]
 
 
 @pytest.mark.parametrize("prepared", [False, True])
@@ -87,7 +92,7 @@ def test_the_picture_is_the_same_before_and_after(workers: int, prepared: bool, 
         assert torch.equal(after.image, expected)
         assert torch.equal(session.render(shown, Step.F), single.render(shown, Step.F))
         assert after.outcome is not None
-        assert sorted(after.outcome.servers.voxels.values()) == sorted(box.voxels for box in boxes(session))
+        assert after.outcome.servers.voxels == {server.id: server.voxels for server in holders(session)}
 
 
 def test_a_server_killed_in_the_middle_is_lost_like_any_other(volume: Path) -> None:
