@@ -164,7 +164,6 @@ class Frames:
 
     def lose(self, lost: ServerState) -> list[Instruction]:
         """Go on without a splat server. If its part is unfinished the frame ends, and the others' parts are shown."""
-        self._shares.lose(lost.id)
         frame = self.frame
         if frame is None or not frame.started:
             return []

@@ -4,13 +4,11 @@ from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
 
+from volsplat.client.coordinator.measured_speeds import MeasuredSpeeds
 from volsplat.protocol.messages.frame_messages import RenderFrame, SplatStats
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.region_cuts import cut, expected_work, regions_each
 from volsplat.protocol.rules.regions import Region
-
-TELLING_SECONDS = 0.002  # of splatting: a server's rate is not known from less
-NEWEST_WEIGHT = 0.5  # of the rate that was measured last
 
 
 class RegionShares:
@@ -18,16 +16,15 @@ class RegionShares:
 
     def __init__(self) -> None:
         self._work: dict[bool, list[int]] = {}  # splatted pixels of each row of tiles, for upright and turned images
-        self._rates: dict[int, float] = {}  # splatted pixels a second of one owner, by server
+        self._speeds = MeasuredSpeeds()  # splatted pixels a second of one owner
 
     def regions(self, plan: FramePlan, owners: Mapping[int, int]) -> list[Region]:
         """As many for each owner of these servers, in their order; some may be empty."""
         each = regions_each(plan, sum(owners.values()))
         servers = [server for server, threads in owners.items() for _ in range(threads * each)]
-        usual = sum(self._rates.values()) / len(self._rates) if self._rates else 1.0
-        rates = [self._rates.get(server, usual) for server in servers]
+        speeds = self._speeds.of(owners)
         work = self._work.get(plan.turned) or expected_work(plan)
-        edges = cut(work, plan.height, rates)
+        edges = cut(work, plan.height, [speeds[server] for server in servers])
         return [Region(server, *lines) for server, lines in zip(servers, pairwise(edges), strict=True)]
 
     def measured(self, request: RenderFrame, stats: Mapping[int, SplatStats]) -> None:
@@ -37,11 +34,4 @@ class RegionShares:
         if any(work):
             self._work[request.plan.turned] = work
         for server, threads in owners.items():
-            seconds, pixels = stats[server].splat_seconds * threads, sum(stats[server].work)
-            if seconds >= TELLING_SECONDS and pixels:
-                rate, before = pixels / seconds, self._rates.get(server)
-                self._rates[server] = rate if before is None else NEWEST_WEIGHT * rate + (1 - NEWEST_WEIGHT) * before
-
-    def lose(self, server: int) -> None:
-        """It draws no more."""
-        self._rates.pop(server, None)
+            self._speeds.note(server, sum(stats[server].work), stats[server].splat_seconds * threads)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from volsplat.client.coordinator.block_work import VOXELS_OF_A_PACKET, BlockWork
 from volsplat.client.coordinator.coordinator_events import Instruction
+from volsplat.client.coordinator.measured_speeds import MeasuredSpeeds
 from volsplat.client.coordinator.sub_cubes import Share, divided_by_work
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.scene import Scene
@@ -20,8 +21,6 @@ HORIZON = 1.0  # seconds: within them a move must pay for itself
 LEAST_GAIN = 0.1  # of the busiest server's seconds: less may be chance
 JUDGED_EVERY = 0.5  # seconds, at most
 LEAST_FRAMES = 2  # one alone may be the last
-TELLING_SECONDS = 0.002  # of map/shade: a server's speed is not known from less
-NEWEST_WEIGHT = 0.5  # of the speed that was measured last
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class WorkShares:
         self._shows: object = None  # what decides which voxels are visible
         self._scene: Scene | None = None  # one that shows them
         self._work: BlockWork | None = None
-        self._speeds: dict[int, float] = {}  # packets a second, by map/shade server
+        self._speeds = MeasuredSpeeds()  # packets a second
 
     def measured(
         self,
@@ -103,14 +102,9 @@ class WorkShares:
         return {n: sum(getattr(frame, what)[n] for frame in self._frames) for n in self._holding.boxes}
 
     def _measured_speeds(self, work: Mapping[int, float]) -> dict[int, float]:
-        """Of all servers; of those that did next to nothing as it was before, or as others have it on average."""
         for n, seconds in self._summed("seconds").items():
-            if seconds >= TELLING_SECONDS and work[n]:
-                speed, before = work[n] / seconds, self._speeds.get(n)
-                self._speeds[n] = speed if before is None else NEWEST_WEIGHT * speed + (1 - NEWEST_WEIGHT) * before
-        known = [self._speeds[n] for n in work if n in self._speeds]
-        usual = sum(known) / len(known) if known else 1.0
-        return {n: self._speeds.get(n, usual) for n in work}
+            self._speeds.note(n, work[n], seconds)
+        return self._speeds.of(work)
 
     def _corrected(self, boxes: Mapping[int, Box], measured: Mapping[int, float]) -> BlockWork:
         """The work by block, so that it is in each box what was measured there."""

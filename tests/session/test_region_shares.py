@@ -76,10 +76,9 @@ def test_an_image_that_is_turned_has_its_own_work() -> None:
     assert lines_of(shares.regions(plan(turned=True), threads), 1)[1] >= (ROWS - 1) * TILE_SIDE
 
 
-def test_the_rate_of_a_server_that_is_lost_is_forgotten() -> None:
+def test_the_rate_of_a_server_that_is_lost_counts_no_more() -> None:
     shares, threads = RegionShares(), {1: 1, 2: 1}
     for _ in range(4):
         draw(shares, plan(), threads, [10**4] * ROWS, {1: 1e6, 2: 1e5})
-    shares.lose(2)
     even = lines_of(shares.regions(plan(), {1: 1, 3: 1}), 1)[1]
     assert abs(even - ROWS * TILE_SIDE // 2) <= TILE_SIDE, "of a new one nothing is known"
