@@ -21,9 +21,9 @@ class BatchCoder:
         self._compressors: dict[int, zstandard.ZstdCompressor] = {}
 
     def coded(self, parts: Sequence[ShadedPart], level: int) -> bytes:
+        """Compressed at this level of zstd."""
         if level not in self._compressors:
             self._compressors[level] = zstandard.ZstdCompressor(level=level)
-        """Compressed at this level of zstd."""
         code = self._encoder.encode([(part.runs, part.packets) for part in parts])
         return self._compressors[level].compress(code)
 

@@ -45,9 +45,8 @@ class DataLink:
     def __init__(self, route: messages.Route, connection: Connection) -> None:
         self.route = route
         self._connection = connection
-        self._tiles = FrameTiles(
-            0, new_tile_map(1, 1)
-        )  # replaced by the thread that begins frames, filled by the hearing one
+        # Replaced by the thread that begins frames, filled by the hearing one
+        self._tiles = FrameTiles(0, new_tile_map(1, 1))
         self._failure: VolsplatError | None = None  # how the splat server was lost
         self._coding = None if connection.may_share_memory else LinkCoding()  # within a machine nothing is gained
         self._shared = SharedBatches(connection)

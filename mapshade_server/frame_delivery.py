@@ -104,7 +104,8 @@ class _Outlet:
             last=batch.last,
         )
         sent = self._link.send(message, parts)
-        tally.bytes -= message.raw_bytes - sent.nbytes
+        tally.raw_bytes += message.raw_bytes
+        tally.bytes += sent.nbytes
         tally.coding_seconds += sent.coding_seconds
         tally.sending_seconds += sent.seconds
         tally.waiting_seconds += sent.waiting_seconds

@@ -25,13 +25,10 @@ class FrameTally:
     waiting_seconds: float = 0.0
 
     def count(self, batch: ShadedBatch) -> None:
-        """Add a batch that has been delivered."""
+        """Add a batch of the walk; what is sent of it is counted where that is known."""
         self.batches += 1
         self.voxels_visited += batch.voxels_visited
         self.packets += batch.packet_count
-        raw_bytes = sum(len(part.runs) + len(part.packets) for part in batch.parts)
-        self.raw_bytes += raw_bytes
-        self.bytes += raw_bytes
 
     @staticmethod
     def of_walkers(tallies: "Sequence[FrameTally]") -> "FrameTally":

@@ -34,8 +34,6 @@ from volsplat.splat_server.tile_news import TileNews
 
 TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles, and more where they are large
 TILE_NEWS_RATE = 100e6  # bytes a second, over all links
-
-
 LOOK_SECONDS = 1.0  # between two looks at the frame, if nothing is told
 
 

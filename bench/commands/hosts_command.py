@@ -71,7 +71,7 @@ def hosts(
     """
     subject = subject_of(volume, phantom, tables, scene, preset)
     counts = whole_numbers("--splat-servers", splat_servers, most=64)
-    outputs = Outputs(json, markdown, None)
+    outputs = Outputs(json, markdown)
     outputs.check()
     taken = []
     console = PlainConsole(stderr=True)

@@ -21,7 +21,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
-from volsplat.protocol.messages.image_messages import ImageRead, RawPixels
+from volsplat.protocol.messages.image_messages import RGBA_BYTES, ImageRead, RawPixels
 from volsplat.splat_server.image_coder import ImageCoder
 
 KINDS = {"8 bits": False, "exact": True}
@@ -68,7 +68,7 @@ def images(
                     view = seen(shown, known.description.geometry, rotation, (side, side))
                     drawn.append(single.finish(view, Step.F).published)
                     step()
-    raw = side * side * 16
+    raw = side * side * RGBA_BYTES
     table = TextTable(
         f"Images of {volume_words(known)}, {side} x {side} pixels, turned by {degrees:g} degrees",
         ("images", "MB", "code, ms", "decode, ms", *(f"a second by {link}" for link in LINKS)),

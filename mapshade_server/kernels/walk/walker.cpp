@@ -14,6 +14,7 @@ constexpr std::int64_t kPixel = std::int64_t{1} << 32;
 constexpr std::int64_t kNone = std::numeric_limits<std::int64_t>::max();
 // Of all walkers' first batches; then doubled, so that the splatter soon has something to do.
 constexpr std::int64_t kFirstPackets = 4096;
+
 Ordinals in_traversal_order(const WalkPlan& plan, int level, const Ordinals& ordinals) {
     if (plan.ascending[level]) return ordinals;
     const std::int64_t count = plan.visits_of(level).count;
