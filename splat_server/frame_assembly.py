@@ -1,8 +1,13 @@
 """One frame's way from batches to the published image: the stage that splat server and single process share."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
+from volsplat.program.peak_memory import peak_memory
+from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Order
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.regions import Region
 from volsplat.splat_server import _kernels
@@ -31,6 +36,7 @@ class FrameAssembly:
         self.pixels_per_packet = pixels_reached(self._reach, plan)
         self._edges = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
         self._begun: SplatFrame | None = None
+        self.lines = (0, 0)  # from which to before which its regions reach
         owners.clear(*plan.image_size, plan.turned)
 
     @property
@@ -58,6 +64,7 @@ class FrameAssembly:
         `all_wait` when all regions wait for something to be pushed.
         """
         plan = self.plan
+        self.lines = regions[0].begin, regions[-1].end
         sheet, row, sample = (plan.visits[axis].count for axis in plan.traversal.axes)
         self._begun = self._owners.begin(
             regions=[(region.begin, region.end) for region in regions],
@@ -81,11 +88,39 @@ class FrameAssembly:
         return self._owners.published(self.splat)
 
     @property
+    def rows_of_tiles(self) -> slice:
+        """Of the image, those that its regions' lines are in."""
+        begin, end = self.lines
+        return slice(begin // TILE_SIDE, -(-end // TILE_SIDE))
+
+    @property
     def slowest_owner(self) -> OwnerSeconds:
         """That had most to do. Once the frame is complete."""
         return max(self.splat.seconds, key=lambda owner: owner.merge + owner.splat + owner.walk)
 
-    @property
-    def work(self) -> list[int]:
-        """The splatted pixels of each row of tiles of the image. Once the frame is complete."""
-        return [packets * self.pixels_per_packet for packets in self.splat.work]
+    def stats(
+        self,
+        nbytes: int,
+        planning_seconds: float,
+        frame_seconds: float,
+        decoding_seconds: float = 0.0,
+        held_back_seconds: Mapping[int, float] = MappingProxyType({}),
+    ) -> messages.SplatStats:
+        """What the frame cost, of the owners the slowest; with what came for it. Once it is complete."""
+        slowest = self.slowest_owner
+        return messages.SplatStats(
+            packets=self.splat.packets,
+            hidden_packets=self.splat.hidden_packets,
+            bytes=nbytes,
+            frame_seconds=frame_seconds,
+            planning_seconds=planning_seconds,
+            merge_seconds=slowest.merge,
+            splat_seconds=slowest.splat,
+            waiting_seconds=max(0.0, frame_seconds - planning_seconds - slowest.merge - slowest.splat),
+            answering_seconds=0.0,
+            held_back_seconds=dict(held_back_seconds),
+            decoding_seconds=decoding_seconds,
+            work=[packets * self.pixels_per_packet for packets in self.splat.work[self.rows_of_tiles]],
+            peak_memory_bytes=peak_memory(),
+            machine=this_machine(),
+        )

@@ -10,8 +10,6 @@ import time
 from collections import deque
 
 from volsplat.program.available_memory import available_memory
-from volsplat.program.peak_memory import peak_memory
-from volsplat.program.this_machine import this_machine
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.exchanges import superseded
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
@@ -19,7 +17,7 @@ from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
-from volsplat.protocol.rules.regions import lines_of
+from volsplat.protocol.rules.regions import regions_of
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.listener import Listener
@@ -59,7 +57,6 @@ class SplatServer:
         self._request: messages.RenderFrame | None = None  # the assembly's
         self._lost: list[int] = []  # workers that its finished image lacks
         self._drawing = False  # the assembly's frame is not finished
-        self._lines = (0, 0)  # from which to before which its regions reach
         self._frame_began = 0.0
         self._planning_seconds = 0.0
         self._hidden_told = 0  # hidden packets when the workers last heard which tiles are closed
@@ -139,35 +136,23 @@ class SplatServer:
         links = self._data_links.of_unfinished_workers()
         if not links:
             return
-        begin, end = self._lines
-        width = assembly.plan.width
-        row = tile_map_bytes(width, TILE_SIDE)
-        of_lines = slice(begin // TILE_SIDE * row, -(-end // TILE_SIDE) * row)
-        tile_map = bytes(assembly.closed_tiles.cast("B")[of_lines])
+        (begin, end), width = assembly.lines, assembly.plan.width
+        rows, row = assembly.rows_of_tiles, tile_map_bytes(width, TILE_SIDE)
+        tile_map = bytes(assembly.closed_tiles.cast("B")[rows.start * row : rows.stop * row])
         seconds = max(TILE_NEWS_SECONDS, len(tile_map) * len(links) / TILE_NEWS_RATE)
         self._next_tile_news = time.perf_counter() + seconds
         closed = messages.TilesClosed(frame=assembly.frame, width=width, begin=begin, end=end)
         self._tile_news.post(closed, tile_map, links)
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
-        slowest = assembly.slowest_owner
-        frame = time.perf_counter() - self._frame_began
-        begin, end = self._lines
-        return messages.SplatStats(
-            packets=assembly.splat.packets,
-            hidden_packets=assembly.splat.hidden_packets,
-            bytes=self._data_links.received(assembly.frame),
-            frame_seconds=frame,
-            planning_seconds=self._planning_seconds,
-            merge_seconds=slowest.merge,
-            splat_seconds=slowest.splat,
-            waiting_seconds=max(0.0, frame - self._planning_seconds - slowest.merge - slowest.splat),
-            answering_seconds=0.0,
-            held_back_seconds=self._data_links.held_back(),
-            decoding_seconds=self._data_links.decoding_seconds(assembly.frame),
-            work=assembly.work[begin // TILE_SIDE : -(-end // TILE_SIDE)],
-            peak_memory_bytes=peak_memory(),
-            machine=this_machine(),
+        links, frame = self._data_links, assembly.frame
+        frame_seconds = time.perf_counter() - self._frame_began
+        return assembly.stats(
+            links.received(frame),
+            self._planning_seconds,
+            frame_seconds,
+            links.decoding_seconds(frame),
+            links.held_back(),
         )
 
     # -- the client's requests, on the working thread
@@ -207,8 +192,7 @@ class SplatServer:
         self._drawing = False
         self._assembly = None
         assembly = FrameAssembly(self._owners, request.plan, request.frame)
-        self._lines = lines_of(request.regions, self._client.id)
-        regions = [region for region in request.regions if region.server == self._client.id]
+        regions = regions_of(request.regions, self._client.id)
         assembly.begin(regions, sum(request.workers.values()), self._news, self._readable)
         self._assembly, self._request, self._drawing = assembly, request, True
         self._planning_seconds = time.perf_counter() - self._frame_began

@@ -228,22 +228,7 @@ class SingleProcess:
             peak_memory_bytes=peak_memory(),
             machine=this_machine(),
         )
-        splat = messages.SplatStats(
-            packets=assembly.splat.packets,
-            hidden_packets=assembly.splat.hidden_packets,
-            bytes=walked.bytes,
-            frame_seconds=frame,
-            planning_seconds=planning,
-            merge_seconds=owned.merge,
-            splat_seconds=owned.splat,
-            waiting_seconds=max(0.0, frame - planning - owned.merge - owned.splat),
-            answering_seconds=0.0,
-            held_back_seconds={},
-            decoding_seconds=0.0,
-            work=assembly.work,
-            peak_memory_bytes=peak_memory(),
-            machine=this_machine(),
-        )
+        splat = assembly.stats(walked.bytes, planning, frame)
         self._shares.measured(request, {WORKER: splat})
         assert self._holding.packing is not None
         why = self._holding.packing.why_level

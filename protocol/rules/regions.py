@@ -50,11 +50,17 @@ def check_regions(regions: Sequence[Region], lines: int) -> None:
         raise ValueError(f"the regions of a splat server lie apart: {servers}")
 
 
-def lines_of(regions: Sequence[Region], server: int) -> tuple[int, int]:
-    """From which to before which line this server's regions reach. Raises ValueError if it has none."""
+def regions_of(regions: Sequence[Region], server: int) -> list[Region]:
+    """Those of this server. Raises ValueError if it has none."""
     own = [region for region in regions if region.server == server]
     if not own:
         raise ValueError(f"no region of the frame is of splat server {server}")
+    return own
+
+
+def lines_of(regions: Sequence[Region], server: int) -> tuple[int, int]:
+    """From which to before which line this server's regions reach. Raises ValueError if it has none."""
+    own = regions_of(regions, server)
     return own[0].begin, own[-1].end
 
 
