@@ -8,9 +8,8 @@ from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarR
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.description.volume import HALO, Box, Geometry, Index
 from volsplat.protocol.rules.index_rules import Quantisation, Survey, physical_gradient
+from volsplat.protocol.rules.levels import LISTS_PER_PACKET
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError
-
-LISTS_PER_PACKET = 0.65  # of the packets' bytes, for the lists of what can be seen: a tenth of the voxels on three axes
 
 
 class Histograms(NamedTuple):

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 
 from volsplat.protocol.description.volume import Box
+from volsplat.protocol.rules.levels import LISTS_PER_PACKET
 
 PACKET_BYTES = 4
-LISTS = 0.65  # of what packets take, for what a walk keeps of them; see mapshade_server/sub_cube.py
 
 
 class MovingCosts:
@@ -30,7 +30,7 @@ class MovingCosts:
 
     def most_voxels(self, server: int, held: int, packets: float) -> int:
         """That it has room for beside those that it holds, which it keeps until it has others."""
-        return max(int((self._memory[server] / (PACKET_BYTES * packets) - held) / (1 + LISTS)), 1)
+        return max(int((self._memory[server] / (PACKET_BYTES * packets) - held) / (1 + LISTS_PER_PACKET)), 1)
 
 
 def _voxels_to_read(old: list[Box], new: Box) -> int:

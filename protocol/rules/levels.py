@@ -17,8 +17,10 @@ from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.refinement import GREATEST_STRIDE, STEP_RULES
 
-# What lists of the voxels that can be seen may take, of the bytes of packets that come from a store. With what is held
-# while bricks are unpacked instead, a server never takes more than 1.5 times its packets.
+# What lists of the voxels that can be seen may take, of the packets' bytes: a tenth of the voxels on three axes. Of
+# packets that come from a store less: with what is held while bricks are unpacked instead, a server never takes more
+# than 1.5 times its packets.
+LISTS_PER_PACKET = 0.65
 LISTS_PER_STORED_PACKET = 0.4
 
 

@@ -33,13 +33,13 @@ from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch, sample_reach
-from volsplat.mapshade_server.sub_cube import LISTS_PER_PACKET, SubCube
+from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import LISTS_PER_STORED_PACKET
+from volsplat.protocol.rules.levels import LISTS_PER_PACKET, LISTS_PER_STORED_PACKET
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import Bell, ReadBudget

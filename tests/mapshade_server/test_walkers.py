@@ -16,12 +16,13 @@ from support.scenes.rendering import batch_memory
 from support.scenes.shaded_packets import batches_of, packets_of, runs_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
-from volsplat.mapshade_server.sub_cube import LISTS_PER_PACKET, SubCube
+from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import LISTS_PER_PACKET
 from volsplat.protocol.rules.regions import Region, check_regions
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import Bell, ReadBudget
