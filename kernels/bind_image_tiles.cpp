@@ -25,13 +25,19 @@ void bind(nb::module_& m, const char* name) {
             : tiles(width, height), bytes(static_cast<std::size_t>(width) * height * kChannels * sizeof(float)) {}
         Tiles tiles;
         std::size_t bytes;  // of an image
+
+        std::size_t bit_bytes() const { return (tiles.tiles() + 7) / 8; }
+        void check_planes(std::size_t changed_bytes, std::size_t count, std::size_t planes_bytes) const {
+            if (changed_bytes != bit_bytes() || planes_bytes != count * Tiles::kTileBytes)
+                throw std::invalid_argument("planes must be those of the tiles that have changed");
+        }
     };
     nb::class_<Images>(m, name)
         .def(nb::init<int, int>(), "width"_a, "height"_a)
         .def(
             "note",
             [](Images& self, const Bytes& pixels, const Target& changed) {
-                if (pixels.nbytes() != self.bytes || changed.nbytes() != (self.tiles.tiles() + 7) / 8)
+                if (pixels.nbytes() != self.bytes || changed.nbytes() != self.bit_bytes())
                     throw std::invalid_argument("image and bits must be those of the size");
                 nb::gil_scoped_release release;
                 return self.tiles.note(reinterpret_cast<const float*>(pixels.data()), changed.data());
@@ -40,8 +46,7 @@ void bind(nb::module_& m, const char* name) {
         .def(
             "planes",
             [](const Images& self, const Bytes& changed, std::size_t count, const Target& target) {
-                if (changed.nbytes() != (self.tiles.tiles() + 7) / 8 || target.nbytes() != count * Tiles::kTileBytes)
-                    throw std::invalid_argument("planes must be those of the tiles that have changed");
+                self.check_planes(changed.nbytes(), count, target.nbytes());
                 nb::gil_scoped_release release;
                 self.tiles.planes(changed.data(), count, target.data());
             },
@@ -49,8 +54,7 @@ void bind(nb::module_& m, const char* name) {
         .def(
             "take",
             [](Images& self, const Bytes& changed, std::size_t count, const Bytes& planes) {
-                if (changed.nbytes() != (self.tiles.tiles() + 7) / 8 || planes.nbytes() != count * Tiles::kTileBytes)
-                    throw std::invalid_argument("planes must be those of the tiles that have changed");
+                self.check_planes(changed.nbytes(), count, planes.nbytes());
                 nb::gil_scoped_release release;
                 self.tiles.take(changed.data(), count, planes.data());
             },
