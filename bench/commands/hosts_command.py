@@ -10,6 +10,7 @@ import click
 
 from volsplat.bench.commands.option_lists import whole_numbers
 from volsplat.bench.hosts.cluster import cluster_of_hosts
+from volsplat.bench.scaling.scaling_cases import usual_frame
 from volsplat.bench.subject import subject_of, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.progress import shown_progress
@@ -39,7 +40,7 @@ class Taken:
     @property
     def usual(self) -> StepReport:
         """The frame of median time."""
-        return sorted(self.reports, key=lambda report: report.wall_seconds)[len(self.reports) // 2]
+        return usual_frame(self.reports)
 
 
 @click.command()

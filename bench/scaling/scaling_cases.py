@@ -52,7 +52,12 @@ class Taken:
     @property
     def usual(self) -> StepReport:
         """The frame of median time."""
-        return sorted(self.reports, key=lambda report: report.wall_seconds)[len(self.reports) // 2]
+        return usual_frame(self.reports)
+
+
+def usual_frame(reports: Sequence[StepReport]) -> StepReport:
+    """The one of median time."""
+    return sorted(reports, key=lambda report: report.wall_seconds)[len(reports) // 2]
 
 
 def voxel_cases(
