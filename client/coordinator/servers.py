@@ -42,7 +42,8 @@ class Servers:
         self.note([ServerState(joined.server, joined.role, joined.host)])
 
     def note(self, states: Iterable[ServerState]) -> None:
-        self.states = self.states | {state.id: state for state in states}
+        if noted := {state.id: state for state in states}:
+            self.states = self.states | noted
 
     def hold(self, boxes: Mapping[int, list[Box]]) -> None:
         """These hold parts of the volume, or will when what is on its way is there."""
