@@ -168,7 +168,7 @@ class Payload(bytearray):
     """That may be referred to weakly."""
 
 
-@pytest.mark.parametrize("end", ["complete", "cleared", "closed"])
+@pytest.mark.parametrize("end", ["complete", "cancelled", "cleared", "closed"])
 def test_a_batch_is_kept_until_it_is_splatted_or_dropped(end: str) -> None:
     news = Bell()
     budget = ReadBudget(UNBOUNDED, news)
@@ -183,6 +183,8 @@ def test_a_batch_is_kept_until_it_is_splatted_or_dropped(end: str) -> None:
         case "complete":
             drawing.push([], source=1, last=True)
             drawing.wait_until_complete()
+        case "cancelled":
+            made.cancel()
         case "cleared":
             made.clear(*LARGE, False)
             del drawing

@@ -67,6 +67,7 @@ void Owners::cancel() {
     std::unique_lock lock(mutex_);
     if (frame_) frame_->stop();
     all_left_.wait(lock, [&] { return at_work_ == 0; });
+    if (frame_) frame_->let_go();
 }
 
 void Owners::close() {

@@ -19,6 +19,17 @@ void Region::drop() {
     if (!published_) image_.empty(drawn());
 }
 
+void Region::let_go() {
+    {
+        const std::lock_guard lock(inbox_mutex_);
+        inbox_.clear();
+    }
+    arrived_.clear();
+    spans_.clear();
+    spent_.clear();
+    buffers_ = SortedBuffers(0);
+}
+
 bool Region::put(Arrival arrival) {
     const std::lock_guard lock(inbox_mutex_);
     const bool awaited = awaited_ == arrival.source;

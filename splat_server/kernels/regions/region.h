@@ -58,6 +58,8 @@ public:
 
     // Once its owner is at it no more: empties what was not published.
     void drop();
+    // Once its owner is at it no more and nothing comes: lets go of what was not splatted.
+    void let_go();
 
     // Any thread: the region as it stands, into another block than the one that it is published to.
     void show(const PixelBlock& published, const PixelBlock& target);

@@ -199,6 +199,11 @@ std::uint64_t SplatFrame::hidden_packets() const {
     return sum;
 }
 
+void SplatFrame::let_go() {
+    for (const auto& source : sources_) const std::lock_guard pushed(source->mutex);  // by who saw it not yet stopped
+    for (const auto& region : regions_) region->let_go();
+}
+
 void SplatFrame::drop() {
     for (const auto& region : regions_) region->drop();
 }

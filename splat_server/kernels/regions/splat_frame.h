@@ -84,6 +84,8 @@ public:
     void fail(std::exception_ptr failure);
     // Once its owners are at it no more: leaves the image empty.
     void drop();
+    // Once it is stopped and its owners are at it no more: opens the budgets of what it has buffered.
+    void let_go();
 
 private:
     struct Source {
