@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 INSTALLED := $(VENV)/.installed
 READY := $(VENV)/.ready
-SHARED_NUMBERS := $(addprefix protocol/rules/,closed_tiles.py image_tiles.py index_rules.py packet_layout.py)
+SHARED_NUMBERS := $(addprefix protocol/rules/,closed_tiles.py image_tiles.py index_rules.py packet_layout.py rounding.py)
 BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(SHARED_NUMBERS) \
 	$(wildcard kernels/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
 

@@ -8,6 +8,7 @@
 #include <stdexcept>
 
 #include "kernels/packet_layout.h"
+#include "kernels/rounding.h"
 
 namespace volsplat {
 
@@ -30,11 +31,13 @@ struct SampleLattice {
 
     Point origin;
     std::array<Level, 3> levels;  // sheet, row, sample
+    Thresholds thresholds;
 
-    // The sample at ordinal 0 on the line through those whose blocks are not clipped.
+    // The sample at ordinal 0 on the line through those whose blocks are not clipped, to be rounded to the nearest.
     Point line(std::uint64_t sheet, std::uint64_t row) const {
+        const auto shift = static_cast<std::uint64_t>(thresholds.shift_of(sheet));
         Point start;
-        for (int axis = 0; axis < 2; ++axis) start[axis] = origin[axis] + at(0, sheet, axis) + at(1, row, axis);
+        for (int axis = 0; axis < 2; ++axis) start[axis] = origin[axis] + at(0, sheet, axis) + at(1, row, axis) + shift;
         return start;
     }
 
@@ -70,7 +73,6 @@ constexpr std::size_t largest_code(std::size_t runs, std::size_t packets) {
 }
 
 // In 1/64 pixel, rounded.
-constexpr int kFinerBits = 32 - kSubpixelBits;
 VOLSPLAT_INLINE std::int64_t on_wire(std::uint64_t fixed) {
     return static_cast<std::int64_t>(fixed + (std::uint64_t{1} << (kFinerBits - 1))) >> kFinerBits;
 }

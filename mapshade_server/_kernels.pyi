@@ -127,6 +127,7 @@ class FrameWalk:
         screen_index: Sequence[Sequence[SupportsInt]],
         image: tuple[int, int],
         reach: tuple[float, float],
+        thresholds: tuple[int, int],
         cross_bar: Sequence[int],
         emit: Array,
         refl: Array,

@@ -110,6 +110,7 @@ class FrameWalk:
             screen_index=[_numbers(dda) for dda in plan.screen_index],
             image=(plan.width, plan.height),
             reach=sample_reach(plan),
+            thresholds=plan.thresholds,
             cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
             emit=shading_tables.colours(shading.emit),
             refl=shading_tables.colours(shading.refl),

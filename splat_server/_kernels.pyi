@@ -141,6 +141,7 @@ class Owners:
         regions: Sequence[tuple[int, int]],
         reach: FootprintTable | CellMap | None,
         front_to_back: bool,
+        thresholds: tuple[int, int],
         counts: tuple[int, int, int],
         sources: int,
         portion: int,

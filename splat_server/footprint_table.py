@@ -28,7 +28,7 @@ def offset_bits_for(shape: FootprintShape) -> int:
     """The binary logarithm of the offsets a pixel: 6 is the packets' own lattice.
 
     As fine as the cache allows, but across its narrow side a footprint never gets less than FINEST_RATIO offsets a
-    voxel: where all rows of an axis-aligned view round alike, coarser ones show.
+    voxel: where all samples of a sheet round alike, in axis-aligned views, coarser ones show.
     """
     ellipse = _ellipse(shape)
     mean, spread = (shape.qxx + shape.qyy) / 2, math.hypot((shape.qxx - shape.qyy) / 2, shape.qxy)

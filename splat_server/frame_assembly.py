@@ -70,6 +70,7 @@ class FrameAssembly:
             regions=[(region.begin, region.end) for region in regions],
             reach=self._reach,
             front_to_back=plan.order == Order.FRONT_TO_BACK,
+            thresholds=plan.thresholds,
             counts=(sheet, row, sample),
             sources=sources,
             portion=packets_at_once(self.pixels_per_packet),

@@ -12,6 +12,9 @@ ROUNDING = 1e-9
 HALF_A_LATTICE_STEP = 1 / 128
 """Positions are rounded to 1/64 pixel (design, section 3.6)."""
 
+A_LATTICE_STEP = 1 / 64
+"""In frames with footprints each sheet rounds them by a threshold of its own (protocol/rules/rounding.py)."""
+
 DDA_DRIFT = 1e-6
 """Pixels: half steps are rounded to 2^-32, and some thousands of them add up."""
 
@@ -98,7 +101,7 @@ CONE_TIP = 5e-4
 """As PROJECTION for the cone, whose P goes as rho^2 log rho at its middle, where interpolation is at its worst."""
 
 UNITY_ROUNDED_POSITIONS = 0.02
-"""Relative: positions are rounded to 1/64 pixel, and in axis-aligned views all rows round alike; see
+"""Relative, of one sheet: positions are rounded to 1/64 pixel, in axis-aligned views all alike; see
 protocol/rules/footprint_shape.py. It holds 1e-4 of float32 sums and of thin opacities that weaken each other, too."""
 
 HANDEDNESS = 1 / 255
@@ -202,3 +205,6 @@ BALL_DIRECTION = 1e-3
 
 BALANCED = 1.1
 """Times the mean, of the most that one of 16 boxes has to do: each cut lies within half a voxel, of 28 or more."""
+
+SLAB_RIPPLE = 0.01
+"""Of a slab's depth, from the thinnest pixel to the thickest, with the default kernel."""

@@ -38,6 +38,7 @@ from volsplat.protocol.rules.packet_layout import (
     SUBPIXEL_BITS,
     opacity_of_code,
 )
+from volsplat.protocol.rules.rounding import TO_NEAREST
 from volsplat.splat_server import _kernels
 from volsplat.splat_server.footprint_table import footprint_table
 
@@ -118,6 +119,7 @@ class Block:
             regions=[(0, SIZE)],
             reach=self._table,
             front_to_back=order == Order.FRONT_TO_BACK,
+            thresholds=TO_NEAREST,
             counts=self._counts,
             sources=1,
             portion=self._packets,

@@ -33,7 +33,8 @@ DEFAULT_RADIUS = {
 
 # How far, at the default radius, the weights over a pixel may be from thickness / reference spacing, as a fraction,
 # over all views, zooms and matrices. The cone's and the B-spline's worst is below one pixel a voxel. In axis-aligned
-# views all rows round alike to the packets' 1/64 pixel, which adds up to 2 % at about one pixel a voxel.
+# views all samples of one sheet round alike, by up to 2 % at about one pixel a voxel; over sheets that cancels (see
+# rounding).
 DOCUMENTED_RIPPLE = {
     Kernel.GAUSSIAN: 0.01,
     Kernel.BSPLINE: 0.005,

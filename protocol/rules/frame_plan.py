@@ -19,6 +19,7 @@ from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, 
 from volsplat.protocol.rules.levels import Resolution, bounds_at_level, own_resolution
 from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_order
+from volsplat.protocol.rules.rounding import TO_NEAREST, Thresholds, thresholds_of
 from volsplat.protocol.rules.traversal import AxisVisits, Traversal, traversal_of, visits_of
 from volsplat.protocol.rules.volume_edges import MOST_EDGES, Edge, volume_edges
 
@@ -85,6 +86,15 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def upright(self) -> "FramePlan":
         """The same frame with x to the right and y down, whichever way its runs go."""
         return self._exchanged() if self.turned else self
+
+    @property
+    def thresholds(self) -> Thresholds:
+        """By which its sheets round positions."""
+        if self.reach != Reach.FOOTPRINT:
+            return TO_NEAREST
+        visits, ascending = self.visits[self.traversal.axes[0]], self.traversal.ascending[0]
+        first = visits.index(0 if ascending else visits.count - 1)
+        return thresholds_of(first, visits.stride if ascending else -visits.stride)
 
     @property
     def stride(self) -> int:

@@ -10,7 +10,7 @@ from volsplat.protocol.rules.traversal import AxisVisits
 
 def sample_lattice(plan: FramePlan) -> list[int]:
     """As kernels/batch_code.h has it: the origin's x and y, then for sheet, row and sample the last ordinal, and x and
-    y of a step, at the first ordinal and at the last one; 2^-32 pixel."""
+    y of a step, at the first ordinal and at the last one; 2^-32 pixel. Then the thresholds' first and step."""
     origin, levels = [plan.x.origin, plan.y.origin], []
     for axis, ascending in zip(plan.traversal.axes, plan.traversal.ascending, strict=True):
         visits, maps = plan.visits[axis], (plan.x, plan.y)
@@ -18,7 +18,7 @@ def sample_lattice(plan: FramePlan) -> list[int]:
         half_steps = [on_screen.half_steps[axis] for on_screen in maps]
         origin = [at + begin * half_step for at, half_step in zip(origin, half_steps, strict=True)]
         levels += [visits.count - 1, *(number * half for number in (step, at_first, at_last) for half in half_steps)]
-    return origin + levels
+    return [*origin, *levels, *plan.thresholds]
 
 
 def _centres(visits: AxisVisits, ascending: bool) -> tuple[int, int, int, int]:

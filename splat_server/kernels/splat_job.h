@@ -6,6 +6,7 @@
 
 #include "kernels/axis_visits.h"
 #include "kernels/packet_layout.h"
+#include "kernels/rounding.h"
 #include "kernels/tile_map.h"
 
 namespace volsplat {
@@ -71,6 +72,7 @@ struct SplatJob {
     Reach reach;
     bool front_to_back;
     FootprintView footprint;
+    Thresholds thresholds;  // of its offsets
     CellView cell;
     std::int64_t unseen_pixels;  // splatted to since it was last looked which tiles have become closed
     std::uint64_t* work;         // of each row of tiles of the image: counts the packets whose run's middle lies there

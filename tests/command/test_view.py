@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from reference import mapping
 from support.scenes.arbitrary import plain_scene, quaternions, situations
-from tolerances import DDA_DRIFT, HALF_A_LATTICE_STEP, ROUNDING
+from tolerances import A_LATTICE_STEP, DDA_DRIFT, HALF_A_LATTICE_STEP, ROUNDING
 from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -23,9 +23,11 @@ from volsplat.protocol.rules.resolved_view import FIT_FRACTION, bounding_radius,
 @given(situations(largest=40), st.sampled_from(Step))
 def test_positions_of_the_plan_are_the_exact_ones_on_the_lattice(situation: tuple[Scene, Geometry], step: Step) -> None:
     scene, geometry = situation
-    samples = mapping.samples_of(scene, geometry, plan_frame(scene, geometry, step))
+    plan = plan_frame(scene, geometry, step)
+    samples = mapping.samples_of(scene, geometry, plan)
     off = (samples.lattice.double() / 2**SUBPIXEL_BITS - samples.exact).abs().max()
-    assert off <= HALF_A_LATTICE_STEP + DDA_DRIFT
+    rounded = A_LATTICE_STEP if plan.footprint else HALF_A_LATTICE_STEP
+    assert off <= rounded + DDA_DRIFT
 
 
 def test_i_runs_right_j_up_and_k_to_the_viewer_when_nothing_is_turned() -> None:

@@ -13,7 +13,7 @@ import volsplat.client._kernels
 import volsplat.mapshade_server._kernels
 import volsplat.splat_server._kernels
 from support.checkout import ROOT
-from volsplat.protocol.rules import closed_tiles, image_tiles, index_rules, packet_layout
+from volsplat.protocol.rules import closed_tiles, image_tiles, index_rules, packet_layout, rounding
 
 MODULES = [
     volsplat.mapshade_server._kernels,
@@ -21,7 +21,7 @@ MODULES = [
     volsplat.client._kernels,
     volsplat.bench._kernels,
 ]
-SHARED = [closed_tiles, image_tiles, index_rules, packet_layout]
+SHARED = [closed_tiles, image_tiles, index_rules, packet_layout, rounding]
 
 
 @pytest.mark.parametrize("kernels", MODULES, ids=lambda module: module.__name__)

@@ -4,7 +4,7 @@ Exact positions follow the view's definition in real numbers (design, section 5)
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 from torch import Tensor
@@ -16,6 +16,7 @@ from volsplat.protocol.rules.grid_on_screen import Dda
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.rules.resolved_view import resolved_center, resolved_zoom
 
+GOLDEN = round(2**32 * (math.sqrt(5) - 1) / 2)
 QUARTER = math.sqrt(0.5)
 # The turns that bring each axis to z, as quaternions (x, y, z, w).
 UPRIGHT = {
@@ -38,6 +39,10 @@ class Samples:
     blocks: Tensor  # (n, 3, 2) int64, the half-open range of voxels each stands for, on i, j, k
     lattice: Tensor  # (n, 2) int64, the plan's x and y in 1/64 pixel, as on the wire
     exact: Tensor  # (n, 2) float64, the same positions in pixels, not quantised
+    thresholds: Tensor  # (n,) int64, by which lattice and footprint offsets are rounded
+
+    def chosen(self, which: Tensor | slice) -> "Samples":
+        return Samples(*(getattr(self, field.name)[which] for field in fields(self)))
 
     @property
     def block_sizes(self) -> Tensor:
@@ -74,11 +79,17 @@ def on_screen(points: Tensor, scene: Scene, geometry: Geometry) -> Tensor:
     )
 
 
-def on_lattice(dda: Dda, doubled: Tensor) -> Tensor:
-    """The DDA's positions (n,) of doubled grid indices (n, 3), rounded to 1/64 pixel, halves up."""
+def thresholds(plan: FramePlan, indices: Tensor) -> Tensor:
+    """(n,) of samples at grid indices (n, 3): 2^31 + 2^25, and with footprints the golden ratio for each sheet."""
+    sheets = indices[:, plan.traversal.axes[0]] if plan.footprint else torch.zeros(len(indices)).long()
+    return (sheets * GOLDEN + (1 << 31) + (1 << 25)) % (1 << 32)
+
+
+def on_lattice(dda: Dda, doubled: Tensor, threshold: Tensor) -> Tensor:
+    """The DDA's positions (n,) of doubled grid indices (n, 3), rounded to 1/64 pixel by their sheets' `threshold`."""
     value = dda.origin + (doubled * torch.tensor(dda.half_steps, dtype=torch.int64)).sum(dim=1)
-    fraction_bits = 32 - SUBPIXEL_BITS
-    return (value + (1 << (fraction_bits - 1))) >> fraction_bits
+    unit = 1 << (32 - SUBPIXEL_BITS)
+    return (value + threshold % unit) // unit
 
 
 def samples_of(scene: Scene, geometry: Geometry, plan: FramePlan) -> Samples:
@@ -98,10 +109,12 @@ def samples_of(scene: Scene, geometry: Geometry, plan: FramePlan) -> Samples:
         blocks[:, axis] = blocks_on[axis][visit]
     doubled = blocks[..., 0] + blocks[..., 1] - 1
     exact = on_screen(doubled.double() / 2, scene, geometry)
+    threshold = thresholds(plan, indices)
     return Samples(
         indices=indices,
         ordinals=ordinals,
         blocks=blocks,
-        lattice=torch.stack((on_lattice(plan.x, doubled), on_lattice(plan.y, doubled)), dim=1),
+        lattice=torch.stack([on_lattice(dda, doubled, threshold) for dda in (plan.x, plan.y)], dim=1),
         exact=exact.flip(1) if plan.turned else exact,
+        thresholds=threshold,
     )

@@ -25,8 +25,8 @@ LATTICE = 1 << SUBPIXEL_BITS
 NEARLY_AN_EDGE = 1e-6  # voxels: where float64 might choose the wrong cell
 CONTRIBUTIONS_AT_ONCE = 4_000_000  # (sample, pixel) pairs, which bounds the memory
 
-# Weights (n, rows, columns) of the lattice positions (n, 2) at pixels x (n, columns) and y (n, rows).
-Weights = Callable[[Tensor, Tensor, Tensor], Tensor]
+# Weights (n, rows, columns) of samples at pixels x (n, columns) and y (n, rows).
+Weights = Callable[[mapping.Samples, Tensor, Tensor], Tensor]
 
 
 @dataclass(frozen=True)
@@ -82,13 +82,7 @@ def shaded_samples(
         opacity = coded(opacity)
     kept = opacity > 0
     return Shaded(
-        samples=mapping.Samples(
-            indices=samples.indices[kept],
-            ordinals=samples.ordinals[kept],
-            blocks=samples.blocks[kept],
-            lattice=samples.lattice[kept],
-            exact=samples.exact[kept],
-        ),
+        samples=samples.chosen(kept),
         colour=colour[kept],
         opacity=opacity[kept],
     )
@@ -127,7 +121,7 @@ def _splat_footprints(
         if weights is None:
             weight = footprint.weights((pixel_x - x[:, None])[:, None, :], (pixel_y - y[:, None])[:, :, None])
         else:
-            weight = weights(shaded.samples.lattice[here], pixel_x, pixel_y)
+            weight = weights(shaded.samples.chosen(here), pixel_x, pixel_y)
         inside_x = (pixel_x >= 0) & (pixel_x < plan.width)
         inside_y = (pixel_y >= 0) & (pixel_y < plan.height)
         sample, row, column = torch.nonzero((weight > 0) & inside_x[:, None, :] & inside_y[:, :, None], as_tuple=True)

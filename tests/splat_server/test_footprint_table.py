@@ -23,6 +23,7 @@ from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS, DOCUMENTED_R
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, GridOnScreen, grid_on_screen
 from volsplat.protocol.rules.packet_layout import OPACITY_SHIFT, OPACITY_UNIT, POSITION_BITS, ROW_RUN
+from volsplat.protocol.rules.rounding import HALF_THRESHOLD
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import BatchMemory, Ellipse, FootprintTable
@@ -99,7 +100,10 @@ class EndlessSheet:
 
     def lattice(self) -> Tensor:
         """(n, 2) in 1/64 pixel, rounded."""
-        return torch.stack([mapping.on_lattice(dda, self.doubled) for dda in (self.grid.x, self.grid.y)], dim=1)
+        to_nearest = torch.tensor(HALF_THRESHOLD)
+        return torch.stack(
+            [mapping.on_lattice(dda, self.doubled, to_nearest) for dda in (self.grid.x, self.grid.y)], dim=1
+        )
 
 
 @st.composite

@@ -24,6 +24,7 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach, plan_frame
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES, SUBPIXEL_BITS, opacity_of_code
+from volsplat.protocol.rules.rounding import Thresholds, thresholds_of
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import Ellipse, FootprintTable
 from volsplat.splat_server.footprint_table import kernel_projection
@@ -54,9 +55,13 @@ def table_of(half_width: float, half_height: float, amplitude: float, offset_bit
     return FootprintTable(kernel_projection(Kernel.GAUSSIAN, radius), ellipse, offset_bits)
 
 
-def footprint_pixels(table: FootprintTable, dot: Dot) -> Affected:
+THRESHOLDS = thresholds_of(first_index=7, index_step=-1)
+
+
+def footprint_pixels(table: FootprintTable, dot: Dot, sheet: int) -> Affected:
     shift = SUBPIXEL_BITS - table.offset_bits
-    x, y = (dot.x + (1 << shift >> 1)) >> shift, (dot.y + (1 << shift >> 1)) >> shift
+    added = THRESHOLDS.of(sheet) << shift >> 32
+    x, y = (dot.x + added) >> shift, (dot.y + added) >> shift
     n = 1 << table.offset_bits
     left, top, weights = table.weights_at(x % n, y % n)
     return [
@@ -73,9 +78,9 @@ def nearest_pixel(dot: Dot) -> Affected:
 def plainly_splatted(runs: list[Run], table: FootprintTable | None, order: Order, width: int, height: int) -> Tensor:
     """The paper's formulas, pixel by pixel."""
     image = [[0.0, 0.0, 0.0, 0.0] for _ in range(width * height)]
-    for dot in (dot for run in runs for dot in run.dots):
+    for sheet, dot in ((run.sheet, dot) for run in runs for dot in run.dots):
         colour = [*(channel / 255 for channel in dot.colour), 1.0]
-        for x, y, weight in footprint_pixels(table, dot) if table else nearest_pixel(dot):
+        for x, y, weight in footprint_pixels(table, dot, sheet) if table else nearest_pixel(dot):
             if not (weight > 0 and 0 <= x < width and 0 <= y < height):
                 continue
             pixel = image[y * width + x]
@@ -96,10 +101,11 @@ def splatted(
     height: int,
     threads: int = 1,
     turned: bool = False,
+    thresholds: Thresholds = THRESHOLDS,
 ) -> Tensor:
     """By the kernel, a region for each thread."""
     regions = even_regions(width if turned else height, threads)
-    return owned.splatted(runs, reach, order, (width, height), turned, regions, threads)
+    return owned.splatted(runs, reach, order, (width, height), turned, regions, threads, thresholds)
 
 
 def random_runs(seed: int, width: int, height: int, count: int = 60, margin: int = 12) -> list[Run]:
@@ -119,7 +125,7 @@ def random_runs(seed: int, width: int, height: int, count: int = 60, margin: int
             )
             for x, y in zip(across, down, strict=True)
         )
-        runs.append(Run(0, row, 0, dots))
+        runs.append(Run(row, 0, 0, dots))
     return runs
 
 
@@ -281,10 +287,11 @@ def test_a_run_that_is_no_line_does_no_harm(offsets: list[tuple[int, int]], thre
 def test_both_orders_give_one_image(seed: int, count: int, table_name: str) -> None:
     table = table_of(*TABLES[table_name])
     forward = random_runs(seed, 24, 18, count + 4)
-    dots = [dot for run in forward for dot in run.dots]
-    backward = [Run(0, n, 0, (dot,)) for n, dot in enumerate(reversed(dots))]
-    back_to_front = splatted(forward, table, Order.BACK_TO_FRONT, 24, 18)
-    front_to_back = splatted(backward, table, Order.FRONT_TO_BACK, 24, 18)
+    last = forward[-1].sheet
+    dots = [(last - run.sheet, dot) for run in forward for dot in run.dots]
+    backward = [Run(sheet, n, 0, (dot,)) for n, (sheet, dot) in enumerate(reversed(dots))]
+    back_to_front = splatted(forward, table, Order.BACK_TO_FRONT, 24, 18, thresholds=thresholds_of(0, 1))
+    front_to_back = splatted(backward, table, Order.FRONT_TO_BACK, 24, 18, thresholds=thresholds_of(last, -1))
     assert (back_to_front - front_to_back).abs().max() <= ONE_LEVEL
 
 

@@ -104,12 +104,12 @@ public:
                     const std::array<std::int64_t, 4>& y,
                     const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
                     const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach,
-                    const std::array<int, 4>& cross_bar, ColourArray emit, ColourArray refl, LightArray light,
-                    std::vector<OpacityArray> opacity, const std::array<int, 27>& opacity_of_class,
-                    const VisibilityArray& visibility, GradientByteArray gradient_bytes,
-                    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles,
-                    const std::vector<std::array<std::int64_t, 2>>& regions, std::int64_t walkers,
-                    const std::array<std::int64_t, 2>& limits);
+                    const std::array<std::uint64_t, 2>& thresholds, const std::array<int, 4>& cross_bar,
+                    ColourArray emit, ColourArray refl, LightArray light, std::vector<OpacityArray> opacity,
+                    const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility,
+                    GradientByteArray gradient_bytes, std::array<GridByteArray, 3> grid_bytes,
+                    std::optional<TileArray> closed_tiles, const std::vector<std::array<std::int64_t, 2>>& regions,
+                    std::int64_t walkers, const std::array<std::int64_t, 2>& limits);
 
     Walker& walker(std::size_t number) { return *walkers_.at(number); }
 
@@ -137,12 +137,12 @@ PythonFrameWalk::PythonFrameWalk(
     std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
     const std::array<std::array<std::int64_t, 5>, 3>& visits, const std::array<std::int64_t, 4>& x,
     const std::array<std::int64_t, 4>& y, const std::array<std::array<std::int64_t, 4>, 3>& screen_index,
-    const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach, const std::array<int, 4>& cross_bar,
-    ColourArray emit, ColourArray refl, LightArray light, std::vector<OpacityArray> opacity,
-    const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility, GradientByteArray gradient_bytes,
-    std::array<GridByteArray, 3> grid_bytes, std::optional<TileArray> closed_tiles,
-    const std::vector<std::array<std::int64_t, 2>>& regions, std::int64_t walkers,
-    const std::array<std::int64_t, 2>& limits)
+    const std::array<std::int64_t, 2>& image, const std::array<double, 2>& reach,
+    const std::array<std::uint64_t, 2>& thresholds, const std::array<int, 4>& cross_bar, ColourArray emit,
+    ColourArray refl, LightArray light, std::vector<OpacityArray> opacity, const std::array<int, 27>& opacity_of_class,
+    const VisibilityArray& visibility, GradientByteArray gradient_bytes, std::array<GridByteArray, 3> grid_bytes,
+    std::optional<TileArray> closed_tiles, const std::vector<std::array<std::int64_t, 2>>& regions,
+    std::int64_t walkers, const std::array<std::int64_t, 2>& limits)
     : boxes_(std::move(boxes)),
       emit_(std::move(emit)),
       refl_(std::move(refl)),
@@ -151,11 +151,17 @@ PythonFrameWalk::PythonFrameWalk(
       gradient_bytes_(std::move(gradient_bytes)),
       grid_bytes_(std::move(grid_bytes)),
       closed_tiles_(std::move(closed_tiles)) {
-    const WalkPlan plan{
-        axes,      ascending, {visits_of(visits[0]), visits_of(visits[1]), visits_of(visits[2])},
-        dda_of(x), dda_of(y), {dda_of(screen_index[0]), dda_of(screen_index[1]), dda_of(screen_index[2])},
-        image[0],  image[1],  reach[0],
-        reach[1]};
+    const WalkPlan plan{axes,
+                        ascending,
+                        {visits_of(visits[0]), visits_of(visits[1]), visits_of(visits[2])},
+                        dda_of(x),
+                        dda_of(y),
+                        {dda_of(screen_index[0]), dda_of(screen_index[1]), dda_of(screen_index[2])},
+                        image[0],
+                        image[1],
+                        reach[0],
+                        reach[1],
+                        {thresholds[0], thresholds[1]}};
     if (closed_tiles_) check_tiles(*closed_tiles_, plan);
 
     ShadingTables tables = tables_of(cross_bar, opacity_, opacity_of_class, visibility);
@@ -215,14 +221,16 @@ void bind_frame_walk(nb::module_& m) {
         .def(nb::init<std::vector<PythonBox>, const std::array<int, 3>&, const std::array<bool, 3>&,
                       const std::array<std::array<std::int64_t, 5>, 3>&, const std::array<std::int64_t, 4>&,
                       const std::array<std::int64_t, 4>&, const std::array<std::array<std::int64_t, 4>, 3>&,
-                      const std::array<std::int64_t, 2>&, const std::array<double, 2>&, const std::array<int, 4>&,
-                      ColourArray, ColourArray, LightArray, std::vector<OpacityArray>, const std::array<int, 27>&,
-                      const VisibilityArray&, GradientByteArray, std::array<GridByteArray, 3>, std::optional<TileArray>,
+                      const std::array<std::int64_t, 2>&, const std::array<double, 2>&,
+                      const std::array<std::uint64_t, 2>&, const std::array<int, 4>&, ColourArray, ColourArray,
+                      LightArray, std::vector<OpacityArray>, const std::array<int, 27>&, const VisibilityArray&,
+                      GradientByteArray, std::array<GridByteArray, 3>, std::optional<TileArray>,
                       const std::vector<std::array<std::int64_t, 2>>&, std::int64_t,
                       const std::array<std::int64_t, 2>&>(),
              "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "screen_index"_a, "image"_a, "reach"_a,
-             "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a, "visibility"_a,
-             "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none(), "regions"_a, "walkers"_a, "limits"_a)
+             "thresholds"_a, "cross_bar"_a, "emit"_a, "refl"_a, "light"_a, "opacity"_a, "opacity_of_class"_a,
+             "visibility"_a, "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none(), "regions"_a, "walkers"_a,
+             "limits"_a)
         .def("walker", &PythonFrameWalk::walker, "number"_a, nb::rv_policy::reference_internal);
 
     nb::class_<Walker>(m, "Walker")

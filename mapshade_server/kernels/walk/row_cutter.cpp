@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cstdlib>
 
+#include "kernels/rounding.h"
 #include "narrow.h"
 
 namespace volsplat {
@@ -11,9 +12,11 @@ namespace volsplat {
 namespace {
 
 // Offsets within a run have 14 bits, and both ends may round by half a step.
-constexpr std::int64_t kLongestRun = std::int64_t{16382} << 26;
+constexpr std::int64_t kLongestRun = std::int64_t{16382} << kFinerBits;
 
-std::int32_t lattice(std::int64_t fixed) { return static_cast<std::int32_t>((fixed + (std::int64_t{1} << 25)) >> 26); }
+std::int32_t lattice(std::int64_t fixed) {
+    return static_cast<std::int32_t>((fixed + (std::int64_t{1} << (kFinerBits - 1))) >> kFinerBits);
+}
 
 }  // namespace
 

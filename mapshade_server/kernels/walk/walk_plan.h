@@ -5,6 +5,7 @@
 #include <cstdint>
 
 #include "kernels/axis_visits.h"
+#include "kernels/rounding.h"
 #include "mapshade_server/kernels/source_volume.h"
 
 namespace volsplat {
@@ -27,6 +28,7 @@ struct WalkPlan {
     std::array<Dda, 3> screen_index;   // the fields screen x, y, z: bytes
     std::int64_t width, height;        // of the image, in pixels
     double reach_x, reach_y;           // no sample reaches pixel centres further away than this
+    Thresholds thresholds;
 
     const AxisVisits& visits_of(int level) const { return visits[axes[level]]; }
 };

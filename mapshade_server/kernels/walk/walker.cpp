@@ -231,10 +231,12 @@ void Walker::count_from(std::int64_t origin, SampleRow& row) const {
     row.ordinals[axis] = origin;
 }
 
+// To be rounded to the nearest.
 RowLine Walker::line_of(const SampleRow& row) const {
     const int axis = plan_.axes[2];
     const std::int64_t half_steps = 2 * plan_.visits[axis].stride;
-    return {plan_.x.at(row.doubled), plan_.y.at(row.doubled), half_steps * plan_.x.half_steps[axis],
+    const std::int64_t shift = plan_.thresholds.shift_of(static_cast<std::uint64_t>(sheet_));
+    return {plan_.x.at(row.doubled) + shift, plan_.y.at(row.doubled) + shift, half_steps * plan_.x.half_steps[axis],
             half_steps * plan_.y.half_steps[axis]};
 }
 

@@ -98,9 +98,10 @@ private:
     }
 
     Samples decoded(const Packets& packets, const RowRun& run) {
-        const int bits = table_.offset_bits, shift = kSubpixelBits - bits, half = 1 << shift >> 1;
-        const Integers x = (packets.x() + (run.x0 + half)) >> shift;
-        const Integers y = (packets.y() + (run.y0 + half)) >> shift;
+        const int bits = table_.offset_bits, shift = kSubpixelBits - bits;
+        const int added = static_cast<int>(std::uint64_t(job_.thresholds.of(run.sheet)) << shift >> 32);
+        const Integers x = (packets.x() + (run.x0 + added)) >> shift;
+        const Integers y = (packets.y() + (run.y0 + added)) >> shift;
         const Integers fx = x & ((1 << bits) - 1), fy = y & ((1 << bits) - 1);
         Samples samples;
         samples.left = (x >> bits) + table_.start_x - (fx >= table_.step_x);

@@ -14,7 +14,7 @@ from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_B
 from volsplat.protocol.rules.sample_lattice import sample_lattice
 from volsplat.splat_server import _kernels as decoding
 
-LATTICE_BYTES = 8 * 23
+LATTICE_BYTES = 8 * 25
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ def wire_position(ordinals: tuple[int, int, int], plan: FramePlan) -> tuple[int,
 
     def rounded(on_screen: Dda) -> int:
         unit = 1 << (FRACTION_BITS - SUBPIXEL_BITS)
-        return (on_screen.at_half_indices((doubled[0], doubled[1], doubled[2])) + unit // 2) // unit
+        added = plan.thresholds.of(ordinals[0]) % unit
+        return (on_screen.at_half_indices((doubled[0], doubled[1], doubled[2])) + added) // unit
 
     return rounded(plan.x), rounded(plan.y)
 
@@ -105,5 +106,5 @@ def written_code(
     lattice: Sequence[int], palette: Sequence[int], opacities: bytes, gaps: bytes, colours: bytes, *numbers: int
 ) -> bytes:
     """A code by its fields; all numbers stand behind the planes."""
-    head = struct.pack(f"<{1 + len(palette)}H", len(palette), *palette) + struct.pack("<23q", *lattice)
+    head = struct.pack(f"<{1 + len(palette)}H", len(palette), *palette) + struct.pack("<25q", *lattice)
     return head + opacities + gaps + colours + b"".join(map(number, numbers))

@@ -12,6 +12,7 @@ from torch import Tensor
 from support.patience import PATIENCE
 from support.scenes.row_runs import Run, batch_bytes
 from volsplat.protocol.description.scene import Order
+from volsplat.protocol.rules.rounding import TO_NEAREST, Thresholds
 from volsplat.splat_server._kernels import BatchMemory, Bell, EdgeLayer, Owners, ReadBudget, SplatFrame
 from volsplat.splat_server.pixel_reach import PixelReach
 
@@ -50,6 +51,7 @@ class Drawing:
         regions: Sequence[tuple[int, int]] | None = None,
         sources: int = 1,
         counts: tuple[int, int, int] = COUNTS,
+        thresholds: Thresholds = TO_NEAREST,
         portion: int = 1 << 17,
         edges: tuple[EdgeLayer, EdgeLayer] | None = None,
         budget: int = UNBOUNDED,
@@ -62,6 +64,7 @@ class Drawing:
             regions=regions or whole,
             reach=reach,
             front_to_back=order == Order.FRONT_TO_BACK,
+            thresholds=thresholds,
             counts=counts,
             sources=sources,
             portion=portion,
@@ -121,10 +124,11 @@ def splatted(
     turned: bool = False,
     regions: Sequence[tuple[int, int]] | None = None,
     threads: int = 1,
+    thresholds: Thresholds = TO_NEAREST,
 ) -> Tensor:
     """The finished image of these runs, which must be in order."""
     with owners(threads) as made:
-        drawing = Drawing.begun(made, size, reach, order, turned, regions)
+        drawing = Drawing.begun(made, size, reach, order, turned, regions, thresholds=thresholds)
         drawing.push(runs, last=True)
         drawing.wait_until_complete()
         return drawing.pixels()

@@ -8,6 +8,7 @@ from random import Random
 import torch
 from torch import Tensor
 
+from reference import mapping
 from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
@@ -99,9 +100,9 @@ class TableWeights:
         shape = footprint_shape(grid_on_screen(scene, geometry), STEP_RULES[step].stride, scene.reconstruction)
         self.offset_bits, self.starts, self.boxes = _table(shape)
 
-    def __call__(self, lattice: Tensor, pixel_x: Tensor, pixel_y: Tensor) -> Tensor:
+    def __call__(self, samples: mapping.Samples, pixel_x: Tensor, pixel_y: Tensor) -> Tensor:
         shift = SUBPIXEL_BITS - self.offset_bits
-        rounded = (lattice + (1 << shift >> 1)) >> shift
+        rounded = (samples.lattice + (samples.thresholds[:, None] << shift >> 32)) >> shift
         whole, part = rounded >> self.offset_bits, rounded & ((1 << self.offset_bits) - 1)
         entry = (part[:, 1] << self.offset_bits) + part[:, 0]
         column = pixel_x - whole[:, :1] - self.starts[entry, 0][:, None]
