@@ -18,7 +18,7 @@ ALWAYS = "always"  # what is installed without any extra
 MAY_USE = {
     "protocol": {"msgspec"},
     "program": {"click", "rich"},
-    "deploy": set(),
+    "deploy": {"msgspec"},
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},

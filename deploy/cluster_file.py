@@ -1,0 +1,204 @@
+"""The cluster file: which machines there are, how many servers each runs, and by what they are started."""
+
+import json
+import re
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Any, Literal, get_args
+
+import msgspec
+from msgspec import Meta
+
+from volsplat.deploy.launcher_keys import DaskKeys, KubernetesKeys, SlurmKeys, SshKeys
+from volsplat.protocol.text.byte_sizes import bytes_from_option
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import Address, parse_address
+
+LauncherName = Literal["local", "ssh", "dask", "slurm", "kubernetes", "manual"]
+Count = Annotated[int, Meta(ge=0, le=1000)]
+Text = Annotated[str, Meta(min_length=1, max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
+Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"\A[A-Za-z0-9][A-Za-z0-9._-]*\Z")]
+Seconds = Annotated[float, Meta(gt=0, le=1e6)]
+
+_PLACE = re.compile(r"^(.*) - at `(?:key in )?\$\.?(.*)`$", re.DOTALL)
+_SYNTAX_PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
+_SHOWN = 60  # characters of a value
+
+
+class Table(msgspec.Struct, frozen=True, kw_only=True, rename="kebab", forbid_unknown_fields=True):
+    pass
+
+
+class Machine(Table, frozen=True, kw_only=True):
+    """One machine, or one engine's share of the servers."""
+
+    launcher: LauncherName
+    host: Text | None = None  # where it makes sense; as ssh knows it
+    map_shade_servers: Count = 0
+    splat_servers: Count = 0
+    threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # of each server; absent: its cores shared out
+    memory: Text | None = None  # that each map/shade server may hold of a prepared volume, as "8G"
+    data_root: Text | None = None  # nothing outside is opened; a relative VOLUME lies below it
+    command: Text = "volsplat"  # how volsplat is called there
+    listen: Text | None = None  # servers wait here to be dialled, on consecutive ports; absent: they dial the client
+    advertise: Text | None = None  # where others reach its servers; absent: by each one's route
+    ssh: SshKeys = SshKeys()
+    dask: DaskKeys = DaskKeys()
+    slurm: SlurmKeys = SlurmKeys()
+    kubernetes: KubernetesKeys = KubernetesKeys()
+
+    @property
+    def title(self) -> str:
+        """What its servers are named after."""
+        return self.host or self.launcher
+
+    @property
+    def listens_at(self) -> Address | None:
+        """Of its first server."""
+        return None if self.listen is None else parse_address(self.listen)
+
+
+class Cluster(Table, frozen=True, kw_only=True):
+    """All of a cluster file."""
+
+    name: Name
+    machines: Annotated[tuple[Machine, ...], Meta(min_length=1, max_length=1000)]
+    client: Text | None = None  # HOST:PORT where servers that dial in reach the client; absent: found by routes
+    tls: bool = True
+    silence: Seconds = 2.0  # after which a peer that says nothing is lost
+    keep: Annotated[float, Meta(ge=0, le=1e7)] = 600.0  # seconds that servers keep their packets without a client
+    token_file: Text | None = None  # absent: `volsplat deploy up` makes one
+
+    @property
+    def map_shade_servers(self) -> int:
+        return sum(machine.map_shade_servers for machine in self.machines)
+
+    @property
+    def splat_servers(self) -> int:
+        return sum(machine.splat_servers for machine in self.machines)
+
+
+def read_cluster(path: Path) -> Cluster:
+    """The cluster in a TOML file. Raises BadInput, which names the key, the cause and the cure."""
+    return cluster_from_toml(read_cluster_text(path), str(path))
+
+
+def read_cluster_text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadInput(f"{path}: cannot read the cluster file: {error.strerror}; check its name") from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"{path}: byte {error.start} is not UTF-8 text; a cluster file is TOML") from error
+
+
+def cluster_from_toml(text: str, name: str) -> Cluster:
+    """As read_cluster, from TOML text; `name` stands before every message."""
+    given = _parsed(text, name)
+    try:
+        cluster = msgspec.convert(given, Cluster)
+    except msgspec.ValidationError as error:
+        raise BadInput(_told(name, str(error), given)) from error
+    _check(cluster, name)
+    return cluster
+
+
+def _parsed(text: str, name: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        place = _SYNTAX_PLACE.search(str(error))
+        where = f":{place[1]}:{place[2]}" if place else ""
+        what = str(error)[: place.start()] if place else str(error)
+        raise BadInput(f"{name}{where}: this is not TOML: {what}; put it right there") from error
+    except ValueError as error:  # an integer of more than 4300 digits, an impossible date
+        raise BadInput(f"{name}: this is not TOML: {error}; put it right") from error
+    except RecursionError as error:
+        raise BadInput(
+            f"{name}: its arrays or tables are nested too deeply; a cluster file has [[machines]]"
+        ) from error
+
+
+def _check(cluster: Cluster, name: str) -> None:
+    """What no type can say."""
+    for number, machine in enumerate(cluster.machines):
+        place = f"{name}: machines[{number}]"
+        _checked(f"{place}.listen", machine.listen, parse_address)
+        _checked(f"{place}.memory", machine.memory, lambda text: bytes_from_option("memory", text))
+        if machine.listens_at is not None:
+            first, servers = machine.listens_at.port, machine.map_shade_servers + machine.splat_servers
+            if not 0 < first <= 65536 - max(servers, 1):
+                raise BadInput(
+                    f"{place}.listen: port {first} leaves no room for {servers} servers; choose from 1024 on"
+                )
+        if machine.launcher == "ssh" and machine.host is None:
+            raise BadInput(f'{place}.host: the launcher ssh needs to know where; add host = "NAME"')
+        if machine.host is not None and (machine.host.startswith("-") or " " in machine.host):
+            raise BadInput(f"{place}.host: {_shown(machine.host)} is no name of a machine; give it as ssh knows it")
+        if machine.map_shade_servers + machine.splat_servers == 0:
+            raise BadInput(f"{place}: runs no server; give map-shade-servers or splat-servers, or leave it out")
+    _checked(f"{name}: client", cluster.client, parse_address)
+    for kind, count in (("map-shade-servers", cluster.map_shade_servers), ("splat-servers", cluster.splat_servers)):
+        if count == 0:
+            raise BadInput(f"{name}: {kind}: no machine runs any, but one is needed at least; add {kind} = 1 to one")
+
+
+def _checked(place: str, text: str | None, parse: Callable[[str], object]) -> None:
+    if text is not None:
+        try:
+            parse(text)
+        except BadInput as error:
+            raise BadInput(f"{place}: {error}") from error
+
+
+def _told(name: str, problem: str, given: dict[str, Any]) -> str:
+    match = _PLACE.match(problem)
+    what, place = (match[1], match[2]) if match else (problem, "")
+    if (key := re.search(r"(unknown field|missing required field) `(.*)`", what)) is not None:
+        lies = f"{place}.{key[2]}" if place else key[2]
+        if key[1].startswith("missing"):
+            return f"{name}: {lies}: this key is missing; add it"
+        return f"{name}: {_printed(lies)}: unknown key; {_suggestion(key[2], place)}"
+    return f"{name}: {_printed(place) or 'the file'}: {_cause(what, _found(given, place))}"
+
+
+def _cause(what: str, value: Any) -> str:
+    if what.startswith("Invalid enum value"):
+        return f"{_shown(value)} is none; choose from {', '.join(get_args(LauncherName))}"
+    return f"{_shown(value)} cannot be used: {what[0].lower()}{what[1:]}; give another"
+
+
+def _found(given: dict[str, Any], place: str) -> Any:
+    """The value that lies there, as far as the place leads."""
+    value: Any = given
+    for part in re.findall(r"[^.\[\]]+", place):
+        if isinstance(value, list) and part.isdecimal() and int(part) < len(value):
+            value = value[int(part)]
+        elif isinstance(value, dict) and part in value:
+            value = value[part]
+    return value
+
+
+def _suggestion(key: str, place: str) -> str:
+    kind = _table_at(place)
+    return f"{'a cluster file' if not place else _printed(place)} has {', '.join(kind.__struct_encode_fields__)}"
+
+
+def _table_at(place: str) -> type[msgspec.Struct]:
+    tables: dict[str, type[msgspec.Struct]] = {
+        "ssh": SshKeys, "dask": DaskKeys, "slurm": SlurmKeys, "kubernetes": KubernetesKeys
+    }  # fmt: skip
+    return tables.get(place.rpartition(".")[2], Machine if place else Cluster)
+
+
+def _printed(place: str) -> str:
+    return place if place.isprintable() else json.dumps(place)
+
+
+def _shown(value: Any) -> str:
+    try:
+        text = repr(value)
+    except ValueError:  # Python writes no integer of more than 4300 digits
+        return "a number of thousands of digits"
+    return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."

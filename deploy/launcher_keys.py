@@ -1,0 +1,26 @@
+"""Keys of a cluster file that one launcher alone knows, each in a table of the launcher's name below its machine."""
+
+import msgspec
+
+
+class LauncherKeys(msgspec.Struct, frozen=True, kw_only=True, rename="kebab", forbid_unknown_fields=True):
+    pass
+
+
+class SshKeys(LauncherKeys, frozen=True):
+    options: tuple[str, ...] = ()  # for the program ssh, as ["-J", "gate.lab"]
+    tunnel: bool = False  # all connections go through ssh
+
+
+class DaskKeys(LauncherKeys, frozen=True):
+    scheduler: str = ""  # its address
+    scheduler_file: str = ""  # or a file that holds it
+
+
+class SlurmKeys(LauncherKeys, frozen=True):
+    options: tuple[str, ...] = ()  # for sbatch, as ["--partition", "short"]
+
+
+class KubernetesKeys(LauncherKeys, frozen=True):
+    namespace: str = "default"
+    image: str = ""

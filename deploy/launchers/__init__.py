@@ -1,0 +1,1 @@
+"""Launchers: each starts servers by an engine that exists, and asks it of them."""
