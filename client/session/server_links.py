@@ -24,10 +24,11 @@ from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, VolsplatError
+from volsplat.protocol.wire.accepting import IdCounter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection, Peer
-from volsplat.protocol.wire.listener import IdCounter, Listener
+from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import Token
 
 FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket

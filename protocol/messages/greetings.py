@@ -79,6 +79,9 @@ class Welcome(Greeting, frozen=True):
 
 
 class Rejected(Greeting, frozen=True):
-    """Accepter to dialler: no, for the cause given in one line. The connection is closed after it."""
+    """Either way: no, for the cause given in one line. The connection is closed after it.
+
+    A dialler says it once it knows whom it has reached: a server that waits for clients may serve another one.
+    """
 
     cause: Line

@@ -19,13 +19,17 @@ from volsplat.protocol.wire.tokens import Token
 from volsplat.protocol.wire.unix_socket import entered_door
 
 FIRST_PAUSE_SECONDS = 0.05  # between two tries; doubled after each
-LONGEST_PAUSE_SECONDS = 1.0
+LONGEST_PAUSE_SECONDS = 0.5
 CONNECT_SECONDS = 5.0  # for one try
 HANDSHAKE_SECONDS = 10.0
 PATIENCE_SECONDS = 30.0
 
 # Worth another try: the other end may be starting, or its network.
 PASSING = {errno.ECONNREFUSED, errno.EHOSTUNREACH, errno.ENETUNREACH, errno.ETIMEDOUT, errno.ECONNRESET}
+
+
+def _unheard(line: str) -> None:
+    """Tells nobody."""
 
 
 def connect(
@@ -38,28 +42,50 @@ def connect(
     patience: float = PATIENCE_SECONDS,
     handshake_seconds: float = HANDSHAKE_SECONDS,
     allocate: Allocate = new_buffer,
+    report: Callable[[str], None] = _unheard,
     given_up: Callable[[], bool] = lambda: False,
 ) -> Connection:
     """An open connection to the `expected` role at `address`.
 
     `hello` (see handshake.new_hello) says who dials; `server` is the id of a splat server that is dialled. For
-    `patience` seconds it is tried again while nobody listens there, unless it is `given_up` meanwhile.
+    `patience` seconds it is tried again while nobody listens there, unless it is `given_up` meanwhile; `report` gets
+    each reason once.
     Raises PeerLost where nobody answers in time, BadInput where a person must put it right (unknown name, another
     token or version, another kind of server), RemoteProtocolError where something else than volsplat listens.
     """
     place = f"{expected} at {address}"
+
+    def attempt() -> Connection:
+        fresh = msgspec.structs.replace(hello, nonce=secrets.token_bytes(NONCE_BYTES))  # one nonce for each try
+        handshake = DiallerHandshake(token, fresh, expected)
+        return _try_once(address, place, handshake, server, handshake_seconds, allocate)
+
+    return patiently(attempt, patience, report, given_up)
+
+
+def patiently(
+    attempt: Callable[[], Connection],
+    patience: float,
+    report: Callable[[str], None] = _unheard,
+    given_up: Callable[[], bool] = lambda: False,
+) -> Connection:
+    """What comes of the first attempt that meets no PeerLost; it is made again and again for `patience` seconds.
+
+    `report` gets each reason why it goes on, in one line, once.
+    """
     give_up_at = time.monotonic() + patience
-    pause = FIRST_PAUSE_SECONDS
+    pause, told = FIRST_PAUSE_SECONDS, ""
     while True:
         try:
-            fresh = msgspec.structs.replace(hello, nonce=secrets.token_bytes(NONCE_BYTES))  # one nonce for each try
-            handshake = DiallerHandshake(token, fresh, expected)
-            return _try_once(address, place, handshake, server, handshake_seconds, allocate)
+            return attempt()
         except PeerLost as error:
             if given_up():
                 raise PeerLost(f"{error} (given up)") from error
             if time.monotonic() + pause > give_up_at:
                 raise PeerLost(f"{error} (tried for {patience:g} s)") from error
+            if str(error) != told:
+                told = str(error)
+                report(told)
         time.sleep(pause)
         pause = min(2 * pause, LONGEST_PAUSE_SECONDS)
 
@@ -67,10 +93,10 @@ def connect(
 def _try_once(
     address: Address, place: str, handshake: DiallerHandshake, server: int, seconds: float, allocate: Allocate
 ) -> Connection:
-    connection = Connection(_dial(address, place), place)
+    connection = Connection(dialled_socket(address, place), place)
     try:
         connection.limit(seconds)
-        _shake_hands(connection, handshake)
+        shake_hands(connection, handshake)
         peer = Peer(handshake.expected, address.host, address.port, id=server, version=handshake.version)
         connection.open(peer, handshake.hello.role, handshake.id, allocate)
     except BadInput as error:
@@ -82,7 +108,8 @@ def _try_once(
     return connection
 
 
-def _dial(address: Address, place: str) -> socket.socket:
+def dialled_socket(address: Address, place: str) -> socket.socket:
+    """Connected to whoever listens there. Raises PeerLost where another try may help, else BadInput."""
     try:
         by_door = entered_door(address, CONNECT_SECONDS)
         return by_door or socket.create_connection(address, timeout=CONNECT_SECONDS)
@@ -98,7 +125,8 @@ def _dial(address: Address, place: str) -> socket.socket:
         raise BadInput(f"cannot reach the {place}: {error.strerror or error}; check the address") from error
 
 
-def _shake_hands(connection: Connection, handshake: DiallerHandshake) -> None:
+def shake_hands(connection: Connection, handshake: DiallerHandshake) -> None:
+    """Run the dialler's side to its end. Raises BadInput where either side rejects, or what the connection raises."""
     connection.send(handshake.start())
     while handshake.state is not State.OPEN:
         received = connection.receive()
@@ -110,3 +138,5 @@ def _shake_hands(connection: Connection, handshake: DiallerHandshake) -> None:
             raise RemoteProtocolError(f"{connection} broke the protocol: {error}") from error
         if answer is not None:
             connection.send(answer)
+        if handshake.state is State.REJECTED:
+            raise BadInput(f"{connection} is turned away: this side {handshake.rejection}")

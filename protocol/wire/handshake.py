@@ -20,7 +20,7 @@ from volsplat.protocol.messages.greetings import NONCE_BYTES, Challenge, Hello, 
 from volsplat.protocol.messages.messages import LONGEST_LINE, Message
 from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
-from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError
+from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.wire.tokens import Token
 
@@ -57,7 +57,10 @@ TRANSITIONS: dict[Side, dict[State, dict[tuple[Does, type[Message]], State]]] = 
             (Does.RECEIVES, Challenge): State.CHALLENGED,
             (Does.RECEIVES, Rejected): State.REJECTED,
         },
-        State.CHALLENGED: {(Does.SENDS, Proof): State.PROOF_SENT},
+        State.CHALLENGED: {
+            (Does.SENDS, Proof): State.PROOF_SENT,
+            (Does.SENDS, Rejected): State.REJECTED,
+        },
         State.PROOF_SENT: {
             (Does.RECEIVES, Welcome): State.OPEN,
             (Does.RECEIVES, Rejected): State.REJECTED,
@@ -73,6 +76,7 @@ TRANSITIONS: dict[Side, dict[State, dict[tuple[Does, type[Message]], State]]] = 
         },
         State.CHALLENGE_SENT: {
             (Does.RECEIVES, Proof): State.PROVEN,
+            (Does.RECEIVES, Rejected): State.REJECTED,
             (Does.SENDS, Rejected): State.REJECTED,
         },
         State.PROVEN: {
@@ -111,9 +115,14 @@ class Handshake:
 class DiallerHandshake(Handshake):
     """The side that dials: call start(), then receive() with each message until the state is OPEN."""
 
-    def __init__(self, token: Token, hello: Hello, expected: Role) -> None:
-        """`expected` is the role that the accepter must have; make `hello` with new_hello()."""
+    def __init__(self, token: Token, hello: Hello, expected: Role, engaged: Callable[[], str] = lambda: "") -> None:
+        """`expected` is the role that the accepter must have; make `hello` with new_hello().
+
+        `engaged` says why this side cannot take part now, if so: then it rejects the accepter.
+        """
         super().__init__(Side.DIALLER, token)
+        self._engaged = engaged
+        self.rejection = ""  # why this side rejected, in our words
         self.hello = hello
         self.expected = expected
         self.challenge: Challenge | None = None
@@ -124,7 +133,7 @@ class DiallerHandshake(Handshake):
         self.state = self._next(Does.SENDS, Hello)
         return self.hello
 
-    def receive(self, message: Message) -> Proof | None:
+    def receive(self, message: Message) -> Proof | Rejected | None:
         """The message to send next, if any.
 
         Raises BadInput for what a person can cure (another version, token or kind of server, a rejection), or
@@ -143,7 +152,7 @@ class DiallerHandshake(Handshake):
                 raise BadInput(f"it rejected this side: {printable(message.cause)}")
         return None
 
-    def _challenged(self, challenge: Challenge) -> Proof:
+    def _challenged(self, challenge: Challenge) -> Proof | Rejected:
         if challenge.role != self.expected:
             raise BadInput(f"it is a {challenge.role}, not a {self.expected}; check host and port")
         version = self.hello.versions.shared(challenge.versions)
@@ -157,6 +166,9 @@ class DiallerHandshake(Handshake):
             raise RemoteProtocolError("Challenge.nonce is our own, but each side must draw its own")
         self.state = self._next(Does.RECEIVES, Challenge)
         self.challenge, self.version = challenge, version
+        if cause := self._engaged():
+            self.state, self.rejection = self._next(Does.SENDS, Rejected), cause
+            return Rejected(cause[:LONGEST_LINE])
         self.state = self._next(Does.SENDS, Proof)
         return Proof(self._proof(Side.DIALLER, self.hello, challenge, 0))
 
@@ -189,10 +201,14 @@ class AccepterHandshake(Handshake):
     def receive(self, message: Message) -> Challenge | Rejected | None:
         """The message to send next, if any; after Rejected, `rejection` says why.
 
-        Raises RemoteProtocolError, or TooEarly where the peer's own token is not known yet.
+        Raises RemoteProtocolError, TooEarly where the peer's own token is not known yet, or PeerLost where it rejects
+        this side, which may be otherwise later.
         """
         state = self._next(Does.RECEIVES, type(message))
         match message:
+            case Rejected():
+                self.state = state
+                raise PeerLost(printable(message.cause))
             case Hello():
                 self.state, self.hello = state, message
                 return self._greeted(message)

@@ -10,7 +10,7 @@ import msgspec
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import DIALLED, Role, Way
 from volsplat.protocol.messages.speech import Speech
-from volsplat.protocol.text.errors import BadInput, RemoteProtocolError
+from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.framing import HEADER, LARGEST_CONTROL, Decoder
 from volsplat.protocol.wire.handshake import AccepterHandshake, DiallerHandshake, State, new_hello
 from volsplat.protocol.wire.tokens import Token
@@ -79,7 +79,7 @@ def check_stranger(said: list[Message]) -> None:
         for message in said:
             try:
                 receive(message)
-            except (RemoteProtocolError, BadInput) as error:
+            except (RemoteProtocolError, BadInput, PeerLost) as error:
                 assert "\n" not in str(error)
     assert accepter.state not in (State.PROVEN, State.OPEN)
     assert dialler.state is not State.OPEN

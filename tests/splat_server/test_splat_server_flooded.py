@@ -27,7 +27,8 @@ from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import encode
 from volsplat.protocol.wire.handshake import new_hello
-from volsplat.protocol.wire.listener import MOST_PENDING, Listener
+from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.port import MOST_PENDING
 from volsplat.protocol.wire.tokens import Token, new_token
 
 HONEST, LIAR, LATE = 1, 2, 9

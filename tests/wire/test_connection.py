@@ -66,7 +66,7 @@ def host(request: pytest.FixtureRequest) -> str:
 @pytest.fixture
 def lines() -> Iterator[Lines]:
     handler = Lines()
-    logger = logging.getLogger("volsplat.protocol.wire.listener")
+    logger = logging.getLogger("volsplat.protocol.wire.port")
     logger.addHandler(handler)
     yield handler
     logger.removeHandler(handler)
@@ -574,7 +574,7 @@ def test_what_was_left_out_is_counted_though_nobody_calls_any_more(
     lines: Lines, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("volsplat.protocol.text.rare_lines.SECONDS_A_LINE", 0.05)
-    rare = RareLines(logging.getLogger("volsplat.protocol.wire.listener"))
+    rare = RareLines(logging.getLogger("volsplat.protocol.wire.port"))
     for _ in range(10 * MOST_AT_ONCE):
         rare.warn("nonsense")
     last = ""
@@ -586,7 +586,7 @@ def test_what_was_left_out_is_counted_though_nobody_calls_any_more(
 
 
 def test_after_the_end_nothing_is_said_by_itself() -> None:
-    rare = RareLines(logging.getLogger("volsplat.protocol.wire.listener"))
+    rare = RareLines(logging.getLogger("volsplat.protocol.wire.port"))
     rare.close()
     for _ in range(2 * MOST_AT_ONCE):
         rare.warn("nonsense")

@@ -150,7 +150,7 @@ def test_an_accepter_without_the_token_is_found_out() -> None:
     dialler, _ = pair()
     dialler.start()
     proof = dialler.receive(Challenge(Role.CLIENT, 1, 1, bytes(32)))
-    assert proof is not None
+    assert isinstance(proof, Proof)
     for forged in (bytes(32), proof.proof):  # a guess, and the dialler's own proof sent back
         with pytest.raises(BadInput, match="does not know the session token"):
             dialler.receive(Welcome(1, forged))

@@ -1,0 +1,70 @@
+"""The waiting side: a server that is dialled by its clients, one after the other.
+
+Who dials is the client, but in the handshake it is always the server that speaks first (see handshake).
+"""
+
+import secrets
+import threading
+import time
+
+import msgspec
+
+from volsplat.protocol.messages.greetings import NONCE_BYTES, Hello
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.connection import Connection, Peer
+from volsplat.protocol.wire.dialling import shake_hands
+from volsplat.protocol.wire.framing import Allocate, new_buffer
+from volsplat.protocol.wire.handshake import DiallerHandshake, new_hello
+from volsplat.protocol.wire.port import Port
+from volsplat.protocol.wire.tokens import Token
+
+
+class WaitingPort:
+    """A port that takes one client at a time; while it is served, others are told so and turned away."""
+
+    def __init__(self, role: Role, address: Address, token: Token, allocate: Allocate = new_buffer) -> None:
+        """`role` is the server's. Raises BadInput where the address cannot be had."""
+        self._role = role
+        self._token = token
+        self._allocate = allocate
+        self._lock = threading.Lock()  # guards the two below
+        self._hello: Hello | None = None  # of who waits now
+        self._engaged = "is not ready yet"
+        self._port = Port(self._greet, address.host, address.port)
+
+    @property
+    def address(self) -> Address:
+        return self._port.address
+
+    def next_client(self, hello: Hello, seconds: float) -> Connection:
+        """The next client, which hears `hello`. Raises PeerLost where none comes within so many seconds."""
+        with self._lock:
+            self._hello = hello
+        client = self._port.accept(seconds)
+        with self._lock:
+            self._hello = None
+            who = f", at {client.peer.host}," if client is not None else ""
+            self._engaged = f"serves another client{who} since {time.strftime('%H:%M:%S')}"
+        if client is None:
+            raise PeerLost(f"no client has come to {self.address} for {seconds:g} s")
+        while (second := self._port.accept(0)) is not None:  # at the same moment
+            second.close()
+        return client
+
+    def close(self) -> None:
+        self._port.close()
+
+    def _greet(self, connection: Connection, address: Address) -> None:
+        with self._lock:
+            hello = self._hello
+        fresh = msgspec.structs.replace(hello or new_hello(self._role), nonce=secrets.token_bytes(NONCE_BYTES))
+        handshake = DiallerHandshake(self._token, fresh, Role.CLIENT, self._why_engaged)
+        shake_hands(connection, handshake)
+        peer = Peer(Role.CLIENT, address.host, address.port, version=handshake.version)
+        connection.open(peer, fresh.role, handshake.id, self._allocate)
+
+    def _why_engaged(self) -> str:
+        with self._lock:
+            return "" if self._hello is not None else self._engaged

@@ -1,0 +1,99 @@
+"""Servers that wait for clients: one client after the other, in whichever order they start, and others are told why."""
+
+import threading
+from contextlib import closing
+
+import pytest
+
+from support.patience import PATIENCE
+from support.programs.hand_started import free_port
+from volsplat.protocol.messages.messages import EndSession
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput, PeerLost
+from volsplat.protocol.wire.accepting import Accepter
+from volsplat.protocol.wire.addresses import LOOPBACK, Address
+from volsplat.protocol.wire.calling import call
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.tokens import Token, new_token
+from volsplat.protocol.wire.waiting import WaitingPort
+
+TOKEN = new_token()
+SERVER = new_hello(Role.SPLAT_SERVER, data_port=7, name="node1, process 5")
+
+
+def called(
+    address: Address, token: Token = TOKEN, patience: float = PATIENCE, said: list[str] | None = None
+) -> Connection:
+    report = (said if said is not None else []).append
+    accepter = Accepter(Role.CLIENT, token)
+    return call(address, "node1 splat 1", accepter, patience=patience, report=report, given_up=lambda: False)
+
+
+def taken(port: WaitingPort) -> "tuple[Connection, Connection]":
+    """A client and the server, connected."""
+    clients: list[Connection] = []
+    caller = threading.Thread(target=lambda: clients.append(called(port.address)))
+    caller.start()
+    served = port.next_client(SERVER, PATIENCE)
+    caller.join()
+    return clients[0], served
+
+
+def test_a_server_serves_one_client_after_the_other() -> None:
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        for _ in range(2):
+            client, served = taken(port)
+            with client, served:
+                assert client.peer.role is Role.SPLAT_SERVER and client.peer.data_port == 7
+                assert client.peer.name == "node1, process 5" and served.peer.role is Role.CLIENT
+                client.send(EndSession())
+                received = served.receive()
+                assert received is not None and received.message == EndSession()
+
+
+def test_a_second_client_is_told_in_one_line_who_is_served() -> None:
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        client, served = taken(port)
+        with client, served:
+            said: list[str] = []
+            with pytest.raises(PeerLost, match="node1 splat 1 at .* serves another client, at 127.0.0.1, since"):
+                called(port.address, patience=0.2, said=said)
+            assert len(said) <= 1 and "\n" not in "".join(said)
+
+
+def test_another_token_is_refused_at_once_and_the_server_waits_on() -> None:
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        waiting = threading.Thread(target=lambda: port.next_client(SERVER, PATIENCE).close())
+        waiting.start()
+        strangers: list[BadInput] = []
+        while not strangers:  # until it waits
+            try:
+                called(port.address, new_token(), patience=0)
+            except BadInput as error:
+                strangers.append(error)
+            except PeerLost:
+                continue
+        assert "another session token" in str(strangers[0])
+        called(port.address).close()
+        waiting.join(PATIENCE)
+        assert not waiting.is_alive()
+
+
+def test_a_client_may_start_before_the_server() -> None:
+    address, said = Address(LOOPBACK, free_port()), list[str]()
+    clients: list[Connection] = []
+    caller = threading.Thread(target=lambda: clients.append(called(address, said=said)))
+    caller.start()
+    while not said:
+        assert caller.is_alive()
+    assert "nobody listens there" in said[0]
+    with closing(WaitingPort(Role.SPLAT_SERVER, address, TOKEN)) as port, port.next_client(SERVER, PATIENCE):
+        caller.join()
+        clients[0].close()
+
+
+def test_a_server_waits_no_longer_than_it_is_to() -> None:
+    with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
+        with pytest.raises(PeerLost, match="no client has come"):
+            port.next_client(SERVER, 0.01)
