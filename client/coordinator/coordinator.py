@@ -3,13 +3,12 @@
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
 list of instructions that the session carries out. This file holds the servers and the volume that they share, `frames`
 and `probes` what is asked of it; each method says which event or message it takes, and in which phase that may come
-(see handlers; the table is printed in docs/protocol.md). Servers may join at any time; those that join after the
-sub-cubes were handed out stay idle. When a map/shade server is lost, the others draw what is left; when a splat server
-is, the others take over its part of the image. A server that says what cannot be, or says it in the wrong phase, is cut
-off.
+(see handlers; the table is printed in docs/protocol.md). Servers may join and be lost at any time: between two frames
+those that join get a share of the volume, or of the image, and what was lost with a server is taken over by others. A
+server that says what cannot be, or says it in the wrong phase, is cut off.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import get_args
 
 from volsplat.client.coordinator.base_level import budgets
@@ -32,9 +31,10 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.frames import Frames
+from volsplat.client.coordinator.heirs import Boxes, shared_anew, taken_over
 from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.probes import Probes
-from volsplat.client.coordinator.server_states import ServerState, incomplete, taken_over
+from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, handed_over
 from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
@@ -66,6 +66,7 @@ class Coordinator:
         self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
         self.failure: VolsplatError | None = None
+        self.busy: frozenset[int] = frozenset()  # servers that are reading, counting or packing; any thread may look
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
@@ -97,13 +98,46 @@ class Coordinator:
     def _go_on(self) -> list[Instruction]:
         """Begin the frame that waits and send the probes that do, if the servers are ready for them.
 
-        Before that sub-cubes may change hands, unless some are missing or a frame is being drawn.
+        Before that sub-cubes may change hands, unless a frame is being drawn.
         """
         if self.failure is not None:
             return []
-        moved = self.work.move() if self.frames.idle and not self.servers.missing else []
+        shared = self._share() if self.frames.idle and self.holding.settled else []
         self.servers.hold(self.holding.boxes)
-        return [*moved, *self.frames.begin(), *self.probes.send()]
+        self.busy = self.holding.awaited
+        return [*shared, *self.frames.begin(), *self.probes.send()]
+
+    def _share(self) -> list[Instruction]:
+        """Have what was lost taken over, newcomers get a part, or sub-cubes change hands where that pays."""
+        holding, newcomers = self.holding, self.servers.idle()
+        if holding.volume is None:
+            return []
+        if not self._all_is_held():
+            self.servers.take_back()  # others refused it
+        description = holding.description
+        where = description.geometry, description.chunk
+        if missing := self.servers.missing:
+            if not (self.frames.may_be_whole and holding.assignments.may_move):
+                return []
+            told = ReportProgress("having others read what was lost")
+            self.servers.hand_over()
+            return [told, *self._hold(taken_over(missing, holding.boxes, newcomers, *where))]
+        if newcomers and holding.may_change and (boxes := shared_anew(holding.boxes, newcomers, *where)):
+            return [ReportProgress("sharing out the volume among more servers"), *self._hold(boxes)]
+        return self.work.move()
+
+    def _hold(self, boxes: Boxes) -> list[Instruction]:
+        """Have these boxes held, by servers that may be new."""
+        new = [server for server in boxes if server not in self.holding.boxes]
+        self.servers.workers = [*self.servers.workers, *new]
+        self.work.forget()
+        told = [*self.routes.invite(boxes), *self.routes.connect(new)]
+        return [*told, *self.holding.share(boxes, self._memory(new))]
+
+    def _all_is_held(self) -> bool:
+        """By servers that are there, or missing and known to be."""
+        held = [*self.servers.missing, *(box for boxes in self.holding.boxes.values() for box in boxes)]
+        return sum(box.voxels for box in held) == self.holding.description.geometry.box.voxels
 
     def _fail(self, error: VolsplatError) -> list[Instruction]:
         self.failure = error
@@ -119,29 +153,43 @@ class Coordinator:
     @takes(MachineDescribed)
     def _machine_described(self, message: MachineDescribed, event: MessageReceived) -> list[Instruction]:
         self.servers.describe(event.server, message)
-        return self._gathered()
+        return self._gathered() if self.holding.phase == Phase.GATHERING else self._join(event.server)
+
+    def _join(self, server: int) -> list[Instruction]:
+        """One that comes later than the volume: a splat server draws from the next frame on, others get a part."""
+        servers, boxes = self.servers, self.holding.boxes
+        self.holding.assignments.may_move = True
+        if servers.joined[server].role is not Role.SPLAT_SERVER:
+            return []
+        servers.splat_servers = [*servers.splat_servers, server]
+        return [*self.routes.invite(boxes), *self.routes.connect(boxes)]
 
     @takes(ServerLost)
     def _lost(self, event: ServerLost) -> list[Instruction]:
         return self._lose(event.server, event.cause)
 
     def _lose(self, number: int, cause: str) -> list[Instruction]:
-        """Go on without this server if others hold parts of the volume, or draw; else the session fails."""
+        """Go on without this server if others can do its work; else the session fails."""
         lost = self.servers.lose(number, cause)
         if lost is None:
             return []
         if lost.role is Role.SPLAT_SERVER:
             return self._lose_splat_server(lost)
-        if self.holding.volume is None or len(self.holding.boxes) == 1:
+        others = self.holding.boxes.keys() - {number} or self.servers.idle()
+        if self.holding.volume is None or not others:
             return self._fail(PeerLost(cause))
         held = self.holding.lose(number)
-        error = incomplete([lost])
-        return [ReportProgress(str(error)), *self.frames.end(error), *held, *self.probes.lost(number)]
+        self.holding.assignments.may_move = True
+        told = handed_over(lost)
+        invited = self.routes.invite(self.holding.boxes)  # no other's link is kept
+        ended = self.frames.end(ImageIncomplete(told))
+        self.probes.lost(number)
+        return [ReportProgress(told), *invited, *ended, *held]
 
     def _lose_splat_server(self, lost: ServerState) -> list[Instruction]:
         if not self.servers.splat_servers:
             return self._fail(PeerLost(lost.cause))
-        return [ReportProgress(taken_over(lost)), *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
+        return [ReportProgress(handed_over(lost)), *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
 
     @takes(ServerProcessEnded)
     def _process_ended(self, event: ServerProcessEnded) -> list[Instruction]:
@@ -166,14 +214,14 @@ class Coordinator:
             )
             return [ReportProgress(f"waiting for servers: {missing} joined")]
         servers.workers, servers.splat_servers = workers[: asked.workers], splat_servers[: asked.splat_servers]
-        return self.holding.begin(asked.path, self._memory(asked), asked.held)
+        return self.holding.begin(asked.path, self._memory(servers.workers), asked.held)
 
-    def _memory(self, asked: VolumeAsked) -> dict[int, int]:
-        """What of a prepared volume each worker may hold."""
-        servers = self.servers
-        if asked.memory is not None:
-            return dict.fromkeys(servers.workers, asked.memory)
-        left = {worker: servers.machines[worker].memory_bytes for worker in servers.workers}
+    def _memory(self, workers: Sequence[int]) -> dict[int, int]:
+        """What of a prepared volume each of these may hold."""
+        servers, asked = self.servers, self._asked
+        if asked is not None and asked.memory is not None:
+            return dict.fromkeys(workers, asked.memory)
+        left = {worker: servers.machines[worker].memory_bytes for worker in workers}
         return budgets(left, {worker: servers.joined[worker].host for worker in left})
 
     # -- what servers say
@@ -269,9 +317,7 @@ class Coordinator:
         self.probes.validate_state()
         assert self.holding.boxes.keys() <= self.servers.joined.keys(), "a server that is gone holds a part"
         if self.holding.volume is not None:
-            held = [*self.servers.missing, *(box for boxes in self.holding.boxes.values() for box in boxes)]
-            voxels = self.holding.volume.description.geometry.box.voxels
-            assert sum(box.voxels for box in held) == voxels, "the sub-cubes do not make up the volume"
+            assert self._all_is_held() or not self.holding.settled, "the sub-cubes do not make up the volume"
 
 
 def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:

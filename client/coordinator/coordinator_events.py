@@ -24,6 +24,7 @@ class FrameOutcome:
     map_shade: dict[int, messages.MapShadeStats]
     splat: dict[int, messages.SplatStats]
     missing: tuple[Box, ...] = ()
+    healing: bool = False  # others will take over what is missing, and then all can be drawn
     level: int = 0
     why_level: str = ""
     voxels: dict[int, int] = field(default_factory=dict)

@@ -36,6 +36,7 @@ class Frames:
 
     def __init__(self, servers: Servers, holding: VolumeHolding, work: WorkShares) -> None:
         self.frame: RunningFrame | None = None
+        self._owed = False  # a screen has not seen yet what is left after a loss
         self._servers = servers
         self._holding = holding
         self._shares = RegionShares()
@@ -58,8 +59,8 @@ class Frames:
         frame, holding, volume = self.frame, self._holding, self._holding.volume
         if frame is None or frame.started or volume is None:
             return []
-        if frame.require_complete and self._servers.missing:
-            return self.end(incomplete(self._servers.states.values()))
+        if frame.require_complete and self._servers.missing:  # others are about to read it, if they may
+            return [] if holding.assignments.may_move else self.end(incomplete(self._servers.states.values()))
         geometry = volume.description.geometry
         frame.scene = volume.settled(frame.scene)
         try:
@@ -99,6 +100,7 @@ class Frames:
         frame, self.frame = self.frame, None
         if frame is None:
             return []
+        self._owed = frame.started and not frame.require_complete and isinstance(error, ImageIncomplete)
         if frame.unacknowledged:
             return [EndFrame(frame.frame)]
         stop = self._abort_everywhere(frame) if frame.started else []
@@ -113,6 +115,11 @@ class Frames:
     def idle(self) -> bool:
         """No server is at one."""
         return self.frame is None or not self.frame.started
+
+    @property
+    def may_be_whole(self) -> bool:
+        """What is missing may be read before the next frame is drawn: its asker waits, or has seen what is left."""
+        return not self._owed or (self.frame is not None and self.frame.require_complete)
 
     def current(self, frame: int) -> RunningFrame | None:
         """The running frame if it has this id; messages of older frames are of no use any more."""
@@ -169,7 +176,7 @@ class Frames:
             return []
         if frame.unacknowledged:
             return self._acknowledged(frame, lost.id)
-        if frame.done(lost.id):
+        if lost.id not in frame.rectangles or frame.done(lost.id):
             return []
         shown = frame.left_by(lost.id)
         return [*([shown] if shown else []), *self.end(ImageIncomplete(lost.cause))]
@@ -223,9 +230,11 @@ class Frames:
     def publish(self) -> list[Instruction]:
         """The finished image, once all is here that comes with it."""
         frame = self.frame
-        image = frame.finished(self._holding.boxes, self._servers.missing) if frame is not None else None
+        missing, healing = self._servers.missing, self._holding.assignments.may_move
+        image = frame.finished(self._holding.boxes, missing, bool(missing) and healing) if frame is not None else None
         if frame is None or frame.request is None or image is None:
             return []
+        self._owed = False
         self._shares.measured(frame.request, frame.splat)
         self._work.measured(frame.scene, frame.map_shade, frame.splat, frame.drawn_at)
         self.frame = None
@@ -247,4 +256,4 @@ class Frames:
         gone = drawing - set(self._servers.splat_servers)
         assert frame.unacknowledged or not gone, "a part of the image is awaited of a server that is gone"
         assert frame.map_shade.keys() <= self._holding.boxes.keys(), "a frame counts a server that holds nothing"
-        assert frame.finished(self._holding.boxes, ()) is None, "a frame that is whole was not published"
+        assert frame.finished(self._holding.boxes) is None, "a frame that is whole was not published"

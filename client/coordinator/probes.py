@@ -100,14 +100,21 @@ class Probes:
     @takes(VoxelProbed, *SURVEYED_PHASES)
     def _received(self, message: VoxelProbed, event: MessageReceived) -> list[Instruction]:
         probe = self._probes.get(message.probe)
-        if probe is None:
+        if probe is None or probe.pending is None:
             return []
         probe.found += message.voxels
-        return self._heard(event.server, [probe])
+        probe.pending.discard(event.server)
+        if probe.pending:
+            return []
+        del self._probes[message.probe]
+        return [probe.answer]
 
-    def lost(self, server: int) -> list[Instruction]:
-        """Nothing more will come from this server."""
-        return self._heard(server, list(self._probes.values()))
+    def lost(self, server: int) -> None:
+        """Nothing more will come from this server: ask anew, of whoever then holds what it held."""
+        for probe in self._probes.values():
+            if probe.pending is not None and server in probe.pending:
+                probe.pending = None
+                probe.found.clear()
 
     def refused(self, number: int, error: VolsplatError) -> list[Instruction]:
         """One ends in an error."""
@@ -116,17 +123,6 @@ class Probes:
     def failed(self, error: VolsplatError) -> list[Instruction]:
         """All end in an error."""
         return [instruction for number in list(self._probes) for instruction in self.refused(number, error)]
-
-    def _heard(self, server: int, probes: list[_Probe]) -> list[Instruction]:
-        answers: list[Instruction] = []
-        for probe in probes:
-            if probe.pending is None:
-                continue
-            probe.pending.discard(server)
-            if not probe.pending:
-                del self._probes[probe.asked.probe]
-                answers.append(probe.answer)
-        return answers
 
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken."""

@@ -74,12 +74,14 @@ class RunningFrame:
         self.parts.pop(server, None)
         return self._image(complete=False, missing=(self.rectangles[server],)) if self.parts else None
 
-    def finished(self, boxes: Mapping[int, list[Box]], missing: tuple[Box, ...]) -> PublishImage | None:
+    def finished(
+        self, boxes: Mapping[int, list[Box]], missing: tuple[Box, ...] = (), healing: bool = False
+    ) -> PublishImage | None:
         """The finished image, once all of it and the statistics of all its servers are here."""
         if self.request is None or not self.drawn or self.map_shade.keys() != boxes.keys():
             return None
         voxels = {server: sum(box.voxels for box in held) for server, held in boxes.items()}
-        outcome = FrameOutcome(self.map_shade, self.splat, missing, self.request.level, self.why_level, voxels)
+        outcome = FrameOutcome(self.map_shade, self.splat, missing, healing, self.request.level, self.why_level, voxels)
         return self._image(complete=True, outcome=outcome)
 
     def _image(

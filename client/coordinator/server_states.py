@@ -13,7 +13,7 @@ class VolumeIncomplete(PeerLost):
 
 
 class ImageIncomplete(PeerLost):
-    """A splat server is gone with its part of the image that was being drawn; others can draw it anew."""
+    """Servers are gone amid a frame; others take over, and can draw it anew."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class ServerState:
     boxes: tuple[Box, ...] = ()  # what it holds of the volume, or held when it was lost
     lost: bool = False
     cause: str = ""  # how it was lost, in one line
+    handed_over: bool = False  # others hold what it held, or will when what is on its way is there
 
     @property
     def name(self) -> str:
@@ -39,26 +40,27 @@ class ServerState:
 
 def missing_boxes(servers: Iterable[ServerState]) -> tuple[Box, ...]:
     """The parts of the volume that were lost with their servers."""
-    return tuple(box for server in servers if server.lost for box in server.boxes)
+    return tuple(box for server in servers if server.lost and not server.handed_over for box in server.boxes)
 
 
 def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
     """One line that says which of these servers were lost, and what of the volume with them."""
-    lost = [server for server in servers if server.lost and server.boxes]
+    lost = [server for server in servers if missing_boxes([server])]
     causes = "; ".join(server.cause for server in lost)
     return VolumeIncomplete(f"{causes}; {part_of_volume(missing_boxes(lost))} of the volume are missing")
 
 
-def taken_over(lost: ServerState) -> str:
-    """One line that says which splat server was lost while others are there."""
-    return f"{lost.cause}; others take over its part of the image"
+def handed_over(lost: ServerState) -> str:
+    """One line that says which server was lost while others can do its work."""
+    what = f"{part_of_volume(lost.boxes)} of the volume" if lost.boxes else "its part of the image"
+    return f"{lost.cause}; others take over {what}"
 
 
 def losses(servers: Sequence[ServerState]) -> dict[int, str]:
     """What is to be told of each server that was lost and that the session goes on without."""
     drawn = any(server.role is Role.SPLAT_SERVER and not server.lost for server in servers)
     lost = [server for server in servers if server.lost and drawn]
-    return {server.id: str(incomplete([server])) if server.boxes else taken_over(server) for server in lost}
+    return {server.id: str(incomplete([server])) if missing_boxes([server]) else handed_over(server) for server in lost}
 
 
 def part_of_volume(boxes: Iterable[Box]) -> str:

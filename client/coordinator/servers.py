@@ -18,6 +18,7 @@ class Servers:
         self.machines: dict[int, MachineDescribed] = {}  # of those of them that have told
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
+        self._handing_over: list[int] = []  # lost servers whose parts were handed over last
         self.splat_servers: list[int] = []  # those that draw, as long as they are there
 
     @property
@@ -53,6 +54,19 @@ class Servers:
     def describe(self, server: int, machine: MachineDescribed) -> None:
         self.machines[server] = machine
         self.note([replace(self.states[server], threads=machine.threads)])
+
+    def idle(self) -> list[int]:
+        """Map/shade servers that hold nothing, and could."""
+        return [n for n in self.ready(Role.MAPSHADE_SERVER) if n not in self.workers]
+
+    def hand_over(self) -> None:
+        """What is missing is being read by others."""
+        self._handing_over = [n for n, state in self.states.items() if missing_boxes([state])]
+        self.note(replace(self.states[n], handed_over=True) for n in self._handing_over)
+
+    def take_back(self) -> None:
+        """What was handed over last is missing, after all."""
+        self.note(replace(self.states[n], handed_over=False) for n in self._handing_over)
 
     def lose(self, server: int, cause: str) -> ServerState | None:
         """It is gone. Its state, if the session needed it: then that is kept."""

@@ -52,6 +52,11 @@ def divided_by_work(geometry: Geometry, shares: Sequence[Share], chunk: Index, w
     return _Division(geometry, chunk, work).split(geometry.box, geometry.box, shares)
 
 
+def divided_box(geometry: Geometry, box: Box, parts: int, chunk: Index) -> list[Box]:
+    """A box of the grid in so many parts of its own, or as many as it has voxels."""
+    return _Division(geometry, chunk, Even()).split(box, box, [Share()] * min(parts, box.voxels))
+
+
 class _Division(NamedTuple):
     geometry: Geometry
     chunk: Index

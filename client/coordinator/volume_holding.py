@@ -55,7 +55,7 @@ class VolumeHolding:
         self.packing: Packing | None = None  # what is held, or on its way
         self._path = ""
         self._held = True  # else only surveyed
-        self._memory: Mapping[int, int] = {}  # of a prepared volume, for each of the servers that share it
+        self._memory: dict[int, int] = {}  # of a prepared volume, for each of the servers that share it
         self._levels: StoredLevels | None = None  # of a prepared volume
         self._known: VolumeSurvey | None = None
         self._pending: set[int] = set()  # servers whose answer the phase waits for
@@ -79,7 +79,8 @@ class VolumeHolding:
         """
         self.phase = Phase.DESCRIBING
         self._held = held
-        self._path, self._memory, self.costs = path, memory, MovingCosts(memory)
+        self._path, self._memory = path, dict(memory)
+        self.costs = MovingCosts(self._memory)
         return [
             ReportProgress("reading the volume's header"),
             Send(next(iter(memory)), DescribeVolume(path=path)),
@@ -144,20 +145,52 @@ class VolumeHolding:
     @property
     def may_move(self) -> bool:
         """Whether packets may change hands now, by servers that read no more than what they get."""
-        parts = self._levels is not None or self.description.reads_sub_cubes
-        return self.phase == Phase.READY and self.assignments.may_move and parts and len(self.boxes) > 1
+        return self.may_change and len(self.boxes) > 1
+
+    @property
+    def may_change(self) -> bool:
+        """Whether others may get packets, or others than now hold them."""
+        return self.phase == Phase.READY and self.assignments.may_move and self.changes_parts
+
+    @property
+    def changes_parts(self) -> bool:
+        """Whether a server can read what it gets without reading the whole volume."""
+        return self._levels is not None or self.description.reads_sub_cubes
 
     @property
     def packets_a_voxel(self) -> float:
         """How many are held, or on their way, for each voxel of the volume."""
         return 1.0 if self._levels is None else self._levels.packets_a_voxel
 
+    @property
+    def awaited(self) -> frozenset[int]:
+        """The servers that are reading, counting or packing."""
+        return frozenset(self._pending)
+
     def move(self, boxes: Mapping[int, Box]) -> list[Instruction]:
         """Have the packets change hands, so that each server holds this box."""
-        assert self._known is not None and self.packing is not None and self.may_move
+        assert self.may_move
         told = ReportProgress("sharing out the volume by what there is to do")
+        return [told, *self._change({server: [box] for server, box in boxes.items()})]
+
+    def share(self, boxes: Mapping[int, list[Box]], memory: Mapping[int, int]) -> list[Instruction]:
+        """Have these servers hold these boxes, since others are there than before; what is held already stays.
+
+        `memory` is what the new ones may hold of a prepared volume.
+        """
+        assert self.settled and self.volume is not None, "sub-cubes are on their way"
+        self._memory.update(memory)
+        if self.phase == Phase.READY and self.changes_parts:
+            return self._change(boxes)
+        held = self.phase != Phase.EMPTY and self._levels is None and self._held
+        self.boxes.clear()
+        self.boxes.update(boxes)
+        return self._read_sub_cubes() if held else []
+
+    def _change(self, boxes: Mapping[int, list[Box]]) -> list[Instruction]:
+        assert self._known is not None and self.packing is not None
         if self._levels is not None:
-            return [told, *self._open_packets(self._levels, self.packing, boxes)]
+            return self._open_packets(self._levels, self.packing, boxes)
         self._begin_assignment(boxes)
         self.phase = Phase.PACKING
         identity, quantisation = self._known.identity, self.packing.quantisation
@@ -167,10 +200,10 @@ class VolumeHolding:
             )
             for held in self.boxes.values()
         )
-        return [told, *map(Send, self.boxes, changes)]
+        return list(map(Send, self.boxes, changes))
 
     def lose(self, server: int) -> list[Instruction]:
-        """Go on without this server, which is not the last one."""
+        """Go on without this server."""
         del self.boxes[server]
         self._pending.discard(server)
         lending = self._lending
@@ -194,14 +227,14 @@ class VolumeHolding:
         self._go_on()
         return first
 
-    def _begin_assignment(self, boxes: Mapping[int, Box] | None = None) -> None:
+    def _begin_assignment(self, boxes: Mapping[int, list[Box]] | None = None) -> None:
         """Of these boxes, or of those that the servers have."""
         if self.phase == Phase.READY:
             before: Held | None = Held(self.assignment, self.packing, dict(self.boxes))
         else:
             before = None if self.phase == Phase.EMPTY else NOTHING
         self.assignments.begin(before, moving=boxes is not None)
-        self.boxes.update((server, [box]) for server, box in (boxes or {}).items())
+        self.boxes.update(boxes or {})
         self._pending = set(self.boxes)
 
     def _end_refused(self) -> None:
@@ -224,7 +257,7 @@ class VolumeHolding:
         return self._surveyed()
 
     def _open_packets(
-        self, levels: StoredLevels, packing: Packing, boxes: Mapping[int, Box] | None = None
+        self, levels: StoredLevels, packing: Packing, boxes: Mapping[int, list[Box]] | None = None
     ) -> list[Instruction]:
         assert self._known is not None
         self._begin_assignment(boxes)
@@ -322,6 +355,11 @@ class VolumeHolding:
     def _go_on(self) -> None:
         """Leave a phase of a surveyed volume once every server has read again, or packed."""
         if self._pending:
+            return
+        if not self.boxes:  # the last one that held anything is gone
+            self.phase, self.packing = Phase.EMPTY, None
+            if self._levels is not None:
+                self._levels.refused(kept=False)
             return
         if self.assignments.refused and self.phase in (Phase.READING, Phase.PACKING):
             return self._end_refused()

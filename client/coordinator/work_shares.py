@@ -63,6 +63,10 @@ class WorkShares:
         while self._frames[0].at < at - HORIZON:
             self._frames.popleft()
 
+    def forget(self) -> None:
+        """Other servers are there than before."""
+        self._frames.clear()
+
     def move(self) -> list[Instruction]:
         """Have sub-cubes change hands, if that pays."""
         frames, due = self._frames, self._judged_at + JUDGED_EVERY
@@ -78,7 +82,7 @@ class WorkShares:
     def _better(self) -> dict[int, Box] | None:
         """The boxes that each server should hold rather than what it holds; None where that would not pay."""
         holding = self._holding
-        boxes, work = {n: box for n, (box,) in holding.boxes.items()}, self._summed("work")
+        boxes, work = holding.boxes, self._summed("work")
         speeds = self._measured_speeds(work)
         busiest = max(work[n] / speeds[n] for n in boxes)
         saved = self._saved(busiest, sum(work.values()) / sum(speeds.values()))
@@ -86,7 +90,8 @@ class WorkShares:
             return None  # however it were shared out
         blocks = self._corrected(boxes, work)
         packets, description = holding.packets_a_voxel, holding.description
-        shares = [Share(speeds[n], holding.costs.most_voxels(n, box.voxels, packets)) for n, box in boxes.items()]
+        voxels = {n: sum(box.voxels for box in held) for n, held in boxes.items()}
+        shares = [Share(speeds[n], holding.costs.most_voxels(n, voxels[n], packets)) for n in boxes]
         new = dict(zip(boxes, divided_by_work(description.geometry, shares, description.chunk, blocks), strict=True))
         saved = self._saved(busiest, max(blocks.of(box) / speeds[n] for n, box in new.items()))
         fits = all(box.voxels <= share.most for box, share in zip(new.values(), shares, strict=True))
@@ -106,13 +111,15 @@ class WorkShares:
             self._speeds.note(n, work[n], seconds)
         return self._speeds.of(work)
 
-    def _corrected(self, boxes: Mapping[int, Box], measured: Mapping[int, float]) -> BlockWork:
+    def _corrected(self, boxes: Mapping[int, list[Box]], measured: Mapping[int, float]) -> BlockWork:
         """The work by block, so that it is in each box what was measured there."""
         assert self._scene is not None and self._holding.volume is not None
         self._work = self._work or BlockWork.expected(self._holding.volume, self._scene)
         least = sum(measured.values()) / self._holding.description.geometry.box.voxels
-        for n, box in boxes.items():
-            self._work.multiply(box, max(measured[n], least) / self._work.of(box))
+        for n, held in boxes.items():
+            factor = max(measured[n], least) / sum(map(self._work.of, held))
+            for box in held:
+                self._work.multiply(box, factor)
         return self._work
 
 

@@ -97,9 +97,9 @@ def refined(
 
 
 def finished_whole(refinements: Iterable[Refinement]) -> Iterator[Refinement]:
-    """The finished ones, for files. Raises PeerLost for one that does not show the whole volume."""
+    """Those that show the whole volume, for files. Raises PeerLost if a part of it is gone for good."""
     for refinement in refinements:
-        if refinement.outcome is None:
+        if refinement.outcome is None or refinement.outcome.servers.healing:
             continue
         if missing := refinement.outcome.servers.missing:
             raise VolumeIncomplete(f"a map/shade server was lost: {part_of_volume(missing)} of the volume are missing")

@@ -47,7 +47,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
     VolumeAsked,
 )
-from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, VolumeIncomplete
+from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.probe_answers import ProbeAnswers
 from volsplat.client.session.published_image import PublishedImage
@@ -181,7 +181,7 @@ class Session:
             try:
                 *_, finished = self._drawn(frame, answers, step, partial_interval=None)
                 return finished
-            except ImageIncomplete:  # other splat servers can draw all of it
+            except ImageIncomplete:  # others take over, and can draw all of it
                 continue
 
     def refine(
@@ -200,8 +200,8 @@ class Session:
         A partial image lies over the finished one of the step before unless the scene asks for the bare buffer.
         Ends early, without an error, when something else is asked for or all is aborted.
 
-        Goes on if a map/shade server is lost while others hold parts of the volume: then the outcome of each finished
-        image says what is missing from it. If one of several splat servers is lost, the others draw the step anew.
+        Goes on if servers are lost while there are others. What such a step still shows comes as a finished image whose
+        outcome says what is missing from it; then, once others have taken over, the step is drawn anew.
         Raises PeerLost if nothing can be drawn any more.
         """
         scene, first, last = checked_scene(scene), checked_step(first, "first"), checked_step(last, "last")
@@ -218,10 +218,14 @@ class Session:
                 after = asked[-1] if asked else None
                 frame, answers = self._ask(scene, step, False, after, step in exact)
                 asked.append(frame)
+                healing = False
                 try:
-                    yield from self._drawn(frame, answers, step, partial_interval)
-                    return
-                except (VolumeIncomplete, ImageIncomplete):  # lost while it was drawn: once more, with what is left
+                    for refinement in self._drawn(frame, answers, step, partial_interval):
+                        healing = refinement.outcome is not None and refinement.outcome.servers.healing
+                        yield refinement
+                    if not healing:
+                        return
+                except ImageIncomplete:  # lost while it was drawn: once more, with what is left
                     continue
 
         try:

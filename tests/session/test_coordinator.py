@@ -172,7 +172,7 @@ def test_a_lost_splat_server_fails_the_frame_and_the_session() -> None:
     assert isinstance(again, EndFrame) and again.error is failed.error
 
 
-def test_a_server_that_joins_late_or_leaves_idle_changes_nothing() -> None:
+def test_a_server_that_leaves_idle_changes_nothing() -> None:
     coordinator = drawing()
     late = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
     assert [coordinator.handle(event) for event in joins(late)] == [[Send(4, messages.DescribeMachine())], []]
@@ -271,6 +271,23 @@ def test_answers_of_an_older_assignment_count_for_nothing() -> None:
 LOWER, UPPER = Box((0, 0, 0), (8, 9, 5)), Box((0, 0, 5), (8, 9, 10))
 GONE = "map/shade server 2 at node2:40123 is gone"
 MISSING = f"{GONE}; i 0-7, j 0-8, k 0-4 of the volume are missing"
+HANDED_OVER = f"{GONE}; others take over i 0-7, j 0-8, k 0-4 of the volume"
+ALL = Box((0, 0, 0), (8, 9, 10))
+LATE = ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA)
+
+
+def boxes_told(instructions: list[Instruction]) -> dict[int, list[Box]]:
+    """What servers are told to hold from now on."""
+    changes = [(i.server, i.message) for i in instructions if isinstance(i, Send)]
+    return {server: one.boxes for server, one in changes if isinstance(one, messages.ChangeSubCubes)}
+
+
+def shown(frame: int = 1) -> CheckedCoordinator:
+    """A screen's frame is being drawn."""
+    coordinator = drawing(frame)
+    finished(coordinator, frame, [FIRST, SECOND])
+    coordinator.handle(FrameAsked(frame + 1, SCENE, Step.F, require_complete=False))
+    return coordinator
 
 
 def ended_by(instructions: list[Instruction]) -> str:
@@ -285,40 +302,100 @@ def finished(coordinator: CheckedCoordinator, frame: int, workers: list[int]) ->
     for worker in workers:
         coordinator.handle(said(worker, messages.FrameMapped(frame, MAP_STATS, [])))
     coordinator.handle(said(SPLAT, messages.FrameFinished(frame, True, [], SPLAT_STATS)))
-    (image,) = coordinator.handle(
+    image, *_ = coordinator.handle(
         said(SPLAT, messages.ImageRead(frame, Step.F, True, 0, 0, 1, 1, messages.RawPixels()), bytes(16))
     )
     assert isinstance(image, PublishImage) and image.outcome is not None
     return image
 
 
-def test_a_lost_map_shade_server_ends_the_running_frame_and_stops_it_everywhere() -> None:
+def test_a_lost_map_shade_server_ends_the_running_frame_and_the_others_read_its_part() -> None:
     told = drawing().handle(ServerLost(FIRST, GONE))
-    assert told[0] == ReportProgress(MISSING)
-    assert ended_by(told) == MISSING
-    assert sent(told) == [(SECOND, messages.AbortFrame), (SPLAT, messages.AbortFrame)]
+    assert told[0] == ReportProgress(HANDED_OVER)
+    assert ended_by(told) == HANDED_OVER
+    stopped = [(SECOND, messages.AbortFrame), (SPLAT, messages.AbortFrame)]
+    invited = (SPLAT, messages.InviteWorkers)
+    assert sent(told) == [invited, *stopped, invited, (SECOND, messages.ChangeSubCubes)]
+    assert boxes_told(told) == {SECOND: [ALL]}
     assert not any(isinstance(i, FailSession) for i in told)
 
 
-def test_later_frames_are_drawn_by_those_that_are_left_and_say_what_is_missing() -> None:
-    coordinator = drawing()
-    whole = finished(coordinator, 1, [FIRST, SECOND])
-    assert whole.outcome is not None and whole.outcome.missing == ()
-    coordinator.handle(ServerLost(FIRST, GONE))
-    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
+def test_a_screen_sees_what_is_left_and_then_all_of_it() -> None:
+    coordinator = shown()
+    assert not boxes_told(coordinator.handle(ServerLost(FIRST, GONE)))
+    asked = coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
     renders = [i for i in asked if isinstance(i, Send)]
     assert [render.server for render in renders] == [SECOND, SPLAT]
     for render in renders:
         assert isinstance(render.message, messages.RenderFrame) and list(render.message.workers) == [SECOND]
-    image = finished(coordinator, 2, [SECOND])
-    assert image.outcome is not None and image.outcome.missing == (LOWER,)
+    coordinator.handle(said(SECOND, messages.FrameMapped(3, MAP_STATS, [])))
+    coordinator.handle(said(SPLAT, messages.FrameFinished(3, True, [], SPLAT_STATS)))
+    image, *told = coordinator.handle(
+        said(SPLAT, messages.ImageRead(3, Step.F, True, 0, 0, 1, 1, messages.RawPixels()), bytes(16))
+    )
+    assert isinstance(image, PublishImage) and image.outcome is not None
+    assert image.outcome.missing == (LOWER,) and image.outcome.healing
+    assert boxes_told(told) == {SECOND: [ALL]}
+    assert sent(coordinator.handle(FrameAsked(4, SCENE, Step.F, require_complete=False))) == []
+    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
+    whole = finished(coordinator, 4, [SECOND])
+    assert whole.outcome is not None and whole.outcome.missing == () and not whole.outcome.healing
 
 
-def test_who_wants_the_whole_volume_is_told_at_once_that_it_is_not_there() -> None:
+def test_who_wants_the_whole_volume_waits_until_it_is_there_again() -> None:
+    coordinator = shown()
+    coordinator.handle(ServerLost(FIRST, GONE))
+    asked = coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))
+    assert boxes_told(asked) == {SECOND: [ALL]}
+    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
+
+
+def test_what_others_cannot_read_is_missing_until_a_server_joins() -> None:
     coordinator = drawing()
     coordinator.handle(ServerLost(FIRST, GONE))
-    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))
-    assert ended_by(asked) == MISSING and sent(asked) == []
+    coordinator.handle(said(SECOND, messages.Refused("ChangeSubCubes", "no memory", assignment=2, held=1)))
+    assert coordinator.servers.missing == (LOWER,)
+    assert ended_by(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))) == MISSING
+    coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
+    left = finished(coordinator, 3, [SECOND])
+    assert left.outcome is not None and left.outcome.missing == (LOWER,) and not left.outcome.healing
+    told = [one for event in joins(LATE) for one in coordinator.handle(event)]
+    assert boxes_told(told) == {SECOND: [UPPER], LATE.server: [LOWER]}
+
+
+def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> None:
+    coordinator = drawing()
+    for event in joins(LATE):
+        coordinator.handle(event)
+    finished(coordinator, 1, [FIRST, SECOND])
+    share = {server: sum(box.voxels for box in boxes) for server, boxes in coordinator.holding.boxes.items()}
+    for server in share:
+        coordinator.handle(said(server, messages.VoxelsPacked(2, share[server], 1, 0.1)))
+    coordinator.handle(ServerLost(FIRST, GONE))
+    for server in (SECOND, LATE.server):
+        coordinator.handle(said(server, messages.VoxelsPacked(3, 360, 1, 0.1)))
+    lost = tuple(coordinator.holding.boxes[SECOND])
+    coordinator.handle(ServerLost(SECOND, "it is gone as well"))
+    coordinator.handle(said(LATE.server, messages.Refused("ChangeSubCubes", "no memory", assignment=4, held=3)))
+    assert coordinator.servers.missing == lost
+
+
+def test_one_that_joins_gets_a_part_between_two_frames() -> None:
+    coordinator = drawing()
+    told = [one for event in joins(LATE) for one in coordinator.handle(event)]
+    assert sent(told) == [(LATE.server, messages.DescribeMachine)], "a frame is being drawn"
+    for worker in (FIRST, SECOND):
+        coordinator.handle(said(worker, messages.FrameMapped(1, MAP_STATS, [])))
+    coordinator.handle(said(SPLAT, messages.FrameFinished(1, True, [], SPLAT_STATS)))
+    _, *told = coordinator.handle(
+        said(SPLAT, messages.ImageRead(1, Step.F, True, 0, 0, 1, 1, messages.RawPixels()), bytes(16))
+    )
+    assert sent(told)[:2] == [(SPLAT, messages.InviteWorkers), (LATE.server, messages.ConnectToSplatServers)]
+    parts = boxes_told(told)
+    assert parts.keys() == {FIRST, SECOND, LATE.server}
+    assert sum(box.voxels for boxes in parts.values() for box in boxes) == ALL.voxels
 
 
 def test_the_last_map_shade_server_takes_the_session_with_it() -> None:
@@ -328,35 +405,62 @@ def test_the_last_map_shade_server_takes_the_session_with_it() -> None:
     assert isinstance(failed, FailSession) and str(failed.error) == "map/shade server 3 is gone"
 
 
+def test_one_that_held_nothing_yet_takes_the_place_of_all_others() -> None:
+    coordinator = surveyed()
+    for event in joins(LATE):
+        coordinator.handle(event)
+    for server in (FIRST, SECOND):
+        told = coordinator.handle(ServerLost(server, GONE))
+        assert not any(isinstance(one, FailSession) for one in told)
+    while not coordinator.holding.settled:
+        coordinator.handle(read_by(coordinator, LATE.server))
+    assert coordinator.holding.boxes == {LATE.server: [ALL]}
+
+
+def test_a_splat_server_that_joins_late_draws_from_the_next_frame_on() -> None:
+    coordinator = drawing()
+    late = ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", "node9", DATA)
+    told = [one for event in joins(late) for one in coordinator.handle(event)]
+    linked = [(FIRST, messages.ConnectToSplatServers), (SECOND, messages.ConnectToSplatServers)]
+    invited = [(SPLAT, messages.InviteWorkers), (9, messages.InviteWorkers)]
+    assert sent(told) == [(9, messages.DescribeMachine), *invited, *linked]
+    finished(coordinator, 1, [FIRST, SECOND])
+    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
+    assert (9, messages.RenderFrame) in sent(asked)
+
+
 def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_one_goes_on() -> None:
     coordinator = surveyed()
     coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=True))
     coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 0, 0.1)))
-    assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
-    assert coordinator.holding.phase == Phase.READY
-    asked = coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))
-    assert sent(asked) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    assert ended_by(told) == HANDED_OVER and boxes_told(told) == {SECOND: [ALL]}
+    assert sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))) == []
+    begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
 @pytest.mark.parametrize("already_read", [False, True])
-def test_a_loss_while_sub_cubes_are_read_again_leaves_the_others_reading(already_read: bool) -> None:
+def test_after_a_loss_while_sub_cubes_are_read_again_the_others_read_all(already_read: bool) -> None:
     coordinator = drawing()
     narrow = Scene(tables=SCENE.tables, quantise=Quantise(window=(0.0, 9.0)))
     coordinator.handle(FrameAsked(2, narrow, Step.F, require_complete=False))
-    read = said(SECOND, messages.SubCubesRead(2, Survey(0.0, 1.0, 1.0, 360, 0), 720, 0.1))
     if already_read:
-        coordinator.handle(read)
-    assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == MISSING
-    asked = coordinator.handle(FrameAsked(3, narrow, Step.F, require_complete=False))
-    assert sent(asked if already_read else coordinator.handle(read)) == [(SECOND, messages.PackVoxels)]
-    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 360, 0, 0.1)))
+        coordinator.handle(read_by(coordinator, SECOND))
+    assert ended_by(coordinator.handle(ServerLost(FIRST, GONE))) == HANDED_OVER
+    coordinator.handle(FrameAsked(3, narrow, Step.F, require_complete=False))
+    while coordinator.holding.phase is Phase.READING:
+        told = coordinator.handle(read_by(coordinator, SECOND))
+    assert coordinator.holding.boxes == {SECOND: [ALL]}
+    assert sent(told) == [(SECOND, messages.PackVoxels)]
+    drawn = coordinator.handle(said(SECOND, messages.VoxelsPacked(coordinator.holding.assignment, 720, 0, 0.1)))
     assert sent(drawn) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
 def test_a_worker_that_the_splat_server_lost_first_counts_as_lost_once() -> None:
     coordinator = drawing()
     told = coordinator.handle(said(SPLAT, messages.FrameFinished(1, False, [FIRST], SPLAT_STATS)))
-    assert "map/shade server 2 has no connection to splat server 1; i 0-7" in ended_by(told)
+    assert "map/shade server 2 has no connection to splat server 1; others take over i 0-7" in ended_by(told)
     assert sent(told)[0] == (FIRST, messages.EndSession)
     assert coordinator.handle(said(FIRST, messages.FrameMapped(1, MAP_STATS, []))) == []
     assert coordinator.handle(ServerLost(FIRST, GONE)) == []
@@ -366,7 +470,7 @@ def test_a_loss_while_a_frame_is_aborted_lets_it_end_as_aborted() -> None:
     coordinator = drawing()
     coordinator.handle(AbortAsked(1))
     told = coordinator.handle(ServerLost(FIRST, GONE))
-    assert EndFrame(1) in told and sent(told) == []
+    assert EndFrame(1) in told and (SECOND, messages.AbortFrame) not in sent(told)
 
 
 def test_the_states_of_all_servers_are_known_and_those_lost_are_kept() -> None:
@@ -383,7 +487,7 @@ def test_the_states_of_all_servers_are_known_and_those_lost_are_kept() -> None:
         True,
         GONE,
     )
-    assert (second.boxes, second.lost) == ((UPPER,), False)
+    assert first.handed_over and (second.boxes, second.lost) == ((ALL,), False)
     assert (idle.host, idle.boxes, idle.lost) == ("node4", (), False)
     assert not before[FIRST].lost, "who looks from another thread keeps what it saw"
 
@@ -453,12 +557,15 @@ def test_a_probe_by_other_rules_has_the_sub_cubes_read_again() -> None:
     assert (ask.assignment, ask.quantisation.window) == (2, (0.0, 9.0))
 
 
-def test_a_probe_is_answered_without_a_server_that_is_lost() -> None:
+def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
     coordinator = drawing()
     coordinator.handle(PROBE)
     coordinator.handle(seen(SECOND, FAR))
-    assert coordinator.handle(ServerLost(FIRST, GONE))[-1] == AnswerProbe(5, FAR)
-    assert sent(coordinator.handle(PROBE)) == [(SECOND, messages.ProbeVoxels)]
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    assert not any(isinstance(one, AnswerProbe) for one in told)
+    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    assert (SECOND, messages.ProbeVoxels) in sent(told)
+    assert coordinator.handle(seen(SECOND, NEAR, FAR)) == [AnswerProbe(5, NEAR)]
 
 
 def test_a_failed_session_ends_all_probes() -> None:
@@ -565,7 +672,7 @@ def test_lending_goes_on_without_the_receivers_that_are_lost(lent_before: bool) 
     for part in late:
         assert coordinator.handle(said(FIRST, messages.PartRead(2, part), bytes(2 * part.box.voxels))) == []
     coordinator.handle(read_by(coordinator, FIRST))
-    assert coordinator.holding.settled
+    assert coordinator.holding.boxes == {FIRST: [ALL]}, "it reads all of it"
 
 
 # -- a prepared volume: 64 x 64 x 64 voxels and two coarser levels

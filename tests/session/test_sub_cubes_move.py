@@ -105,18 +105,13 @@ def test_a_server_killed_in_the_middle_is_lost_like_any_other(volume: Path) -> N
             killed.append(worker.pid)
             worker.send_signal(signal.SIGKILL)
 
-    with Session(volume, workers=3, on_progress=watch) as session:
+    with SingleProcess(volume) as single, Session(volume, workers=3, on_progress=watch) as session:
         shown = scene(session)
-
-        def missing() -> tuple[Box, ...]:
-            *_, last = session.refine(shown, Step.C, first=Step.C)
-            assert last.outcome is not None
-            return last.outcome.servers.missing
-
-        wait_until(missing, "is a server lost")
+        expected = single.render(shown, Step.C)
+        wait_until(lambda: torch.equal(session.render(shown, Step.C), expected) and bool(killed), "is a server lost")
         (lost,) = [server for server in session.servers if server.lost]
-        assert missing() == lost.boxes
-        assert sum(box.voxels for box in boxes(session)) == SIDE**3
+        assert lost.handed_over and torch.equal(session.render(shown, Step.C), expected)
+        assert sum(server.voxels for server in holders(session) if not server.lost) == SIDE**3
 
 
 def answered(held: HeldVolume, request: messages.Message) -> messages.Message:

@@ -12,7 +12,6 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from volsplat.client.coordinator.server_states import VolumeIncomplete
 from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_over
 from volsplat.client.session.session import Session
 from volsplat.client.ui.viewing.pacing import StepPacing
@@ -110,8 +109,6 @@ class DrawingLoop:
                     self._refine(state)
                 else:
                     self._draw_moving(state)
-            except VolumeIncomplete:
-                log.info("a server was lost amid this picture")  # loss_watch tells of it, and has it drawn again
             except VolsplatError as error:
                 self._tell(error)
             except (
