@@ -66,8 +66,13 @@ class DataLinks:
 
     def interrupt(self) -> None:
         """Close them from any thread: whoever sends is woken."""
+        self.interrupt_except(())
+
+    def interrupt_except(self, routes: Sequence[Route]) -> None:
+        """Likewise, but for those to the ends of these routes."""
         for link in self._links.values():
-            link.interrupt()
+            if link.route not in routes:
+                link.interrupt()
 
     def close(self) -> None:
         for link in self._links.values():

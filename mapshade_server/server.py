@@ -98,8 +98,17 @@ class MapShadeServer:
                 self._newest_frame = max(self._newest_frame, frame + 1)
             case messages.OpenPackets(assignment=assignment):
                 self._newest_assignment = assignment
+            case messages.ConnectToSplatServers(routes=routes):
+                self._links.interrupt_except(routes)  # who sends to one that is given up would send for ever
+            case messages.AreYouThere():
+                self._are_you_there(received.message)
+                return True
         self._requests.put(received)
         return True
+
+    @takes(messages.AreYouThere)
+    def _are_you_there(self, request: messages.AreYouThere) -> None:
+        self._client.send(messages.StillHere())
 
     def _answer_next(self) -> bool:
         """Work through one request. False at the end of the session."""

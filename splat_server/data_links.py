@@ -106,6 +106,14 @@ class DataLinks:
         for link in links:
             link.close()
 
+    def drop_uninvited(self) -> None:
+        """Close the links of workers that the client does without: some may be frozen, and never close theirs."""
+        with self._lock:
+            dropped = [link for worker, link in self._links.items() if worker not in self._invitations]
+            self._readable.ring()
+        for link in dropped:
+            link.close()
+
     def begin_frame(self) -> None:
         """Forget for how long workers were held back before."""
         with self._lock:

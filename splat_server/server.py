@@ -238,6 +238,8 @@ class SplatServer:
                     self._invite(received.message)
                 elif isinstance(received.message, messages.ImagesTaken):
                     self._images_taken(received.message)
+                elif isinstance(received.message, messages.AreYouThere):
+                    self._are_you_there(received.message)
                 else:
                     self._put(received.message)
             self._end()
@@ -247,6 +249,11 @@ class SplatServer:
     @takes(messages.InviteWorkers)
     def _invite(self, request: messages.InviteWorkers) -> None:
         self._invitations.replace(request.keys)
+        self._data_links.drop_uninvited()
+
+    @takes(messages.AreYouThere)
+    def _are_you_there(self, request: messages.AreYouThere) -> None:
+        self._outbox.post(messages.StillHere())
 
     @takes(messages.ImagesTaken)
     def _images_taken(self, message: messages.ImagesTaken) -> None:

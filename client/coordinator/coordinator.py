@@ -49,6 +49,7 @@ from volsplat.protocol.messages.session_messages import (
     EndSession,
     MachineDescribed,
     Refused,
+    StillHere,
 )
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import VolumeDescribed
@@ -66,7 +67,7 @@ class Coordinator:
         self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
         self.failure: VolsplatError | None = None
-        self.busy: frozenset[int] = frozenset()  # servers that are reading, counting or packing; any thread may look
+        self.busy: frozenset[int] = frozenset()  # servers that may be reading, counting or packing; any thread may look
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
@@ -104,7 +105,8 @@ class Coordinator:
             return []
         shared = self._share() if self.frames.idle and self.holding.settled else []
         self.servers.hold(self.holding.boxes)
-        self.busy = self.holding.awaited
+        at_work = self.holding.phase != Phase.GATHERING and not self.holding.settled
+        self.busy = frozenset(self.servers.workers if at_work else ())
         return [*shared, *self.frames.begin(), *self.probes.send()]
 
     def _share(self) -> list[Instruction]:
@@ -163,6 +165,10 @@ class Coordinator:
             return []
         servers.splat_servers = [*servers.splat_servers, server]
         return [*self.routes.invite(boxes), *self.routes.connect(boxes)]
+
+    @takes(StillHere)
+    def _still_here(self, message: StillHere, event: MessageReceived) -> list[Instruction]:
+        return []  # what counts is that it came: see silence
 
     @takes(ServerLost)
     def _lost(self, event: ServerLost) -> list[Instruction]:

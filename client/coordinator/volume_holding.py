@@ -162,11 +162,6 @@ class VolumeHolding:
         """How many are held, or on their way, for each voxel of the volume."""
         return 1.0 if self._levels is None else self._levels.packets_a_voxel
 
-    @property
-    def awaited(self) -> frozenset[int]:
-        """The servers that are reading, counting or packing."""
-        return frozenset(self._pending)
-
     def move(self, boxes: Mapping[int, Box]) -> list[Instruction]:
         """Have the packets change hands, so that each server holds this box."""
         assert self.may_move

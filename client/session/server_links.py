@@ -17,6 +17,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.client.session.outgoing import Outgoing
+from volsplat.client.session.silence import SilenceWatch
 from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.messages import messages
@@ -38,9 +39,18 @@ class ServerLinks:
     """Connections to the servers that join at `listen`. `on_event` is called by any thread."""
 
     def __init__(
-        self, listen: Address, token: Token, on_event: Callable[[Event], None], newest_frame: Callable[[], int]
+        self,
+        listen: Address,
+        token: Token,
+        on_event: Callable[[Event], None],
+        newest_frame: Callable[[], int],
+        silence: float,
+        at_work: Callable[[int], bool],
     ) -> None:
-        """`newest_frame` is the number of the frame that is waited for."""
+        """`newest_frame` is the number of the frame that is waited for.
+
+        A server that says nothing for `silence` seconds is lost, longer if it is `at_work`.
+        """
         self._on_event = on_event
         self._newest_frame = newest_frame
         self._token = token
@@ -49,6 +59,7 @@ class ServerLinks:
         self._images: dict[int, ImageReceiver] = {}  # of splat servers
         self._lock = threading.Lock()  # guards the three above
         self._allocate = BufferPool()
+        self._silence = SilenceWatch(silence, at_work, lambda server: self.send(server, messages.AreYouThere()))
         self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
         self._listener = Listener(
             Role.CLIENT,
@@ -104,6 +115,7 @@ class ServerLinks:
 
     def close(self) -> None:
         """Close every connection once what was posted is sent, and end every server that was started here."""
+        self._silence.close()
         self._listener.close()
         with self._lock:
             connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
@@ -142,7 +154,9 @@ class ServerLinks:
         data = Address(peer.data_host, peer.data_port)
         elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
         self._on_event(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
+        self._silence.begin(peer.id, connection)
         cause = self._heard_until_lost(connection)
+        self._silence.end(peer.id)
         with self._lock:
             del self._connections[peer.id], self._outgoing[peer.id]
             self._images.pop(peer.id, None)

@@ -59,6 +59,7 @@ from volsplat.client.session.renderer import (
     refined,
 )
 from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.session.silence import LEAST_SILENCE, SILENCE_SECONDS
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
@@ -86,7 +87,8 @@ class Session:
     cores or as many `threads`; without it they are started by hand and join at `listen`. `memory` is how many bytes
     each map/shade server may hold of a prepared volume; by default half of what its machine has left, shared with the
     others there. A volume that is not `held` is surveyed a few sheets at a time, and only read when something is drawn
-    of it. `on_progress` gets one line for each thing that takes time, on a thread of the session.
+    of it. A server that says nothing for `silence` seconds, or 15 times as long while it reads, counts as lost: others
+    take over what it held. `on_progress` gets one line for each thing that takes time, on a thread of the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
     is none, as all methods do, and the session goes on.
@@ -104,12 +106,14 @@ class Session:
         token: Token | None = None,
         memory: int | None = None,
         held: bool = True,
+        silence: float = SILENCE_SECONDS,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
         name = checked_volume(volume)
         listen = checked_address(listen, "listen")
         memory = None if memory is None else checked_count(memory, "memory")
         splat_servers = checked_count(splat_servers, "splat_servers")
+        silence = checked_number(silence, "silence", least=LEAST_SILENCE)
         workers = usable_cores() if workers is None else checked_count(workers, "workers")
         threads = usable_cores() if threads is None else checked_count(threads, "threads")
         self._on_progress = on_progress
@@ -123,7 +127,14 @@ class Session:
         self._closed = False
         self._closing = threading.Lock()  # guards _closed, until nothing is left
 
-        self._links = ServerLinks(listen, token or new_token(), self._events.put, lambda: self._frames.newest)
+        self._links = ServerLinks(
+            listen,
+            token or new_token(),
+            self._events.put,
+            newest_frame=lambda: self._frames.newest,
+            silence=silence,
+            at_work=lambda server: server in self._coordinator.busy,
+        )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
         path = absolute_name(name) if spawn else name

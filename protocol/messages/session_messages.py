@@ -41,6 +41,19 @@ class DescribeMachine(Message, frozen=True):
     """Client to map/shade server and splat server: tell what your machine has left for you."""
 
 
+class StillHere(Message, frozen=True):
+    """Map/shade server or splat server to client: I am."""
+
+
+@asks(CLIENT_TO_MAPSHADE, StillHere)
+@asks(CLIENT_TO_SPLAT, StillHere)
+class AreYouThere(Message, frozen=True):
+    """Client to map/shade server and splat server, when it has heard nothing for a moment.
+
+    The receiving thread answers it, whatever the server is at.
+    """
+
+
 class Route(Detail, frozen=True):
     """Where a splat server takes data links, and the key that proves which worker the link is of."""
 

@@ -201,6 +201,10 @@ class Connection:
                 return None
             raise lost from error
 
+    def give_up(self, loss: str) -> None:
+        """Close it since the peer is lost: `loss` says so, and is what receive() and send() raise."""
+        self._closed_for(loss)
+
     def close(self) -> None:
         """Close both directions and wake whoever is blocked in send() or receive(). May be called again."""
         with self._gate:

@@ -268,7 +268,7 @@ def test_through_a_slow_line_nothing_stale_is_shown_and_the_lag_does_not_grow(vi
     assert moves.growth() < 0.5
 
 
-def test_a_lost_server_is_told_on_the_page_and_the_rest_turns_on(volume: Path, browser_page: Page) -> None:
+def test_a_lost_server_is_told_on_the_page_and_the_others_take_over(volume: Path, browser_page: Page) -> None:
     with viewed(volume.parent, volume, "--workers", "2") as view:
         page = opened(browser_page, view.url)
         box = page.locator(".vs-view canvas").first.bounding_box()
@@ -277,7 +277,7 @@ def test_a_lost_server_is_told_on_the_page_and_the_rest_turns_on(volume: Path, b
         page.mouse.down()
         page.mouse.move(box["x"] + 220, box["y"] + 200, steps=4)
         view.mapshade_servers()[0].kill()
-        page.get_by_text("of the volume are missing").first.wait_for()
+        page.get_by_text("others take over").first.wait_for()
 
         def go_on() -> None:
             page.mouse.move(box["x"] + 260, box["y"] + 210, steps=4)

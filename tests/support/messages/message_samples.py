@@ -93,6 +93,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.VoxelsPacked(1, 120, 48, 0.0625), b""),
         (messages.ChangeSubCubes(2, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
         (messages.DescribeMachine(), b""),
+        (messages.AreYouThere(), b""),
+        (messages.StillHere(), b""),
         (messages.MachineDescribed(1 << 34, 8), b""),
         (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
@@ -277,6 +279,8 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.ChangeSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
     ),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
+    messages.AreYouThere: st.builds(messages.AreYouThere),
+    messages.StillHere: st.builds(messages.StillHere),
     messages.MachineDescribed: st.builds(messages.MachineDescribed, counts, st.integers(1, messages.MOST_THREADS)),
     messages.OpenPackets: st.builds(
         messages.OpenPackets,
