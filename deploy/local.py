@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterable
 
 from volsplat.deploy.process_end import told_end
 from volsplat.deploy.server_command import Program, server_command
+from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token
 
 PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
@@ -24,15 +25,16 @@ class LocalServers:
     of its own, with one line for each server that ends.
     """
 
-    def __init__(self, on_end: Callable[[str], None]) -> None:
+    def __init__(self, on_end: Callable[[str], None], silence: float = SILENCE_SECONDS) -> None:
         self._on_end = on_end
+        self._silence = silence
         self._processes: list[subprocess.Popen[bytes]] = []
 
     def start(self, program: Program, address: str, token: Token, threads: int) -> None:
         """Start one server that dials `address` (HOST:PORT) and may use so many threads."""
-        options = ("--connect", address, "--patience", str(PATIENCE_SECONDS), "--threads", str(threads))
+        limits = ("--patience", str(PATIENCE_SECONDS), "--silence", str(self._silence), "--threads", str(threads))
         process = subprocess.Popen(
-            server_command(program, *options),
+            server_command(program, "--connect", address, *limits),
             env=token.added_to(os.environ),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,

@@ -13,6 +13,7 @@ from volsplat.program.server_process import (
     connect_option,
     patience_option,
     process_name,
+    silence_option,
     token_file_option,
     verbose_option,
 )
@@ -30,11 +31,14 @@ from volsplat.protocol.wire.tokens import need_token
 @token_file_option
 @patience_option
 @click.option("--threads", type=THREADS, default=usable_cores(), help="Threads that walk (cores).")
+@silence_option
 @verbose_option
-def mapshade_server(client: Address, token_file: Path | None, patience: float, threads: int, verbose: bool) -> None:
+def mapshade_server(
+    client: Address, token_file: Path | None, patience: float, threads: int, silence: float, verbose: bool
+) -> None:
     """Join the client at HOST:PORT, hold a sub-cube of its volume, and map and shade it for each frame."""
     log_to_stderr("mapshade-server", logging.INFO if verbose else logging.WARNING)
     token = need_token(os.environ, token_file)
     hello = new_hello(Role.MAPSHADE_SERVER, name=process_name())
     connection = connect(client, hello, token, Role.CLIENT, patience=patience, allocate=BufferPool())
-    MapShadeServer(connection, token, threads).run()
+    MapShadeServer(connection, token, threads, silence).run()

@@ -20,7 +20,8 @@ from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.text.errors import VolsplatError
-from volsplat.protocol.wire.connection import Connection, ConnectionClosed, Counters
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed
+from volsplat.protocol.wire.peer import Counters
 
 
 class FrameTiles(NamedTuple):

@@ -12,16 +12,20 @@ from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.heartbeat import Heartbeat
 from volsplat.protocol.wire.tokens import Token
 
 log = logging.getLogger(__name__)
+
+CLIENT_FIRST = 2.0  # times the silence: the client, which knows more, judges a splat server that is frozen before
 
 
 class DataLinks:
     """One thread connects and closes; any other may interrupt."""
 
-    def __init__(self, token: Token, given_up: Callable[[], bool]) -> None:
+    def __init__(self, token: Token, given_up: Callable[[], bool], heartbeat: Heartbeat) -> None:
         """Dialling ends where it is `given_up`."""
+        self._heartbeat = heartbeat
         self._token = token
         self._given_up = given_up
         self._links: dict[int, DataLink] = {}  # by splat server; replaced, never changed
@@ -55,6 +59,7 @@ class DataLinks:
         address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=server)
         token = self._token.bound_to(route.key)
         connection = connect(address, hello, token, Role.SPLAT_SERVER, server=route.server, given_up=self._given_up)
+        self._heartbeat.keep(connection, lambda: CLIENT_FIRST * self._heartbeat.silence)
         return DataLink(route, connection)
 
     def begin_frame(self, frame: int, plan: FramePlan) -> memoryview:

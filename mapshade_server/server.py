@@ -29,21 +29,24 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS, Heartbeat, patience_with_client
 from volsplat.protocol.wire.tokens import Token
 
 
 class MapShadeServer:
     """One client's map/shade server. `run` returns when the client ends the session."""
 
-    def __init__(self, client: Connection, token: Token, threads: int) -> None:
-        """`threads` may walk."""
+    def __init__(self, client: Connection, token: Token, threads: int, silence: float = SILENCE_SECONDS) -> None:
+        """`threads` may walk. Who says nothing for `silence` seconds is lost, the client later (see heartbeat)."""
         self._client = client
         self._threads = threads
+        self._heartbeat = Heartbeat(silence)
+        self._heartbeat.keep(client, patience_with_client(client, silence))
         self._requests = WaitingRequests()
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
-        self._links = DataLinks(token, given_up=lambda: self._ended)
+        self._links = DataLinks(token, lambda: self._ended, self._heartbeat)
         # As many at once as a frame has walkers: one that waited for another could wait for ever
         self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
         self._newest_assignment = 0  # likewise
@@ -61,6 +64,7 @@ class MapShadeServer:
         finally:
             self._client.close()
             self._links.close()
+            self._heartbeat.close()
             receiver.join()
             self._walking.shutdown()
         if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
@@ -100,15 +104,8 @@ class MapShadeServer:
                 self._newest_assignment = assignment
             case messages.ConnectToSplatServers(routes=routes):
                 self._links.interrupt_except(routes)  # who sends to one that is given up would send for ever
-            case messages.AreYouThere():
-                self._are_you_there(received.message)
-                return True
         self._requests.put(received)
         return True
-
-    @takes(messages.AreYouThere)
-    def _are_you_there(self, request: messages.AreYouThere) -> None:
-        self._client.send(messages.StillHere())
 
     def _answer_next(self) -> bool:
         """Work through one request. False at the end of the session."""

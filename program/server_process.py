@@ -12,9 +12,11 @@ import click
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 from volsplat.program.load_failures import load_failure
 from volsplat.protocol.messages.message import MOST_THREADS
+from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import Address, parse_address
+from volsplat.protocol.wire.heartbeat import AT_WORK, SILENCE_SECONDS
 
 
 def address_option(context: click.Context, parameter: click.Parameter, value: str) -> Address:
@@ -30,6 +32,12 @@ token_file_option = click.option(
 )
 patience_option = click.option(
     "--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60)."
+)
+silence_option = click.option(
+    "--silence",
+    type=click.FloatRange(LEAST_SILENCE, MOST_SILENCE),
+    default=SILENCE_SECONDS,
+    help=f"Seconds until a silent server counts as lost; a client, {AT_WORK:g} times as many ({SILENCE_SECONDS:g}).",
 )
 verbose_option = click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
 

@@ -13,6 +13,7 @@ from volsplat.program.server_process import (
     connect_option,
     patience_option,
     process_name,
+    silence_option,
     token_file_option,
     verbose_option,
 )
@@ -42,9 +43,16 @@ ANY_PORT = f"{LOOPBACK}:0"
 @token_file_option
 @patience_option
 @click.option("--threads", type=THREADS, default=usable_cores(), help="Threads that splat (cores).")
+@silence_option
 @verbose_option
 def splat_server(
-    client: Address, listen: Address, token_file: Path | None, patience: float, threads: int, verbose: bool
+    client: Address,
+    listen: Address,
+    token_file: Path | None,
+    patience: float,
+    threads: int,
+    silence: float,
+    verbose: bool,
 ) -> None:
     """Join the client at HOST:PORT, merge and splat what its map/shade servers send, and hand out the image."""
     log_to_stderr("splat-server", logging.INFO if verbose else logging.WARNING)
@@ -62,4 +70,4 @@ def splat_server(
         host = "" if data_links.address.host in ("0.0.0.0", "::") else data_links.address.host
         hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=data_links.address.port, name=process_name())
         control = connect(client, hello, token, Role.CLIENT, patience=patience)
-        SplatServer(control, data_links, invitations, threads).run()
+        SplatServer(control, data_links, invitations, threads, silence).run()

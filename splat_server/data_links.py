@@ -8,16 +8,17 @@ import logging
 import threading
 import time
 from collections import defaultdict
-from dataclasses import dataclass, field
 
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.heartbeat import AT_WORK, Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
 from volsplat.splat_server.batch_decoder import decoded
+from volsplat.splat_server.came_batches import Came
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import (
@@ -28,7 +29,6 @@ from volsplat.splat_server.merge_events import (
     WorkerLinked,
     WorkerLost,
 )
-from volsplat.splat_server.shared_batches import SharedBatches
 
 log = logging.getLogger(__name__)
 
@@ -39,35 +39,6 @@ CONNECTION_BUDGET = 8 << 20
 MOST_APART = 8
 
 LOOK_SECONDS = 1.0  # between two looks of a link that is held back, if nothing is told
-UNREAD_SECONDS = 25.0  # a worker reads at once; one that has not taken what was sent for this long is gone
-
-
-@dataclass
-class _Came:
-    """What has come over one link of the newest frame that it carries."""
-
-    frame: int = 0
-    batches: defaultdict[int, int] = field(default_factory=lambda: defaultdict(int))  # of each walker
-    nbytes: int = 0
-    decoding_seconds: float = 0.0
-    shared: SharedBatches = field(default_factory=SharedBatches)
-
-    def count(self, batch: messages.Batch, decoding_seconds: float) -> None:
-        """Raises RemoteProtocolError where a batch is missing, comes twice, or belongs to an older frame."""
-        if batch.frame < self.frame:
-            raise RemoteProtocolError(f"a batch of frame {batch.frame} came after one of frame {self.frame}")
-        if batch.frame > self.frame:
-            self.frame, self.nbytes, self.decoding_seconds = batch.frame, 0, 0.0
-            self.batches.clear()
-        due = self.batches[batch.walker]
-        if batch.sequence != due:
-            raise RemoteProtocolError(
-                f"Batch.sequence is {batch.sequence}, but {due} is due in frame {batch.frame}: a batch is missing or "
-                "repeated"
-            )
-        self.batches[batch.walker] += 1
-        self.nbytes += batch.payload_bytes()
-        self.decoding_seconds += decoding_seconds
 
 
 class DataLinks:
@@ -80,6 +51,7 @@ class DataLinks:
         merge: Merge,
         lock: threading.Lock,
         readable: Bell,
+        heartbeat: Heartbeat,
     ) -> None:
         """`lock` guards the merge and all that is here. `readable` rings if links that are held back should look."""
         self._listener = listener
@@ -87,8 +59,9 @@ class DataLinks:
         self._merge = merge
         self._lock = lock
         self._readable = readable
+        self._heartbeat = heartbeat
         self._links: dict[int, Connection] = {}  # by worker, the newest of each
-        self._came: dict[int, _Came] = {}  # by worker, over its newest link
+        self._came: dict[int, Came] = {}  # by worker, over its newest link
         self._budgets: dict[int, ReadBudget] = {}  # by worker
         self._held_back: defaultdict[int, float] = defaultdict(float)  # seconds since the frame began, by worker
         self._rooms = BufferPool()  # for batches that come coded
@@ -149,7 +122,8 @@ class DataLinks:
 
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
-            link.lose_after(UNREAD_SECONDS)
+            link.lose_after(AT_WORK * self._heartbeat.silence)  # a worker reads at once
+            self._heartbeat.keep(link, None)  # it is held back on purpose, and the client hears it
             if link.peer.id in self._invitations:
                 self._take_up(link)
             else:  # the client has thought better of it since the handshake
@@ -160,7 +134,7 @@ class DataLinks:
         """Read from a link, in the place of the one that its worker had before."""
         with self._lock:
             replaced = self._links.get(link.peer.id)
-            self._links[link.peer.id], self._came[link.peer.id] = link, _Came()
+            self._links[link.peer.id], self._came[link.peer.id] = link, Came()
             self._merge.handle(WorkerLinked(link.peer.id))
             self._budgets.setdefault(link.peer.id, ReadBudget(CONNECTION_BUDGET, self._readable))
             self._readable.ring()
@@ -243,7 +217,7 @@ class DataLinks:
         if (freed := came.shared.news()) is not None:
             link.send(freed)
 
-    def _came_over(self, link: Connection) -> _Came | None:
+    def _came_over(self, link: Connection) -> Came | None:
         """None if the link is out of use."""
         with self._lock:
             return self._came[link.peer.id] if self._in_use(link) else None

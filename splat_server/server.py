@@ -20,6 +20,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
 from volsplat.protocol.rules.regions import regions_of
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS, Heartbeat, patience_with_client
 from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.data_links import DataLinks, carried_out
@@ -38,8 +39,15 @@ LOOK_SECONDS = 1.0  # between two looks at the frame, if nothing is told
 class SplatServer:
     """One client's splat server. `run` returns when the client ends the session."""
 
-    def __init__(self, client: Connection, data_links: Listener, invitations: Invitations, threads: int) -> None:
-        """`data_links` takes links by what `invitations` say."""
+    def __init__(
+        self,
+        client: Connection,
+        data_links: Listener,
+        invitations: Invitations,
+        threads: int,
+        silence: float = SILENCE_SECONDS,
+    ) -> None:
+        """`data_links` takes links by what `invitations` say. `silence`: see heartbeat."""
         self._client = client
         self._invitations = invitations
         self._threads = threads
@@ -62,7 +70,9 @@ class SplatServer:
         self._hidden_told = 0  # hidden packets when the workers last heard which tiles are closed
         self._next_tile_news = 0.0
 
-        self._data_links = DataLinks(data_links, invitations, self._merge, self._lock, self._readable)
+        self._heartbeat = Heartbeat(silence)
+        self._heartbeat.keep(client, patience_with_client(client, silence))
+        self._data_links = DataLinks(data_links, invitations, self._merge, self._lock, self._readable, self._heartbeat)
         self._tile_news = TileNews()
         self._outbox = Outbox(client, image_sent=self._news.ring, failed=self._end)
 
@@ -77,6 +87,7 @@ class SplatServer:
             self._data_links.close()
             self._tile_news.close()
             self._outbox.close()
+            self._heartbeat.close()
             receiver.join()
             self._owners.close()
         if self._failure is not None:
@@ -238,8 +249,6 @@ class SplatServer:
                     self._invite(received.message)
                 elif isinstance(received.message, messages.ImagesTaken):
                     self._images_taken(received.message)
-                elif isinstance(received.message, messages.AreYouThere):
-                    self._are_you_there(received.message)
                 else:
                     self._put(received.message)
             self._end()
@@ -250,10 +259,6 @@ class SplatServer:
     def _invite(self, request: messages.InviteWorkers) -> None:
         self._invitations.replace(request.keys)
         self._data_links.drop_uninvited()
-
-    @takes(messages.AreYouThere)
-    def _are_you_there(self, request: messages.AreYouThere) -> None:
-        self._outbox.post(messages.StillHere())
 
     @takes(messages.ImagesTaken)
     def _images_taken(self, message: messages.ImagesTaken) -> None:

@@ -42,6 +42,8 @@ class TileNews:
                     return
                 (message, tile_map, links), self._newest = self._newest, None
             for link in links:
+                if not link.has_room:  # a worker that does not read must not keep the news from others
+                    continue
                 try:
                     link.send(message, tile_map)
                 except VolsplatError:

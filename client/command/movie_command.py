@@ -64,6 +64,7 @@ def movie(
     workers: int,
     splat_servers: int,
     threads: int,
+    silence: float,
     memory: str | None,
     single: bool,
     **settings: str | float | None,
@@ -86,7 +87,7 @@ def movie(
     options.key_scenes(None, keys)
     options.scene_of(None)
     check_movie_writable(output)
-    servers = servers_from_options(workers, splat_servers, threads, None, None, single, memory)
+    servers = servers_from_options(workers, splat_servers, threads, None, None, single, memory, silence=silence)
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:
         geometry = known.description.geometry

@@ -18,10 +18,11 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.server_process import THREADS
+from volsplat.program.server_process import THREADS, silence_option
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.wire.addresses import Address, parse_address
+from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE, Token, find_token, new_token
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -38,6 +39,7 @@ class Servers:
     listen: Address | None
     token: Token | None
     memory: int | None = None  # bytes of a prepared volume that each may hold
+    silence: float = SILENCE_SECONDS  # after which one is lost
 
 
 COUNT = click.IntRange(min=1)
@@ -50,6 +52,7 @@ _SERVER_OPTIONS = (
         default=usable_cores(),
         help="Threads that the processes started here share out (cores).",
     ),
+    silence_option,
 )
 
 
@@ -73,6 +76,7 @@ def servers_from_options(
     token_file: Path | None,
     single: bool = False,
     memory: str | None = None,
+    silence: float = SILENCE_SECONDS,
 ) -> Servers:
     """What `server_options`, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
     return Servers(
@@ -83,6 +87,7 @@ def servers_from_options(
         listen=parse_address(listen) if listen else None,
         token=shared_token(token_file, makes=listen is not None),
         memory=bytes_from_option("--memory", memory) if memory else None,
+        silence=silence,
     )
 
 
@@ -151,6 +156,7 @@ def opened_quietly(
         spawn=spawns,
         token=token,
         memory=servers.memory,
+        silence=servers.silence,
         on_progress=say,
     ) as session:
         if not spawns:

@@ -52,6 +52,7 @@ def render(
     workers: int,
     splat_servers: int,
     threads: int,
+    silence: float,
     scene: Path | None,
     preset: str | None,
     step: str,
@@ -80,7 +81,7 @@ def render(
         check_is_there(volume)
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
-    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, single, memory)
+    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, single, memory, silence=silence)
     console = PlainConsole(stderr=True)
     with opened(volume, servers, spawns, console, imports=[IMAGE_FILES]) as renderer:
         draw(renderer, scene_options, Step(step), outputs, console)

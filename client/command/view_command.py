@@ -56,6 +56,7 @@ def view(
     workers: int,
     splat_servers: int,
     threads: int,
+    silence: float,
     scene: Path | None,
     preset: str | None,
     port: int,
@@ -78,7 +79,7 @@ def view(
     options.scene_of(None)
     if listen is None:
         check_is_there(volume)
-    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, memory=memory)
+    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, memory=memory, silence=silence)
     console = PlainConsole(stderr=True)
     with ended_with_its_reader(), _bound(port) as bound:
         address = PageAddress(bound)

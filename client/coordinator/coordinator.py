@@ -49,7 +49,6 @@ from volsplat.protocol.messages.session_messages import (
     EndSession,
     MachineDescribed,
     Refused,
-    StillHere,
 )
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import VolumeDescribed
@@ -165,10 +164,6 @@ class Coordinator:
             return []
         servers.splat_servers = [*servers.splat_servers, server]
         return [*self.routes.invite(boxes), *self.routes.connect(boxes)]
-
-    @takes(StillHere)
-    def _still_here(self, message: StillHere, event: MessageReceived) -> list[Instruction]:
-        return []  # what counts is that it came: see silence
 
     @takes(ServerLost)
     def _lost(self, event: ServerLost) -> list[Instruction]:

@@ -17,7 +17,6 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.client.session.outgoing import Outgoing
-from volsplat.client.session.silence import SilenceWatch
 from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.messages import messages
@@ -28,8 +27,10 @@ from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemotePr
 from volsplat.protocol.wire.accepting import IdCounter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
-from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection, Peer
+from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection
+from volsplat.protocol.wire.heartbeat import AT_WORK, Heartbeat
 from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
 
 FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
@@ -59,7 +60,8 @@ class ServerLinks:
         self._images: dict[int, ImageReceiver] = {}  # of splat servers
         self._lock = threading.Lock()  # guards the three above
         self._allocate = BufferPool()
-        self._silence = SilenceWatch(silence, at_work, lambda server: self.send(server, messages.AreYouThere()))
+        self._at_work = at_work
+        self._heartbeat = Heartbeat(silence)
         self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
         self._listener = Listener(
             Role.CLIENT,
@@ -69,7 +71,7 @@ class ServerLinks:
             assign_id=ServerIds(lambda: len(self._connections)),
             allocate=self._allocate,
         )
-        self._local = LocalServers(on_end=lambda line: on_event(ServerProcessEnded(line)))
+        self._local = LocalServers(lambda line: on_event(ServerProcessEnded(line)), silence)
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
 
     @property
@@ -115,7 +117,7 @@ class ServerLinks:
 
     def close(self) -> None:
         """Close every connection once what was posted is sent, and end every server that was started here."""
-        self._silence.close()
+        self._heartbeat.close()
         self._listener.close()
         with self._lock:
             connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
@@ -154,14 +156,17 @@ class ServerLinks:
         data = Address(peer.data_host, peer.data_port)
         elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
         self._on_event(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
-        self._silence.begin(peer.id, connection)
+        self._heartbeat.keep(connection, lambda: self._patience(peer.id))
         cause = self._heard_until_lost(connection)
-        self._silence.end(peer.id)
         with self._lock:
             del self._connections[peer.id], self._outgoing[peer.id]
             self._images.pop(peer.id, None)
         outgoing.end()
         self._on_event(ServerLost(peer.id, cause))
+
+    def _patience(self, server: int) -> float:
+        """Seconds of silence after which it is lost."""
+        return self._heartbeat.silence * (AT_WORK if self._at_work(server) else 1.0)
 
     def _heard_until_lost(self, connection: Connection) -> str:
         """Make events of all that a server says; returns why it says no more."""

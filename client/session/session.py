@@ -59,15 +59,16 @@ from volsplat.client.session.renderer import (
     refined,
 )
 from volsplat.client.session.server_links import ServerLinks
-from volsplat.client.session.silence import LEAST_SILENCE, SILENCE_SECONDS
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
+from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token, new_token
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ class Session:
         listen = checked_address(listen, "listen")
         memory = None if memory is None else checked_count(memory, "memory")
         splat_servers = checked_count(splat_servers, "splat_servers")
-        silence = checked_number(silence, "silence", least=LEAST_SILENCE)
+        silence = min(checked_number(silence, "silence", least=LEAST_SILENCE), MOST_SILENCE)
         workers = usable_cores() if workers is None else checked_count(workers, "workers")
         threads = usable_cores() if threads is None else checked_count(threads, "threads")
         self._on_progress = on_progress

@@ -44,6 +44,7 @@ class Message(msgspec.Struct, frozen=True, tag=True, tag_field="message", forbid
     ways: ClassVar[tuple[Way, ...]] = ()  # which it may go, once the handshake is over
     exchanges: ClassVar[Mapping[Way, "Exchange"]] = {}  # that it opens, as a request
     ends: ClassVar[bool] = False  # nothing may follow it this way
+    of_connection: ClassVar[bool] = False  # a connection says and takes it by itself
     largest_payload: ClassVar[int] = 0  # bytes
 
     @property
@@ -73,11 +74,11 @@ class Exchange:
 Kind = TypeVar("Kind", bound=type[Message])
 
 
-def says(*ways: Way, ends: bool = False) -> Callable[[Kind], Kind]:
+def says(*ways: Way, ends: bool = False, of_connection: bool = False) -> Callable[[Kind], Kind]:
     """A message that nothing asks for and nothing answers."""
 
     def declare(kind: Kind) -> Kind:
-        kind.ways, kind.ends = ways, ends
+        kind.ways, kind.ends, kind.of_connection = ways, ends, of_connection
         return kind
 
     return declare

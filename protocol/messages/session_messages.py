@@ -18,13 +18,15 @@ from volsplat.protocol.messages.message import (
     asks,
     says,
 )
-from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT
+from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT, SPLAT_TO_DATA_LINK
 from volsplat.protocol.text.printable import printable
 
 WORKER_KEY_BYTES = 32
+LEAST_SILENCE, MOST_SILENCE = 0.5, 86400.0  # seconds
 
 # Drawn by the client, for one worker and the splat servers.
 WorkerKey = Annotated[bytes, Meta(min_length=WORKER_KEY_BYTES, max_length=WORKER_KEY_BYTES)]
+Silence = Annotated[float, Meta(ge=LEAST_SILENCE, le=MOST_SILENCE)]
 Port = Annotated[int, Meta(ge=1, le=65535)]
 
 
@@ -41,17 +43,22 @@ class DescribeMachine(Message, frozen=True):
     """Client to map/shade server and splat server: tell what your machine has left for you."""
 
 
-class StillHere(Message, frozen=True):
-    """Map/shade server or splat server to client: I am."""
+@says(
+    CLIENT_TO_MAPSHADE,
+    CLIENT_TO_SPLAT,
+    CLIENT_TO_MAPSHADE.back,
+    CLIENT_TO_SPLAT.back,
+    SPLAT_TO_DATA_LINK,
+    of_connection=True,
+)
+class Alive(Message, frozen=True):
+    """Either way: I am, though I have nothing to say.
 
-
-@asks(CLIENT_TO_MAPSHADE, StillHere)
-@asks(CLIENT_TO_SPLAT, StillHere)
-class AreYouThere(Message, frozen=True):
-    """Client to map/shade server and splat server, when it has heard nothing for a moment.
-
-    The receiving thread answers it, whatever the server is at.
+    It is said where nothing else is for a quarter of the silence after which the other end would give this one up.
+    `silence` is that of this end, in seconds.
     """
+
+    silence: Silence
 
 
 class Route(Detail, frozen=True):

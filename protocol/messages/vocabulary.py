@@ -15,8 +15,12 @@ MESSAGES = tuple(  # of an open connection
 
 
 def taken_by(receiver: Role) -> frozenset[type[Message]]:
-    """What it must have handlers for: all that may come once the handshake is over, but for what ends the session."""
-    return frozenset(kind for kind in MESSAGES if not kind.ends and any(way.receiver is receiver for way in kind.ways))
+    """What it must have handlers for: what may come once the handshake is over.
+
+    But for what ends the session, and what connections take by themselves.
+    """
+    handled = (kind for kind in MESSAGES if not (kind.ends or kind.of_connection))
+    return frozenset(kind for kind in handled if any(way.receiver is receiver for way in kind.ways))
 
 
 def _check() -> None:

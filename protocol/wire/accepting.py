@@ -10,9 +10,10 @@ from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.wire.addresses import Address
-from volsplat.protocol.wire.connection import Connection, ConnectionClosed, Peer
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import AccepterHandshake, State
+from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
 
 

@@ -5,68 +5,34 @@ One thread receives, any threads send. Back-pressure is the socket's: a peer tha
 
 import errno
 import os
+import select
 import socket
-import struct
 import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from volsplat.protocol.messages.exchanges import EXCHANGES, Exchanges
 from volsplat.protocol.messages.messages import Message
 from volsplat.protocol.messages.roles import Role, Way
+from volsplat.protocol.messages.session_messages import Alive
 from volsplat.protocol.messages.speech import Speech
-from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.descriptors import ReceivedDescriptors, passing
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
-from volsplat.protocol.wire.socket_options import set_options
+from volsplat.protocol.wire.peer import Counters, Peer
+from volsplat.protocol.wire.socket_options import lose_after, set_options
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
 
-TIMEVAL = struct.Struct("@ll")  # seconds and microseconds, as SO_SNDTIMEO takes them
 OWN_OUTPUT = "its own output tells why"  # of a peer that is gone
 MOST_BUFFERS = 512  # in one sendmsg; below every system's IOV_MAX
 
 
 class ConnectionClosed(VolsplatError):
     """This side has closed the connection."""
-
-
-@dataclass(frozen=True)
-class Peer:
-    """Who is at the other end. `id` is its id in the session (0 for the client), `host` and `port` its address;
-    a caller by a Unix socket has no port (see unix_socket).
-
-    `data_host` and `data_port`: where a splat server takes data links; 0 for all others.
-    """
-
-    role: Role
-    host: str
-    port: int
-    id: int = 0
-    version: int = 0
-    name: str = ""
-    data_host: str = ""
-    data_port: int = 0
-
-    def __str__(self) -> str:
-        number = f" {self.id}" if self.id else ""
-        name = f" ({self.name})" if self.name else ""
-        place = f"at {self.host}:{self.port}" if self.port else "on this machine"
-        return f"{self.role}{number}{name} {place}"
-
-
-@dataclass
-class Counters:
-    bytes_in: int = 0
-    bytes_out: int = 0
-    messages_in: int = 0
-    messages_out: int = 0
-    seconds_in_message: float = 0.0  # the newest that came, from its first bytes to its last
-    seconds_in_send: float = 0.0  # blocked, because the peer did not read fast enough
 
 
 class Connection:
@@ -82,6 +48,7 @@ class Connection:
         self._peer: Peer | None = None
         self.id = 0  # ours in the session, 0 for the client
         self.counters = Counters()
+        self.peers_silence = 0.0  # seconds after which the other end takes silence for a loss, once it has said so
         self._decoder = Decoder()
         self.descriptors = ReceivedDescriptors()  # the receiving thread's
         self._outgoing = Speech()
@@ -138,16 +105,10 @@ class Connection:
     def lose_after(self, seconds: float) -> None:
         """From now on, a peer that has not taken what was sent for so long is gone: for one that always reads.
 
-        Over TCP the system asks for no sign of life while something is on its way, and would wait for a quarter of an
-        hour; by a Unix socket a send would wait without end.
+        It must never stop reading on purpose: Linux counts that as silence, though the peer's machine answers.
         """
         with suppress(OSError):  # it is closed already
-            if self._socket.family == socket.AF_UNIX:
-                self._socket.setsockopt(
-                    socket.SOL_SOCKET, socket.SO_SNDTIMEO, TIMEVAL.pack(int(seconds), int(seconds % 1 * 1e6))
-                )
-            elif hasattr(socket, "TCP_USER_TIMEOUT"):  # Linux
-                self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * seconds))
+            lose_after(self._socket, seconds)
 
     def send(self, message: Message, *payload: "Buffer", descriptor: int | None = None) -> None:
         """Send a message and its payload, whose memory is free again on return. Any thread may call it.
@@ -155,16 +116,33 @@ class Connection:
         `descriptor` is that of the memory that it brings, which the other end gets a descriptor of its own for.
         Raises PeerLost, ConnectionClosed, or LocalProtocolError for what the rules forbid.
         """
-        with self._sending, self._inside():
-            buffers = encode(message, *payload, speech=self._outgoing)
-            try:
-                self._send_all(buffers, descriptor)
-            except OSError as error:
-                raise self._lost(error) from error
-            except BaseException:  # half a message has gone out: the stream has no more meaning
-                self.close()
-                raise
+        with self._sending:
+            self._send(message, payload, descriptor)
             self.counters.messages_out += 1
+
+    def say_alive(self, silence: float) -> None:
+        """Say that this side is there, and after which silence it gives the peer up, if that goes without waiting.
+
+        Nothing is said while something is being sent, nor after the end of the session. What is lost, receive() tells.
+        """
+        if self._sending.acquire(blocking=False):
+            try:
+                if self.has_room:
+                    self._send(Alive(silence), (), None)
+            except (PeerLost, ConnectionClosed, LocalProtocolError):
+                return
+            finally:
+                self._sending.release()
+
+    @property
+    def has_room(self) -> bool:
+        """Whether a short message would leave at once."""
+        return self._ready(select.POLLOUT)
+
+    @property
+    def unread(self) -> bool:
+        """Whether something has come that receive() has not taken yet."""
+        return self._ready(select.POLLIN)
 
     def receive(self) -> Received | None:
         """The next message, or None once this side has called close(). One thread only.
@@ -183,7 +161,9 @@ class Connection:
                     began = began or time.perf_counter()
                     self.counters.bytes_in += count
                     received = self._decoder.advance(count)
-                    if received is not None:
+                    if received is not None and isinstance(received.message, Alive):
+                        self.peers_silence, began = received.message.silence, 0.0
+                    elif received is not None:
                         self.counters.messages_in += 1
                         self.descriptors.come(received.message)
                         self.counters.seconds_in_message = time.perf_counter() - began
@@ -236,6 +216,24 @@ class Connection:
                 self._users -= 1
                 if self._closed and self._users == 0:
                     self._socket.close()
+
+    def _send(self, message: Message, payload: "tuple[Buffer, ...]", descriptor: int | None) -> None:
+        with self._inside():
+            buffers = encode(message, *payload, speech=self._outgoing)
+            try:
+                self._send_all(buffers, descriptor)
+            except OSError as error:
+                raise self._lost(error) from error
+            except BaseException:  # half a message has gone out: the stream has no more meaning
+                self.close()
+                raise
+
+    def _ready(self, event: int) -> bool:
+        with suppress(ConnectionClosed, PeerLost), self._inside():
+            poll = select.poll()
+            poll.register(self._socket, event)
+            return bool(poll.poll(0))
+        return False
 
     def _read_into(self, wanted: memoryview) -> int:
         if self.may_share_memory:

@@ -12,9 +12,10 @@ from volsplat.protocol.messages.greetings import NONCE_BYTES, Hello
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.addresses import Address
-from volsplat.protocol.wire.connection import Connection, Peer
+from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import DiallerHandshake, State
+from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
 from volsplat.protocol.wire.unix_socket import entered_door
 

@@ -13,10 +13,11 @@ from volsplat.protocol.messages.greetings import NONCE_BYTES, Hello
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.addresses import Address
-from volsplat.protocol.wire.connection import Connection, Peer
+from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import shake_hands
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import DiallerHandshake, new_hello
+from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.port import Port
 from volsplat.protocol.wire.tokens import Token
 

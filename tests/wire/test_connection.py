@@ -25,11 +25,12 @@ from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, PeerLost, RemoteProtocolError
 from volsplat.protocol.text.rare_lines import MOST_AT_ONCE, RareLines
 from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
-from volsplat.protocol.wire.connection import Connection, ConnectionClosed, Peer
+from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import new_token
 
 TOKEN = new_token()

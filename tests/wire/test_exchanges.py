@@ -56,7 +56,7 @@ def answers(way: Way) -> set[type[Message]]:
     return {answer for kind in EXCHANGES[way].values() for answer in kind.answers}
 
 
-UNANSWERED = (messages.InviteWorkers, messages.ImagesTaken, messages.EndSession)
+UNANSWERED = (messages.InviteWorkers, messages.ImagesTaken, messages.Alive, messages.EndSession)
 
 
 @WAYS
@@ -64,7 +64,7 @@ def test_every_message_between_client_and_server_is_a_request_or_an_answer(way: 
     there = {kind for kind in MESSAGES if way in kind.ways}
     back = {kind for kind in MESSAGES if way.back in kind.ways}
     assert there == set(EXCHANGES[way]) | there.intersection(UNANSWERED)
-    assert back == answers(way) | {messages.Refused}
+    assert back == answers(way) | {messages.Refused, messages.Alive}
 
 
 @WAYS

@@ -27,7 +27,9 @@ def test_every_message_has_a_sample_and_a_strategy() -> None:
 
 @kinds
 def test_a_docstring_begins_with_who_sends_it_to_whom(kind: type[Message]) -> None:
-    if kind in GREETINGS:
+    if kind is greetings.Rejected or kind.of_connection:
+        begin = "Either way"
+    elif kind in GREETINGS:
         begin = "Dialler to accepter" if issubclass(kind, greetings.Hello | greetings.Proof) else "Accepter to dialler"
     else:
         begin = _said_together(kind.ways)

@@ -93,8 +93,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.VoxelsPacked(1, 120, 48, 0.0625), b""),
         (messages.ChangeSubCubes(2, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
         (messages.DescribeMachine(), b""),
-        (messages.AreYouThere(), b""),
-        (messages.StillHere(), b""),
+        (messages.Alive(2.0), b""),
         (messages.MachineDescribed(1 << 34, 8), b""),
         (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
@@ -279,8 +278,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.ChangeSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
     ),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
-    messages.AreYouThere: st.builds(messages.AreYouThere),
-    messages.StillHere: st.builds(messages.StillHere),
+    messages.Alive: st.builds(messages.Alive, st.floats(0.5, 86400.0)),
     messages.MachineDescribed: st.builds(messages.MachineDescribed, counts, st.integers(1, messages.MOST_THREADS)),
     messages.OpenPackets: st.builds(
         messages.OpenPackets,

@@ -39,7 +39,7 @@ class Bench:
         self.splat_servers = [Listener(Role.SPLAT_SERVER, self.token, token_of=lambda _: links) for _ in range(2)]
         hello = new_hello(Role.MAPSHADE_SERVER)
         self.connection = connect(self._clients.address, hello, self.token, Role.CLIENT, allocate=allocate)
-        self._server = MapShadeServer(self.connection, self.token, threads=1)
+        self._server = MapShadeServer(self.connection, self.token, threads=1, silence=PATIENCE)
         self.failure: VolsplatError | None = None  # of the server
         self._thread = threading.Thread(target=self._run, name="map/shade server under test", daemon=True)
         self._thread.start()

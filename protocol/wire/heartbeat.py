@@ -1,0 +1,108 @@
+"""Signs of life: has each connection say `Alive` where nothing else is said, and gives up peers that are silent.
+
+A thread of its own does both, so that neither a peer that does not read nor a frame that is worked at delays it, and it
+never waits in a send. A peer has said something if any byte has come, even one that is still to be read: what is late
+on this side is not held against the peer. Only time that this thread was awake counts, by small steps: whoever was
+stopped, or slept, or had no core, blames nobody for it.
+"""
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from volsplat.protocol.messages.session_messages import LEAST_SILENCE
+from volsplat.protocol.wire.connection import Connection
+
+SILENCE_SECONDS = 2.0  # after which a peer counts as lost
+AT_WORK = 15.0  # times as long for one whose interpreter may be held by a library: who reads, and every client
+LONGEST_STEP = LEAST_SILENCE / 2  # so that who has the least patience hears of it in time
+STEPS = 8  # in the time after which a peer counts as lost; it is told of life every other step
+MOST_OF_A_STEP = 2.0  # times a step that count, if this thread came later
+
+Patience = Callable[[], float]  # seconds of silence; it may change from one moment to the next
+
+
+@dataclass
+class _Pulse:
+    """What has gone over one connection, as it was last looked at."""
+
+    connection: Connection
+    patience: Patience | None
+    heard: int = field(init=False)
+    said: int = -1  # other than any count: it is told of life at once
+    silent: float = 0.0  # part of the patience that is used up
+    quiet: float = 0.0  # seconds since this side has said anything
+
+    def __post_init__(self) -> None:
+        self.heard = self.connection.counters.bytes_in
+
+    def beat(self, seconds: float, own_silence: float) -> None:
+        """So much time has passed."""
+        self._speak(seconds, own_silence)
+        if self.patience is not None:
+            self._listen(seconds, self.patience())
+
+    def _speak(self, seconds: float, own_silence: float) -> None:
+        new, self.said = self.said < 0, max(self.said, 0)
+        if self.connection.counters.bytes_out != self.said:
+            self.said, self.quiet = self.connection.counters.bytes_out, 0.0
+        self.quiet += seconds
+        if new or self.quiet >= 2 * step(self.connection.peers_silence or own_silence):
+            self.connection.say_alive(own_silence)
+
+    def _listen(self, seconds: float, patience: float) -> None:
+        if (heard := self.connection.counters.bytes_in) != self.heard or self.connection.unread:
+            self.heard, self.silent = heard, 0.0
+            return
+        self.silent += seconds / patience
+        if self.silent >= 1.0:
+            self.connection.give_up(
+                f"{self.connection} has said nothing for {patience:g} s: it is frozen, overloaded or cut off"
+            )
+
+
+def step(silence: float) -> float:
+    """Seconds between two looks."""
+    return min(silence / STEPS, LONGEST_STEP)
+
+
+def patience_with_client(client: Connection, silence: float) -> Patience | None:
+    """A server's. None where the system would tell of its end: one that a person has stopped may go on."""
+    return None if client.may_share_memory else lambda: AT_WORK * silence
+
+
+class Heartbeat:
+    """One thread for all connections of a process. Any thread may call it."""
+
+    def __init__(self, silence: float = SILENCE_SECONDS) -> None:
+        """`silence` is what the other ends are told: seconds after which they are lost."""
+        self.silence = silence
+        self._pulses: list[_Pulse] = []
+        self._lock = threading.Lock()  # guards _pulses
+        self._closed = threading.Event()
+        threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
+
+    def keep(self, connection: Connection, patience: Patience | None) -> None:
+        """Keep an open connection alive until it is closed; None: its peer owes no sign of life."""
+        with self._lock:
+            self._pulses.append(_Pulse(connection, patience))
+
+    def close(self) -> None:
+        self._closed.set()
+
+    def _beat(self) -> None:
+        before = time.monotonic()
+        while not self._closed.wait(self._step()):
+            now = time.monotonic()
+            seconds, before = min(now - before, MOST_OF_A_STEP * self._step()), now
+            with self._lock:
+                self._pulses = [pulse for pulse in self._pulses if not pulse.connection.closed]
+                pulses = list(self._pulses)
+            for pulse in pulses:
+                pulse.beat(seconds, self.silence)
+
+    def _step(self) -> float:
+        with self._lock:
+            limits = [pulse.connection.peers_silence for pulse in self._pulses]
+        return min(step(limit) for limit in (self.silence, *limits) if limit)

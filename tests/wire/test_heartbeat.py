@@ -1,0 +1,169 @@
+"""Who says nothing for too long is given up by name; who lives is not, nor is anyone for what is late on this side."""
+
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import pytest
+
+from support.patience import PATIENCE, wait_until
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, Role
+from volsplat.protocol.messages.session_messages import LEAST_SILENCE
+from volsplat.protocol.messages.speech import Speech
+from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.framing import encode
+from volsplat.protocol.wire.handshake import new_hello
+from volsplat.protocol.wire.heartbeat import MOST_OF_A_STEP, STEPS, Heartbeat, patience_with_client
+from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tokens import new_token
+
+ALIVE_BYTES = len(b"".join(encode(messages.Alive(2.0), speech=Speech(CLIENT_TO_MAPSHADE))))
+HOSTS = ("127.0.0.1", "127.0.0.2") if sys.platform == "linux" else ("127.0.0.1",)  # by the door, by the port
+BOX = Box((0, 0, 0), (1 << 20, 4, 1))
+
+
+@pytest.fixture(params=HOSTS)
+def ends(request: pytest.FixtureRequest) -> Iterator[tuple[Connection, Connection]]:
+    """A client's connection to a map/shade server, and the server's."""
+    token = new_token()
+    with Listener(Role.CLIENT, token, host=request.param) as listener:
+        server = connect(listener.address, new_hello(Role.MAPSHADE_SERVER), token, Role.CLIENT)
+        client = listener.accept(PATIENCE)
+        assert client is not None
+        with client, server:
+            yield client, server
+
+
+@contextmanager
+def beating(silence: float = LEAST_SILENCE) -> Iterator[Heartbeat]:
+    heartbeat = Heartbeat(silence)
+    try:
+        yield heartbeat
+    finally:
+        heartbeat.close()
+
+
+def received(connection: Connection) -> threading.Thread:
+    """A thread that takes all that comes, as each end of a connection has one."""
+
+    def receive() -> None:
+        try:
+            while connection.receive() is not None:
+                pass
+        except PeerLost:
+            pass
+
+    thread = threading.Thread(target=receive, daemon=True)
+    thread.start()
+    return thread
+
+
+def test_ends_that_have_nothing_to_say_keep_each_other(ends: tuple[Connection, Connection]) -> None:
+    client, server = ends
+    greetings = client.counters.messages_in
+    with beating() as one, beating(8 * LEAST_SILENCE) as other:
+        for heartbeat, connection in ((one, client), (other, server)):
+            received(connection)
+            heartbeat.keep(connection, lambda: PATIENCE)  # on a busy machine nothing shorter can be held to
+        wait_until(lambda: server.peers_silence and client.peers_silence, "does each hear of the other's patience")
+        assert (client.peers_silence, server.peers_silence) == (8 * LEAST_SILENCE, LEAST_SILENCE)
+        heard = client.counters.bytes_in
+        wait_until(lambda: client.counters.bytes_in > heard, "is more said though nothing is to be said")
+        assert client.counters.messages_in == greetings, "nobody hears of it but the connection"
+        client.send(messages.AbortFrame(1))
+        client.send(messages.EndSession())
+        said = client.counters.bytes_out
+        client.say_alive(LEAST_SILENCE)
+        assert client.counters.bytes_out == said, "nothing follows the end of the session"
+
+
+def test_an_end_that_is_silent_is_given_up_by_name(ends: tuple[Connection, Connection]) -> None:
+    client, _ = ends
+    with beating() as heartbeat:
+        began = time.monotonic()
+        heartbeat.keep(client, lambda: LEAST_SILENCE)
+        with pytest.raises(PeerLost, match=r"^map/shade server 1 .* has said nothing for 0\.5 s: it is frozen, "):
+            client.receive()
+        assert time.monotonic() - began >= LEAST_SILENCE / 2
+
+
+def test_an_end_that_owes_no_sign_of_life_is_kept(ends: tuple[Connection, Connection]) -> None:
+    client, server = ends
+    with beating() as heartbeat:
+        heartbeat.keep(server, None)
+        heartbeat.keep(client, None)
+        receivers = [received(client), received(server)]
+        wait_until(lambda: server.counters.bytes_in > 8 * ALIVE_BYTES, "has it lasted for more than one silence")
+        assert not client.closed and not server.closed
+        client.close()
+        for receiver in receivers:
+            receiver.join(PATIENCE)
+
+
+def test_what_has_come_and_is_not_read_yet_counts_as_heard(ends: tuple[Connection, Connection]) -> None:
+    client, server = ends
+    looks = threading.Semaphore(0)
+
+    def patience() -> float:
+        looks.release()
+        return LEAST_SILENCE
+
+    with beating() as heartbeat:
+        server.say_alive(LEAST_SILENCE)
+        wait_until(lambda: client.unread, "has it come")
+        heartbeat.keep(client, patience)
+        for _ in range(3 * STEPS):
+            assert looks.acquire(timeout=PATIENCE)
+        assert not client.closed
+        received(client)
+        wait_until(lambda: client.closed, "is it given up once nothing more comes")
+
+
+def test_whoever_was_held_up_itself_counts_little_of_that_as_silence(ends: tuple[Connection, Connection]) -> None:
+    client, _ = ends
+    looks: list[float] = []
+
+    def patience() -> float:
+        looks.append(time.monotonic())
+        if len(looks) == 1:
+            time.sleep(3 * LEAST_SILENCE)  # as if the whole process had been stopped
+        return LEAST_SILENCE
+
+    with beating() as heartbeat:
+        heartbeat.keep(client, patience)
+        wait_until(lambda: client.closed, "is it given up in the end")
+        assert len(looks) >= STEPS / MOST_OF_A_STEP
+
+
+def test_neither_a_peer_that_does_not_read_nor_a_send_that_waits_delays_the_thread(
+    ends: tuple[Connection, Connection],
+) -> None:
+    client, server = ends
+    part = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="uint8", box=BOX)
+    payload = bytes(BOX.voxels)
+
+    def flood() -> None:
+        with pytest.raises(PeerLost, match="has said nothing"):
+            while True:
+                client.send(messages.HoldPart(1, part), payload)
+
+    flooding = threading.Thread(target=flood, daemon=True)
+    with beating() as heartbeat:
+        flooding.start()
+        wait_until(lambda: client.counters.bytes_out > 0 and client._sending.locked(), "does a send wait")
+        heartbeat.keep(client, lambda: LEAST_SILENCE)
+        flooding.join(PATIENCE)
+        assert not flooding.is_alive() and client.closed
+
+
+def test_a_server_judges_no_client_of_its_own_machine(ends: tuple[Connection, Connection]) -> None:
+    _, server = ends
+    patience = patience_with_client(server, 2.0)
+    assert (patience is None) == server.may_share_memory
+    assert patience is None or patience() == 30.0
