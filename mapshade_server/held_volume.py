@@ -4,18 +4,16 @@ Takes the client's requests about the volume and gives the answers; knows no con
 """
 
 import time
-from array import array
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
-from volsplat.mapshade_server.awaited_parts import AwaitedParts
 from volsplat.mapshade_server.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
-from volsplat.mapshade_server.lent_volume import LentVolume, lent
-from volsplat.mapshade_server.packet_store import PacketStore, is_store
+from volsplat.mapshade_server.lent_volume import AwaitedParts, LentVolume, lent
+from volsplat.mapshade_server.packet_store import is_store
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.slabs import PassedBox, slab_reader
 from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.volume_answers import Answer, Surveyed, check_within, counted, store_described
 from volsplat.mapshade_server.volume_identity import (
     check_still,
     described_store,
@@ -23,22 +21,16 @@ from volsplat.mapshade_server.volume_identity import (
     identified_store,
     identified_volume,
 )
-from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.rules.frame_plan import FramePlan
-from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS
-from volsplat.protocol.rules.levels import Prepared, dims_at_level
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.text.errors import BadInput
 
 NO_PAYLOAD = memoryview(b"")
-
-
-class Answer(NamedTuple):
-    message: messages.Message
-    payload: tuple[memoryview, ...] = ()
 
 
 class HeldVolume:
@@ -46,10 +38,14 @@ class HeldVolume:
 
     def __init__(self, superseded: Callable[[int], bool] = lambda assignment: False) -> None:
         """`superseded` says whether an assignment is out of date; any thread may have made it so."""
-        self._superseded = superseded
+        self.superseded = superseded
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone if values were packed
         self._path = ""
+        self._identity: VolumeIdentity | None = None  # of the store that levels are of
+        self._quantisation: Quantisation | None = None  # that values were packed by
+        self._surveyed: Surveyed | None = None  # of the values that were packed
+        self._again: messages.ReadSubCubes | None = None  # was answered by what a client before had read
         self._passed: list[PassedBox] = []  # that are surveyed, but not held
         self._passed_by: Callable[[], None] = lambda: None  # checks that they are of the volume that was described
         self._lent: LentVolume | None = None
@@ -65,6 +61,18 @@ class HeldVolume:
         handler = HANDLERS[type(request)].method
         answers: list[Answer] = handler(self, request, payload) if payload else handler(self, request)
         return answers
+
+    def keep(self) -> None:
+        """The client is gone: keep what the next one may ask for, which is packets alone."""
+        if self._quantisation is None and not self._path:
+            self._drop()
+        self._lent, self._again, self.assignment = None, None, 0
+        self._passed, self._passed_by = [], lambda: None
+
+    @property
+    def packed_bytes(self) -> int:
+        """Of packets that are held, and can be let go of."""
+        return sum(4 * cube.box.voxels for cubes in self._levels.values() for cube in cubes)
 
     def check(self, assignment: int, what: str) -> None:
         """Raises BadInput unless `what` can be made from what is held."""
@@ -95,7 +103,7 @@ class HeldVolume:
     @takes(messages.DescribeVolume)
     def _describe_volume(self, request: messages.DescribeVolume) -> list[Answer]:
         if is_store(Path(request.path)):
-            return [_described(*identified_store(request.path))]
+            return [store_described(*identified_store(request.path))]
         reader, identity = identified_volume(request.path)
         described = messages.VolumeDescribed(description=reader.describe(), prepared=[], identity=identity)
         return [Answer(described)]
@@ -107,7 +115,10 @@ class HeldVolume:
         loan = self._lent if self._lent_for == request.assignment else None
         reader: VolumeReader = loan or described_volume(request.path, request.identity)
         description = reader.describe()
-        _check_within(request.boxes, description.geometry)
+        check_within(request.boxes, description.geometry)
+        if not self.assignment and self._quantisation and self._surveyed and self._surveyed.answers(request):
+            self._again, self.assignment = request, request.assignment
+            return [self._surveyed.again(request.assignment)]
         self._drop()  # nothing is held, should the reading fail
         if not request.held:
             slabs = slab_reader(reader)
@@ -120,7 +131,9 @@ class HeldVolume:
         if loan is None:
             check_still(request.path, reader, description, request.identity)
         self._levels = {0: sub_cubes}
-        return [self._read(sub_cubes, request.assignment, started)]
+        read = self._read(sub_cubes, request.assignment, started)
+        self._surveyed = Surveyed(request, read) if loan is None else None
+        return [read]
 
     @takes(messages.LendVolume)
     def _lend_volume(self, request: messages.LendVolume) -> list[Answer]:
@@ -147,7 +160,7 @@ class HeldVolume:
 
     @takes(messages.AwaitParts)
     def _await_parts(self, request: messages.AwaitParts) -> list[Answer]:
-        _check_within(request.boxes, request.description.geometry)
+        check_within(request.boxes, request.description.geometry)
         self._drop()
         self._awaited = AwaitedParts(request)
         return []
@@ -169,31 +182,35 @@ class HeldVolume:
     @takes(messages.CountHistograms)
     def _count_histograms(self, request: messages.CountHistograms) -> list[Answer]:
         self.check(request.assignment, "the count of histograms")
-        density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
-        sub_cubes: Sequence[SubCube | PassedBox] = self._passed or self.sub_cubes(0)
-        if not sub_cubes:
-            raise BadInput("of the volume nothing is held here to count")
-        extremes = BlockExtremes.nothing(sub_cubes[0].geometry.dims)
-        for sub_cube in sub_cubes:
-            more = sub_cube.histograms(request.low, request.high, request.max_gradient)
-            density = array("q", map(int.__add__, density, more.density))
-            strength = array("q", map(int.__add__, strength, more.strength))
-            extremes = extremes.joined(more.extremes)
+        if self._surveyed is not None and (known := self._surveyed.counts(request)) is not None:
+            return [known]
+        answer = counted(self._passed or self.sub_cubes(0), request)
         if self._passed:
             self._passed_by()
-        counted = messages.HistogramsCounted(
-            assignment=request.assignment, bins=HISTOGRAM_BINS, blocks=len(extremes.least)
-        )
-        payload = (memoryview(density).cast("B"), memoryview(strength).cast("B"), memoryview(extremes.as_bytes()))
-        return [Answer(counted, payload)]
+        if self._surveyed is not None:
+            self._surveyed.remember(request, answer)
+        return [answer]
 
     @takes(messages.PackVoxels)
     def _pack_voxels(self, request: messages.PackVoxels) -> list[Answer]:
         started = time.perf_counter()
         self.check(request.assignment, "the packing")
+        if self._again is not None:
+            return self._pack_again(self._again, request, started)
         for sub_cube in self.sub_cubes(0):
             sub_cube.pack(request.quantisation)
+        self._quantisation = request.quantisation
         return [self._packed(request.assignment, started, read=0)]
+
+    def _pack_again(self, asked: messages.ReadSubCubes, request: messages.PackVoxels, started: float) -> list[Answer]:
+        """What a client before has left is there at once; only the rest is read."""
+        held = self.sub_cubes(0) if self._quantisation == request.quantisation else []
+        reader = described_volume(asked.path, asked.identity)
+        self._levels, self._again, self._quantisation = {}, None, None
+        sub_cubes, read = packed_sub_cubes(reader, request.quantisation, asked.boxes, held)
+        check_still(asked.path, reader, reader.describe(), asked.identity)
+        self._levels, self._quantisation = {0: sub_cubes}, request.quantisation
+        return [self._packed(request.assignment, started, read)]
 
     @takes(messages.ChangeSubCubes)
     def _change_sub_cubes(self, request: messages.ChangeSubCubes) -> list[Answer]:
@@ -201,10 +218,10 @@ class HeldVolume:
         started = time.perf_counter()
         held, reader = self.sub_cubes(0), described_volume(request.path, request.identity)
         description = reader.describe()
-        _check_within(request.boxes, description.geometry)
+        check_within(request.boxes, description.geometry)
         sub_cubes, read = packed_sub_cubes(reader, request.quantisation, request.boxes, held)
         check_still(request.path, reader, description, request.identity)
-        self._levels, self.assignment = {0: sub_cubes}, request.assignment
+        self._levels, self.assignment, self._quantisation = {0: sub_cubes}, request.assignment, request.quantisation
         return [self._packed(request.assignment, started, read)]
 
     # -- from a packet store
@@ -220,9 +237,9 @@ class HeldVolume:
         for one in request.levels:
             if one.level >= len(store.levels):
                 raise BadInput(f"there is no level {one.level}: {request.path} has {len(store.levels)} levels")
-            _check_within(one.boxes, store.levels[one.level].geometry)
+            check_within(one.boxes, store.levels[one.level].geometry)
         kept, read = self._let_go_except(request), 0
-        self._path = request.path
+        self._path, self._identity = request.path, request.identity
         for one in sorted(request.levels, key=lambda one: -one.level):
             try:
                 self._levels[one.level], more = stored_sub_cubes(
@@ -230,7 +247,7 @@ class HeldVolume:
                     one.level,
                     one.boxes,
                     kept[one.level],
-                    given_up=lambda: self._superseded(request.assignment),
+                    given_up=lambda: self.superseded(request.assignment),
                 )
             except GivenUp:
                 self._levels = kept | self._levels
@@ -242,7 +259,7 @@ class HeldVolume:
 
     def _let_go_except(self, request: messages.OpenPackets) -> dict[int, list[SubCube]]:
         """Hold nothing any more; what reaches into what is wanted is in the answer, by level."""
-        before = self._levels if self._path == request.path else {}
+        before = self._levels if (self._path, self._identity) == (request.path, request.identity) else {}
         self._drop()
         return {
             one.level: [cube for cube in before.get(one.level, []) if any(map(cube.box.common, one.boxes))]
@@ -250,7 +267,8 @@ class HeldVolume:
         }
 
     def _drop(self) -> None:
-        self._levels, self.assignment, self._path = {}, 0, ""
+        self._levels, self.assignment, self._path, self._identity = {}, 0, "", None
+        self._quantisation, self._surveyed, self._again = None, None, None
         self._lent, self._awaited = None, None
         self._passed, self._passed_by = [], lambda: None
 
@@ -280,20 +298,3 @@ class HeldVolume:
 
 
 HANDLERS = handlers(HeldVolume)
-
-
-def _check_within(boxes: Sequence[Box], geometry: Geometry) -> None:
-    for box in boxes:
-        if any(high > size for high, size in zip(box.high, geometry.dims, strict=True)):
-            raise BadInput(f"box {box.low} to {box.high} reaches beyond the volume of {geometry.dims} voxels")
-
-
-def _described(store: PacketStore, identity: VolumeIdentity) -> Answer:
-    prepared = Prepared(
-        survey=store.survey,
-        quantisation=store.quantisation,
-        levels=tuple(level.geometry for level in store.levels),
-    )
-    counts = [memoryview(array("q", each)).cast("B") for each in (store.density_counts, store.strength_counts)]
-    described = messages.VolumeDescribed(description=store.description, prepared=[prepared], identity=identity)
-    return Answer(described, (*counts, memoryview(store.extremes.as_bytes())))

@@ -36,8 +36,18 @@ from volsplat.protocol.wire.tokens import Token
 class MapShadeServer:
     """One client's map/shade server. `run` returns when the client ends the session."""
 
-    def __init__(self, client: Connection, token: Token, threads: int, silence: float = SILENCE_SECONDS) -> None:
-        """`threads` may walk. Who says nothing for `silence` seconds is lost, the client later (see heartbeat)."""
+    def __init__(
+        self,
+        client: Connection,
+        token: Token,
+        threads: int,
+        held: HeldVolume | None = None,
+        silence: float = SILENCE_SECONDS,
+    ) -> None:
+        """`threads` may walk. `held` may have what a client before had read.
+
+        Who says nothing for `silence` seconds is lost, the client later (see heartbeat).
+        """
         self._client = client
         self._threads = threads
         self._heartbeat = Heartbeat(silence)
@@ -50,7 +60,8 @@ class MapShadeServer:
         # As many at once as a frame has walkers: one that waited for another could wait for ever
         self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
         self._newest_assignment = 0  # likewise
-        self._held = HeldVolume(lambda assignment: self._newest_assignment > assignment)
+        self._held = held or HeldVolume()
+        self._held.superseded = lambda assignment: self._newest_assignment > assignment
 
     def run(self) -> None:
         """Serve until the client ends the session. Raises VolsplatError where the client is lost."""
@@ -126,7 +137,9 @@ class MapShadeServer:
 
     @takes(messages.DescribeMachine)
     def _describe_machine(self, request: messages.DescribeMachine) -> None:
-        self._client.send(messages.MachineDescribed(memory_bytes=available_memory(), threads=self._threads))
+        self._client.send(
+            messages.MachineDescribed(memory_bytes=available_memory() + self._held.packed_bytes, threads=self._threads)
+        )
 
     # -- frames
 

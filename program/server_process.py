@@ -3,36 +3,76 @@
 import os
 import socket
 import sys
+from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn, TypeVar
 
 import click
 
+from volsplat.program.clients import Clients, Life
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 from volsplat.program.load_failures import load_failure
+from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
+from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.heartbeat import AT_WORK, SILENCE_SECONDS
+from volsplat.protocol.wire.tokens import Token
+
+Command = TypeVar("Command", bound=Callable[..., Any])
 
 
-def address_option(context: click.Context, parameter: click.Parameter, value: str) -> Address:
+def address_option(context: click.Context, parameter: click.Parameter, value: str | None) -> Address | None:
     """Click's callback for an option HOST:PORT."""
-    return parse_address(value)
+    return None if value is None else parse_address(value)
 
 
-connect_option = click.option(
-    "--connect", "client", required=True, metavar="HOST:PORT", callback=address_option, help="The client."
+_CLIENT_OPTIONS = (
+    click.option("--connect", metavar="HOST:PORT", callback=address_option, help="The client, which is dialled …"),
+    click.option("--wait-at", metavar="HOST:PORT", callback=address_option, help="… or where clients dial."),
+    click.option(
+        "--token-file",
+        type=click.Path(path_type=Path),
+        help="File with the session token, - for stdin (VOLSPLAT_TOKEN).",
+    ),
+    click.option("--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60)."),
+    click.option("--resident", is_flag=True, help="Serve one client after the other, and keep what was read."),
+    click.option(
+        "--keep",
+        type=click.FloatRange(min=0, min_open=True),
+        default=600.0,
+        metavar="SECONDS",
+        help="End after so long without a client, if resident (600).",
+    ),
 )
-token_file_option = click.option(
-    "--token-file", type=click.Path(path_type=Path), help="File with the session token (VOLSPLAT_TOKEN)."
-)
-patience_option = click.option(
-    "--patience", type=click.FloatRange(min=0), default=60.0, help="Seconds to wait for the client (60)."
-)
+
+
+def client_options(command: Command) -> Command:
+    """How a server finds its clients, for `clients_of`."""
+    for option in reversed(_CLIENT_OPTIONS):
+        command = option(command)
+    return command
+
+
+def clients_of(
+    role: Role,
+    token: Token,
+    connect: Address | None,
+    wait_at: Address | None,
+    patience: float,
+    resident: bool,
+    keep: float,
+) -> Clients:
+    """What `client_options` ask for. Raises BadInput."""
+    if (connect is None) == (wait_at is None):
+        raise BadInput("give --connect HOST:PORT, where the client listens, or --wait-at HOST:PORT, where it dials")
+    return Clients(role, token, Life(patience, resident, keep), connect, wait_at)
+
+
 silence_option = click.option(
     "--silence",
     type=click.FloatRange(LEAST_SILENCE, MOST_SILENCE),
@@ -43,6 +83,15 @@ verbose_option = click.option("-v", "--verbose", is_flag=True, help="Say on stde
 
 
 THREADS = click.IntRange(1, MOST_THREADS)
+
+sharing_option = click.option(
+    "--sharing", type=click.IntRange(min=1), default=1, help="Servers of this kind that share the cores here (1)."
+)
+
+
+def threads_of(threads: int | None, sharing: int) -> int:
+    """As many as asked for, else this server's share of the cores."""
+    return threads or max(1, min(usable_cores() // sharing, MOST_THREADS))
 
 
 def process_name() -> str:

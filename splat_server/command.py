@@ -1,7 +1,9 @@
-"""`volsplat splat-server`: joins a client and draws for it until its session ends."""
+"""`volsplat splat-server`: joins a client and draws for it until its session ends, and others after it if resident."""
 
 import logging
 import os
+from contextlib import closing
+from ipaddress import ip_address
 from pathlib import Path
 
 import click
@@ -10,18 +12,17 @@ from volsplat.program.log_lines import log_to_stderr
 from volsplat.program.server_process import (
     THREADS,
     address_option,
-    connect_option,
-    patience_option,
+    client_options,
+    clients_of,
     process_name,
+    sharing_option,
     silence_option,
-    token_file_option,
+    threads_of,
     verbose_option,
 )
-from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.wire.addresses import LOOPBACK, Address
+from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
 from volsplat.protocol.wire.buffer_pool import BufferPool
-from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import need_token
@@ -32,7 +33,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 
 
 @click.command("volsplat splat-server")
-@connect_option
+@client_options
 @click.option(
     "--listen",
     metavar="HOST:PORT",
@@ -40,34 +41,56 @@ ANY_PORT = f"{LOOPBACK}:0"
     callback=address_option,
     help="Where map/shade servers reach this server (loopback, any free port).",
 )
-@token_file_option
-@patience_option
-@click.option("--threads", type=THREADS, default=usable_cores(), help="Threads that splat (cores).")
+@click.option(
+    "--advertise",
+    metavar="HOST[:PORT]",
+    help="What map/shade servers are told to dial (where --listen is, or as the client sees this server).",
+)
+@click.option("--threads", type=THREADS, help="Threads that splat (cores).")
+@sharing_option
 @silence_option
 @verbose_option
 def splat_server(
-    client: Address,
-    listen: Address,
+    connect: Address | None,
+    wait_at: Address | None,
     token_file: Path | None,
     patience: float,
-    threads: int,
+    resident: bool,
+    keep: float,
+    listen: Address,
+    advertise: str | None,
+    threads: int | None,
+    sharing: int,
     silence: float,
     verbose: bool,
 ) -> None:
-    """Join the client at HOST:PORT, merge and splat what its map/shade servers send, and hand out the image."""
+    """Join a client, merge and splat what its map/shade servers send, and hand out the image."""
     log_to_stderr("splat-server", logging.INFO if verbose else logging.WARNING)
     token = need_token(os.environ, token_file)
-    invitations = Invitations(token)
-    with Listener(
-        Role.SPLAT_SERVER,
-        token,
-        host=listen.host,
-        port=listen.port,
-        token_of=invitations.token_of,
-        allocate=BufferPool(),
-    ) as data_links:
-        # An address that means "every interface" is no address to dial: the client then names the one it sees.
-        host = "" if data_links.address.host in ("0.0.0.0", "::") else data_links.address.host
-        hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=data_links.address.port, name=process_name())
-        control = connect(client, hello, token, Role.CLIENT, patience=patience)
-        SplatServer(control, data_links, invitations, threads, silence).run()
+    with closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep)) as clients:
+
+        def serve_one() -> None:
+            invitations = Invitations(token)
+            with Listener(
+                Role.SPLAT_SERVER,
+                token,
+                host=listen.host,
+                port=listen.port,
+                token_of=invitations.token_of,
+                allocate=BufferPool(),
+            ) as data_links:
+                host, port = told_address(data_links.address, advertise)
+                hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name())
+                SplatServer(clients.next(hello), data_links, invitations, threads_of(threads, sharing), silence).run()
+
+        clients.serve(serve_one)
+
+
+def told_address(listening: Address, advertise: str | None) -> Address:
+    """What the client tells map/shade servers to dial; no host means whichever they reach this server by.
+
+    Raises BadInput for an `advertise` that is no address.
+    """
+    if advertise is not None:
+        return parse_address(advertise if ":" in advertise.rpartition("]")[2] else f"{advertise}:{listening.port}")
+    return listening._replace(host="") if ip_address(listening.host).is_unspecified else listening

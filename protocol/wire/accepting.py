@@ -92,6 +92,7 @@ class Accepter:
             name=printable(hello.name),
             data_host=(hello.data_host or address.host) if hello.data_port else "",
             data_port=hello.data_port,
+            data_anywhere=bool(hello.data_port) and not hello.data_host,
         )
         connection.send(handshake.welcome(server))
         connection.open(peer, self._role, 0, self._allocate)

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from volsplat.protocol.text.errors import BadInput
 
 LOOPBACK = "127.0.0.1"
+EVERYWHERE = "0.0.0.0"  # every address of this machine
 
 
 class Address(NamedTuple):

@@ -80,6 +80,16 @@ class Connection:
         """Whether the other end is a process of this user on this machine, which descriptors can be passed to."""
         return self._socket.family == socket.AF_UNIX
 
+    @property
+    def local_host(self) -> str:
+        """The address of this side, as the other one reaches it; "" by a Unix socket, or once it is closed."""
+        if self.may_share_memory:
+            return ""
+        try:
+            return str(self._socket.getsockname()[0])
+        except OSError:
+            return ""
+
     def __str__(self) -> str:
         return str(self._peer) if self._peer is not None else self._place
 

@@ -10,7 +10,8 @@ class Peer:
     """Who is at the other end. `id` is its id in the session (0 for the client), `host` and `port` its address;
     a caller by a Unix socket has no port (see unix_socket).
 
-    `data_host` and `data_port`: where a splat server takes data links; 0 for all others.
+    `data_host` and `data_port`: where a splat server takes data links; 0 for all others. `data_anywhere`: on every
+    address of its machine, of which this is the one that it was seen by.
     """
 
     role: Role
@@ -21,6 +22,7 @@ class Peer:
     name: str = ""
     data_host: str = ""
     data_port: int = 0
+    data_anywhere: bool = False
 
     def __str__(self) -> str:
         number = f" {self.id}" if self.id else ""

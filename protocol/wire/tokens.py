@@ -7,6 +7,7 @@ import hmac
 import os
 import secrets
 import stat
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from volsplat.protocol.text.errors import BadInput
 TOKEN_VARIABLE = "VOLSPLAT_TOKEN"
 SHORTEST_TOKEN = 32  # characters: one that can be guessed protects nothing
 LONGEST_TOKEN = 1024
+STDIN = Path("-")  # as a token file
 
 
 class Token:
@@ -60,11 +62,13 @@ def new_token() -> Token:
 
 
 def find_token(environment: Mapping[str, str], token_file: Path | None = None) -> Token | None:
-    """The token in `token_file` if one is given, else in VOLSPLAT_TOKEN; None where neither is set.
+    """The token in `token_file` if there is one (- is standard input), else in VOLSPLAT_TOKEN; None without either.
 
     Raises BadInput where the file cannot be read, or can be by others, or the token is malformed.
     """
-    if token_file is not None:
+    if token_file == STDIN:
+        text, place = sys.stdin.readline(LONGEST_TOKEN + 2), "standard input"
+    elif token_file is not None:
         text, place = _read_private(token_file), f"the token file {token_file}"
     elif environment.get(TOKEN_VARIABLE):
         text, place = environment[TOKEN_VARIABLE], TOKEN_VARIABLE

@@ -28,6 +28,7 @@ def test_the_program_ends_with_one_line_and_status_1_where_its_client_is_lost(se
         )
         control = clients.accept(PATIENCE)
         assert control is not None
+        clients.close()  # else it would be dialled again
         control.close()
         _, said = program.communicate(timeout=PATIENCE)
     assert program.returncode == 1

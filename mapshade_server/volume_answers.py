@@ -1,0 +1,85 @@
+"""Answers of a map/shade server about a volume, and what it remembers of those that hold for as long as the volume."""
+
+from array import array
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import msgspec
+
+from volsplat.mapshade_server.packet_store import PacketStore
+from volsplat.mapshade_server.slabs import PassedBox
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS
+from volsplat.protocol.rules.levels import Prepared
+from volsplat.protocol.text.errors import BadInput
+
+
+class Answer(NamedTuple):
+    message: messages.Message
+    payload: tuple[memoryview, ...] = ()
+
+
+@dataclass
+class Surveyed:
+    """What was told of boxes when their values were here, which a server has let go of since."""
+
+    asked: messages.ReadSubCubes
+    read: Answer  # SubCubesRead
+    counted: dict[messages.CountHistograms, Answer] = field(default_factory=dict)  # by request, as of assignment 1
+
+    def answers(self, asked: messages.ReadSubCubes) -> bool:
+        """Whether this is all of what is asked now."""
+        return msgspec.structs.replace(asked, assignment=self.asked.assignment) == self.asked
+
+    def again(self, assignment: int) -> Answer:
+        """What was told when they were read, as the answer for another assignment."""
+        return self.read._replace(message=msgspec.structs.replace(self.read.message, assignment=assignment))
+
+    def remember(self, asked: messages.CountHistograms, answer: Answer) -> None:
+        self.counted[msgspec.structs.replace(asked, assignment=1)] = answer
+
+    def counts(self, asked: messages.CountHistograms) -> Answer | None:
+        """The counts that were made before, as an answer to this."""
+        answer = self.counted.get(msgspec.structs.replace(asked, assignment=1))
+        if answer is None:
+            return None
+        return answer._replace(message=msgspec.structs.replace(answer.message, assignment=asked.assignment))
+
+
+def check_within(boxes: Sequence[Box], geometry: Geometry) -> None:
+    for box in boxes:
+        if any(high > size for high, size in zip(box.high, geometry.dims, strict=True)):
+            raise BadInput(f"box {box.low} to {box.high} reaches beyond the volume of {geometry.dims} voxels")
+
+
+def store_described(store: PacketStore, identity: VolumeIdentity) -> Answer:
+    prepared = Prepared(
+        survey=store.survey,
+        quantisation=store.quantisation,
+        levels=tuple(level.geometry for level in store.levels),
+    )
+    counts = [memoryview(array("q", each)).cast("B") for each in (store.density_counts, store.strength_counts)]
+    described = messages.VolumeDescribed(description=store.description, prepared=[prepared], identity=identity)
+    return Answer(described, (*counts, memoryview(store.extremes.as_bytes())))
+
+
+def counted(sub_cubes: Sequence[SubCube] | Sequence[PassedBox], request: messages.CountHistograms) -> Answer:
+    """The counts of all of them together."""
+    if not sub_cubes:
+        raise BadInput("of the volume nothing is held here to count")
+    density, strength = array("q", bytes(8 * HISTOGRAM_BINS)), array("q", bytes(8 * HISTOGRAM_BINS))
+    extremes = BlockExtremes.nothing(sub_cubes[0].geometry.dims)
+    for sub_cube in sub_cubes:
+        more = sub_cube.histograms(request.low, request.high, request.max_gradient)
+        density = array("q", map(int.__add__, density, more.density))
+        strength = array("q", map(int.__add__, strength, more.strength))
+        extremes = extremes.joined(more.extremes)
+    told = messages.HistogramsCounted(assignment=request.assignment, bins=HISTOGRAM_BINS, blocks=len(extremes.least))
+    return Answer(
+        told, (memoryview(density).cast("B"), memoryview(strength).cast("B"), memoryview(extremes.as_bytes()))
+    )

@@ -1,0 +1,112 @@
+"""A server's clients, one after the other: it dials them, or waits to be dialled; how long it goes without any."""
+
+import errno
+import logging
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from volsplat.protocol.messages.greetings import Hello
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
+from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.buffer_pool import BufferPool
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.framing import Allocate, new_buffer
+from volsplat.protocol.wire.tokens import Token
+from volsplat.protocol.wire.waiting import WaitingPort
+
+REPEAT_PAUSE_SECONDS = 1.0  # between two looks for a client, where the first was lost or turned this server away
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True)
+class Life:
+    """How long a server goes without a client."""
+
+    patience: float = 60.0  # seconds for the first, and for one that was lost
+    resident: bool = False  # it outlives its clients …
+    keep: float = 600.0  # … and stays so many seconds without any
+
+
+class Clients:
+    """Finds them. `serve` is the life of the server."""
+
+    def __init__(self, role: Role, token: Token, life: Life, dialled: Address | None, wait_at: Address | None) -> None:
+        """One of both: `dialled` is the client, at `wait_at` clients dial. Raises BadInput where it cannot be had."""
+        self._token, self._life, self._dialled = token, life, dialled
+        self._allocate: Allocate = BufferPool() if role is Role.MAPSHADE_SERVER else new_buffer
+        self._port = WaitingPort(role, wait_at, token, self._allocate) if wait_at is not None else None
+        self._lost = False  # the client before; or nobody came
+        self._found = False
+        if self._port is not None:
+            log.warning("waiting for clients at %s", self._port.address)
+
+    def next(self, hello: Hello) -> Connection:
+        """The next client, which hears `hello`. Raises PeerLost where none comes in time."""
+        patience = self._life.keep if self._life.resident else self._life.patience
+        if self._port is not None:
+            client = self._port.next_client(hello, patience)
+        else:
+            assert self._dialled is not None
+            if self._lost and not self._life.resident and _is_here(self._dialled):
+                patience = 0.0  # where it was nobody listens any more, or it takes this server at once
+            client = connect(
+                self._dialled,
+                hello,
+                self._token,
+                Role.CLIENT,
+                patience=patience,
+                allocate=self._allocate,
+                report=lambda line: log.info("%s; trying again", line),
+            )
+        self._found = True
+        return client
+
+    def serve(self, one: Callable[[], None]) -> None:
+        """Serve one client after the other by `one`, which finds it by next().
+
+        Ends where a client has ended its session, unless the server is resident; then where none comes. Raises what
+        says why there was none, or why it was lost.
+        """
+        lost: PeerLost | RemoteProtocolError | None = None
+        while True:
+            self._found = False
+            began = time.monotonic()
+            try:
+                one()
+                lost = None
+            except (PeerLost, RemoteProtocolError) as error:
+                if not self._found:
+                    raise lost or error from error
+                lost = error
+            except BadInput as error:
+                if not self._life.resident:
+                    raise
+                lost = PeerLost(str(error))
+            if lost is None and not self._life.resident:
+                return
+            self._lost = lost is not None
+            if lost is not None:
+                log.log(
+                    logging.WARNING if self._life.resident else logging.INFO, "%s; looking for a client again", lost
+                )
+                time.sleep(max(0.0, began + REPEAT_PAUSE_SECONDS - time.monotonic()))
+
+    def close(self) -> None:
+        if self._port is not None:
+            self._port.close()
+
+
+def _is_here(address: Address) -> bool:
+    """Whether the address is one of this machine."""
+    try:
+        family, kind, protocol, _, place = socket.getaddrinfo(address.host, 0, type=socket.SOCK_DGRAM)[0]
+        with socket.socket(family, kind, protocol) as trial:
+            trial.bind(place)
+    except OSError as error:
+        return error.errno not in (errno.EADDRNOTAVAIL, None) and not isinstance(error, socket.gaierror)
+    return True
