@@ -61,14 +61,16 @@ PROPERTIES := $(addprefix tests/,$(addprefix exactness/test_,order_independence.
 	visibility.py handedness.py known_light.py) mapshade_server/test_classified_rows.py \
 	$(addprefix splat_server/test_,volume_edges.py closed_tiles.py splat_server.py) session/test_session.py)
 
-# The page is tested in a real browser, and movies with ffmpeg; where they cannot be installed, those tests say so.
-TOOLS := chromium ffmpeg
+# The page is tested in a real browser, movies with ffmpeg, and machines of a lab with sshd, which package openssh-server
+# brings; where they cannot be installed, those tests say so.
+TOOLS := chromium ffmpeg sshd
 .PHONY: tools
 tools:
-	@for tool in $(TOOLS); do command -v $$tool > /dev/null || missing="$$missing $$tool"; done; \
+	@for tool in $(TOOLS); do PATH="$$PATH:/usr/sbin" command -v $$tool > /dev/null || missing="$$missing $$tool"; done; \
 	if [ -z "$$missing" ]; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
-		apt-get update -qq && apt-get install -qq -y --no-install-recommends $$missing > /dev/null; \
+		apt-get update -qq && apt-get install -qq -y --no-install-recommends \
+			$$(echo "$$missing" | sed 's/\bsshd\b/openssh-server/') > /dev/null; \
 	else echo "not found:$$missing; tests that need them will be skipped"; fi
 
 CPP := $(foreach room,kernels */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))

@@ -11,6 +11,7 @@ import msgspec
 from msgspec import Meta
 
 from volsplat.deploy.launcher_keys import DaskKeys, KubernetesKeys, SlurmKeys, SshKeys
+from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
@@ -19,7 +20,6 @@ LauncherName = Literal["local", "ssh", "dask", "slurm", "kubernetes", "manual"]
 Count = Annotated[int, Meta(ge=0, le=1000)]
 Text = Annotated[str, Meta(min_length=1, max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"\A[A-Za-z0-9][A-Za-z0-9._-]*\Z")]
-Seconds = Annotated[float, Meta(gt=0, le=1e6)]
 
 _PLACE = re.compile(r"^(.*) - at `(?:key in )?\$\.?(.*)`$", re.DOTALL)
 _SYNTAX_PLACE = re.compile(r" \(at line (\d+), column (\d+)\)$")
@@ -38,7 +38,9 @@ class Machine(Table, frozen=True, kw_only=True):
     map_shade_servers: Count = 0
     splat_servers: Count = 0
     threads: Annotated[int, Meta(ge=1, le=1024)] | None = None  # of each server; absent: its cores shared out
-    memory: Text | None = None  # that each map/shade server may hold of a prepared volume, as "8G"
+    memory: Text | None = (
+        None  # that a map/shade server may hold of a prepared volume, as "8G"; the least counts for all
+    )
     data_root: Text | None = None  # nothing outside is opened; a relative VOLUME lies below it
     command: Text = "volsplat"  # how volsplat is called there
     listen: Text | None = None  # servers wait here to be dialled, on consecutive ports; absent: they dial the client
@@ -66,13 +68,21 @@ class Cluster(Table, frozen=True, kw_only=True):
     machines: Annotated[tuple[Machine, ...], Meta(min_length=1, max_length=1000)]
     client: Text | None = None  # HOST:PORT where servers that dial in reach the client; absent: found by routes
     tls: bool = True
-    silence: Seconds = 2.0  # after which a peer that says nothing is lost
-    keep: Annotated[float, Meta(ge=0, le=1e7)] = 600.0  # seconds that servers keep their packets without a client
+    silence: Annotated[float, Meta(ge=LEAST_SILENCE, le=MOST_SILENCE)] = (
+        2.0  # seconds, after which a peer that says nothing is lost
+    )
+    keep: Annotated[float, Meta(gt=0, le=1e7)] = 600.0  # seconds that servers keep their packets without a client
     token_file: Text | None = None  # absent: `volsplat deploy up` makes one
 
     @property
     def map_shade_servers(self) -> int:
         return sum(machine.map_shade_servers for machine in self.machines)
+
+    @property
+    def memory_bytes(self) -> int | None:
+        """That each map/shade server may hold: the least that any machine has; None where none says."""
+        said = [bytes_from_option("memory", machine.memory) for machine in self.machines if machine.memory is not None]
+        return min(said, default=None)
 
     @property
     def splat_servers(self) -> int:

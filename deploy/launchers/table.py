@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers.launcher import Launcher
+from volsplat.protocol.text.errors import BadInput
 
 
 class Row(NamedTuple):
@@ -17,11 +18,17 @@ class Row(NamedTuple):
     name: str
 
 
-LAUNCHERS: dict[str, Row] = {}
+LAUNCHERS = {
+    "local": Row("processes of this machine", "volsplat.deploy.launchers.local", "LocalLauncher"),
+    "ssh": Row("OpenSSH, with your own config and keys", "volsplat.deploy.launchers.ssh", "SshLauncher"),
+    "manual": Row("prints what to type on each machine", "volsplat.deploy.launchers.manual", "ManualLauncher"),
+}
 
 
 def launcher_of(machine: Machine, folder: Path) -> Launcher:
     """The launcher of a machine. `folder` (mode 0700) is for its logs, and for files that only its owner may read."""
-    row = LAUNCHERS[machine.launcher]
+    row = LAUNCHERS.get(machine.launcher)
+    if row is None:
+        raise BadInput(f"launcher {machine.launcher}: there is none yet; choose from {', '.join(LAUNCHERS)}")
     launcher: Launcher = getattr(import_module(row.module), row.name)(machine, folder)
     return launcher

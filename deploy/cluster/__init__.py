@@ -1,0 +1,1 @@
+"""A cluster: its servers brought up, remembered, asked after and ended."""

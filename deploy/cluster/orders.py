@@ -1,0 +1,95 @@
+"""Which servers a cluster file asks for: their names, their arguments, and where a client finds each."""
+
+import socket
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from volsplat.deploy.cluster_file import Cluster, Machine
+from volsplat.deploy.launchers.launcher import ServerOrder
+from volsplat.deploy.launchers.ssh import host_name
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
+
+SHORT = {Program.SPLAT_SERVER: "splat", Program.MAPSHADE_SERVER: "map/shade"}
+DISCARD_PORT = 9  # to find a route nothing is sent, so any will do
+
+
+class Ordered(NamedTuple):
+    order: ServerOrder
+    machine: int  # its place in the cluster file
+    wait_at: Address | None  # where clients dial it; None: it dials them
+
+
+def ordered(cluster: Cluster, listen_port: int) -> list[Ordered]:
+    """All servers, machine by machine. Raises BadInput where no address can be found."""
+    alone = all(machine.launcher == "local" for machine in cluster.machines)
+    titles = _titles(cluster)
+    return [
+        one
+        for number, machine in enumerate(cluster.machines)
+        for one in _of_machine(cluster, number, titles[number], alone, listen_port)
+    ]
+
+
+def _titles(cluster: Cluster) -> list[str]:
+    """Of each machine, told apart where two have the same."""
+    plain = [machine.title for machine in cluster.machines]
+    return [title if plain.count(title) == 1 else f"{title}-{n + 1}" for n, title in enumerate(plain)]
+
+
+def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_port: int) -> Iterator[Ordered]:
+    machine = cluster.machines[number]
+    waits = machine.listens_at
+    for program, count in (
+        (Program.SPLAT_SERVER, machine.splat_servers),
+        (Program.MAPSHADE_SERVER, machine.map_shade_servers),
+    ):
+        for n in range(count):
+            name = f"{title} {SHORT[program]}" + (f" {n + 1}" if count > 1 else "")
+            arguments = ["--resident", "--keep", f"{cluster.keep:g}", "--silence", f"{cluster.silence:g}"]
+            if waits is None:
+                arguments += ["--connect", client_address(cluster, machine, listen_port)]
+                dialled = None
+            else:
+                arguments += ["--wait-at", str(waits)]
+                dialled = waits._replace(host=_reached_at(machine, waits))
+                waits = waits._replace(port=waits.port + 1)
+            arguments += ["--sharing", str(count)] if machine.threads is None else ["--threads", str(machine.threads)]
+            if program is Program.SPLAT_SERVER:
+                arguments += [] if alone else ["--listen", f"{EVERYWHERE}:0"]
+                arguments += ["--advertise", machine.advertise] if machine.advertise else []
+            elif machine.data_root:
+                arguments += ["--data-root", machine.data_root]
+            yield Ordered(ServerOrder(name, program, tuple(arguments)), number, dialled)
+
+
+def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
+    """Where servers of this machine dial the client."""
+    if machine.launcher == "local":
+        return str(Address(LOOPBACK, listen_port))
+    if cluster.client is not None:
+        return cluster.client
+    if machine.launcher != "ssh":
+        raise BadInput(f'{machine.title}: its servers must know where to dial; add client = "HOST:PORT", or listen')
+    there = host_name(machine)
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+            asking.connect((there, DISCARD_PORT))
+            return str(Address(asking.getsockname()[0], listen_port))
+    except OSError as error:
+        raise BadInput(
+            f'{machine.title}: no route to {there} is known ({error.strerror}); add client = "HOST:PORT", as it '
+            "is reached from there"
+        ) from error
+
+
+def _reached_at(machine: Machine, waits: Address) -> str:
+    """The host by which a client dials servers that wait here."""
+    if waits.host not in (EVERYWHERE, "::"):
+        return waits.host
+    if machine.advertise is not None:
+        return machine.advertise.rpartition(":")[0] or machine.advertise
+    if machine.launcher == "local":
+        return LOOPBACK
+    return host_name(machine) if machine.launcher == "ssh" else machine.title

@@ -1,0 +1,178 @@
+"""A cluster brought up, asked after and brought down, machine by machine, all machines at once."""
+
+import socket
+from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import NamedTuple, TypeVar
+
+import msgspec
+
+from volsplat.deploy.cluster.orders import Ordered, ordered
+from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
+from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
+from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState
+from volsplat.deploy.launchers.table import launcher_of
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.tokens import Token
+
+Result = TypeVar("Result")
+MOST_AT_ONCE = 32  # machines
+
+
+class Failed(NamedTuple):
+    """What went wrong with a machine."""
+
+    reason: str
+
+
+class RunningCluster:
+    """What `volsplat deploy` does to the cluster of a file."""
+
+    def __init__(self, path: Path) -> None:
+        """Raises BadInput for a file that cannot be used."""
+        self.path = path
+        self._text = read_cluster_text(path)
+        self.cluster = cluster_from_toml(self._text, str(path))
+        self.folder = StateFolder(self.cluster.name)
+
+    @property
+    def token(self) -> Token:
+        return self.folder.token(self.cluster.token_file)
+
+    def state(self) -> ClusterState | None:
+        """None where it is not up. Raises BadInput where it was brought up by another file than it is now."""
+        state = self.folder.load()
+        if state is not None and state.file != self._text:
+            raise BadInput(
+                f"{self.path}: has changed since the cluster {self.cluster.name} was brought up; end that first: "
+                f"volsplat deploy down {self.path}"
+            )
+        return state
+
+    def up(self, report: Report) -> ClusterState:
+        """Start what is missing. Raises BadInput, which names every machine that failed; the others are up then."""
+        with self.folder.locked():
+            state = self.state() or ClusterState(file=self._text, listen_port=_free_port(self.cluster))
+            said = self._states(self.cluster, state)
+            known = {
+                one.started.name: one for one in state.servers if said[one.started.name].state is not ServerState.ENDED
+            }
+            wanted = ordered(self.cluster, state.listen_port)
+            missing = [one for one in wanted if one.order.name not in known]
+            self.folder.save(state)
+            try:
+                failed = self._start(missing, report, known)
+            finally:
+                state = msgspec.structs.replace(state, servers=tuple(known.values()))
+                self.folder.save(state)
+        if failed:
+            raise BadInput("; ".join(failed))
+        return state
+
+    def _start(self, missing: list[Ordered], report: Report, known: dict[str, KnownServer]) -> list[str]:
+        """Add what was started to `known`, also where it is interrupted; what failed is in the answer."""
+        secrets = Secrets(self.token)
+
+        def start(number: int) -> list[KnownServer]:
+            orders = [one for one in missing if one.machine == number]
+            launcher = self._launcher(self.cluster, number)
+            started = launcher.start([one.order for one in orders], secrets, report)
+            return [
+                KnownServer(
+                    started=server,
+                    program=one.order.program,
+                    machine=number,
+                    wait_at=str(one.wait_at) if one.wait_at else "",
+                )
+                for one, server in zip(orders, started, strict=True)
+            ]
+
+        def take(found: list[KnownServer]) -> None:
+            known.update((one.started.name, one) for one in found)
+
+        results = _on_all(sorted({one.machine for one in missing}), start, take)
+        return [result.reason for result in results.values() if isinstance(result, Failed)]
+
+    def statuses(self) -> list[tuple[KnownServer, Said]]:
+        """Of every server that was started, in the file's order."""
+        state = self.folder.load()
+        if state is None:
+            return []
+        said = self._states(cluster_from_toml(state.file, str(self.path)), state)
+        return [(one, said[one.started.name]) for one in state.servers]
+
+    def _states(self, cluster: Cluster, state: ClusterState) -> dict[str, Said]:
+        def ask(number: int) -> Mapping[str, Said]:
+            servers = [one.started for one in state.servers if one.machine == number]
+            return self._launcher(cluster, number).states(servers)
+
+        told: dict[str, Said] = {}
+        results = _on_all(sorted({one.machine for one in state.servers}), ask, told.update)
+        for number, result in results.items():
+            if isinstance(result, Failed):
+                servers = [one.started for one in state.servers if one.machine == number]
+                told |= {server.name: Said(ServerState.UNKNOWN, result.reason) for server in servers}
+        return told
+
+    def down(self, report: Report) -> None:
+        """End every server. Raises BadInput, which names those machines that do not answer; they stay remembered."""
+        with self.folder.locked():
+            state = self.folder.load()
+            if state is None:
+                report(f"the cluster {self.cluster.name} is not up")
+                return
+            cluster = cluster_from_toml(state.file, str(self.path))
+
+            def stop(number: int) -> None:
+                servers = [one.started for one in state.servers if one.machine == number]
+                report(f"{cluster.machines[number].title}: ending {len(servers)} servers")
+                self._launcher(cluster, number).stop(servers)
+
+            results = _on_all(sorted({one.machine for one in state.servers}), stop, lambda done: None)
+            failed = {number: result.reason for number, result in results.items() if isinstance(result, Failed)}
+            if not failed:
+                self.folder.forget()
+                return
+            left = tuple(one for one in state.servers if one.machine in failed)
+            self.folder.save(msgspec.structs.replace(state, servers=left))
+        raise BadInput(f"not everything is down: {'; '.join(failed.values())}; run it again when they answer")
+
+    def logs(self, one: KnownServer, lines: int) -> str:
+        state = self.folder.load()
+        cluster = cluster_from_toml(state.file, str(self.path)) if state is not None else self.cluster
+        return self._launcher(cluster, one.machine).logs(one.started, lines)
+
+    def _launcher(self, cluster: Cluster, number: int) -> Launcher:
+        return launcher_of(cluster.machines[number], self.folder.path)
+
+
+def _on_all(
+    machines: list[int], act: Callable[[int], Result], take: Callable[[Result], object]
+) -> dict[int, Result | Failed]:
+    """Act on every machine at once; `take` gets each result, also those that come after an interruption."""
+    results: dict[int, Result | Failed] = {}
+    with ThreadPoolExecutor(MOST_AT_ONCE, "machine") as pool:
+        acting = {number: pool.submit(act, number) for number in machines}
+        try:
+            for one in acting.values():
+                one.exception()  # waits
+        finally:
+            for number, one in acting.items():
+                error = one.exception()
+                if error is None:
+                    results[number] = one.result()
+                    take(one.result())
+                elif isinstance(error, BadInput):
+                    results[number] = Failed(str(error))
+                else:
+                    raise error
+    return results
+
+
+def _free_port(cluster: Cluster) -> int:
+    """Where clients listen for servers that dial in."""
+    if cluster.client is not None:
+        return int(cluster.client.rpartition(":")[2])
+    with socket.create_server(("", 0)) as free:
+        return int(free.getsockname()[1])

@@ -1,0 +1,94 @@
+"""What is remembered of a cluster that is up, so that other commands find it."""
+
+import fcntl
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import msgspec
+
+from volsplat.deploy.launchers.launcher import StartedServer
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.tokens import Token, find_token, new_token
+
+
+class KnownServer(msgspec.Struct, frozen=True, kw_only=True):
+    """A server that was started, and how a client finds it."""
+
+    started: StartedServer
+    program: Program
+    machine: int  # its place in the cluster file
+    wait_at: str = ""  # HOST:PORT that clients dial; empty: it dials them
+
+
+class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
+    file: str  # the cluster file as of `up`
+    listen_port: int  # where clients listen for servers that dial in
+    servers: tuple[KnownServer, ...] = ()
+
+
+class StateFolder:
+    """The folder of one cluster, $XDG_STATE_HOME/volsplat/clusters/NAME. Only its owner may look into it."""
+
+    def __init__(self, name: str) -> None:
+        base = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+        self.path = Path(base) / "volsplat" / "clusters" / name
+
+    @contextmanager
+    def locked(self) -> Iterator[None]:
+        """One command at a time changes the cluster. Raises BadInput where another one does."""
+        self._make()
+        descriptor = os.open(self.path / "lock", os.O_RDWR | os.O_CREAT, 0o600)
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            yield
+        except BlockingIOError as error:
+            raise BadInput(
+                f"another command brings {self.path.name} up or down now; wait until it has ended"
+            ) from error
+        finally:
+            os.close(descriptor)
+
+    def load(self) -> ClusterState | None:
+        """None where the cluster is not up. Raises BadInput for a file that cannot be read."""
+        try:
+            return msgspec.json.decode((self.path / "state.json").read_bytes(), type=ClusterState)
+        except FileNotFoundError:
+            return None
+        except (OSError, msgspec.DecodeError) as error:
+            raise BadInput(
+                f"{self.path / 'state.json'} cannot be read: {error}; remove it, and end the servers"
+            ) from error
+
+    def save(self, state: ClusterState) -> None:
+        self._make()
+        fresh = self.path / "state.json.new"
+        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
+            file.write(msgspec.json.format(msgspec.json.encode(state)))
+        fresh.replace(self.path / "state.json")
+
+    def forget(self) -> None:
+        """The cluster is down: its token is good for nothing any more."""
+        for name in ("state.json", "token"):
+            (self.path / name).unlink(missing_ok=True)
+
+    def token(self, token_file: str | None) -> Token:
+        """The cluster's; made where there is none. Raises BadInput."""
+        self._make()
+        place = Path(token_file).expanduser() if token_file else self.path / "token"
+        if token_file is None and not place.exists():
+            new_token().write(place)
+        token = find_token({}, place)
+        assert token is not None
+        return token
+
+    def _make(self) -> None:
+        try:
+            self.path.mkdir(mode=0o700, parents=True, exist_ok=True)
+            self.path.chmod(0o700)
+        except OSError as error:
+            raise BadInput(
+                f"{self.path} cannot be made: {error.strerror}; set XDG_STATE_HOME to a folder of yours"
+            ) from error

@@ -1,0 +1,104 @@
+"""Servers started, asked after and ended by a POSIX shell, here or on another machine: the scripts and their answers.
+
+No secret stands in a script: the token comes by its standard input, and goes on in the servers' environment.
+"""
+
+import re
+import shlex
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
+
+from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState, StartedServer
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.printable import one_line
+from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
+
+# A process is known by its number and the moment of its start: numbers are used again.
+_FUNCTIONS = """
+began() {
+    sed 's/.*) //' "/proc/$1/stat" 2>/dev/null | {
+        read -r state rest && [ "$state" != Z ] && set -- $rest && shift 18 && echo "$1"
+    }
+}
+runs() { [ -n "$2" ] && [ "$(began "$1")" = "$2" ]; }
+"""
+_FOLDER = "${XDG_STATE_HOME:-$HOME/.local/state}/volsplat/servers"
+GRACE_TENTHS = 30  # of a second that servers have to end by themselves before they are killed
+
+Run = Callable[[str, str], str]  # a script and its input: what it prints. Raises BadInput with the reason.
+
+
+class ShellServers(NamedTuple):
+    """The servers of one machine, whose shell `run` speaks to."""
+
+    run: Run
+    place: str  # for people
+    cluster: str  # name, for its logs
+
+    def start(self, orders: Sequence[ServerOrder], commands: Sequence[str], secrets: Secrets) -> list[StartedServer]:
+        """By these commands, as a shell takes them."""
+        said = self.run(_start_script(self.cluster, orders, commands), secrets.token.key.decode() + "\n")
+        lines = [line.split("\t") for line in said.splitlines() if line.count("\t") == 2]
+        if len(lines) != len(orders):
+            raise BadInput(
+                f"{self.place}: the servers cannot be started: {one_line(said)[-300:] or 'nothing was said'}"
+            )
+        return [
+            StartedServer(
+                order.name, f"{self.place}, process {process}", {"process": process, "began": began, "log": log}
+            )
+            for order, (process, began, log) in zip(orders, lines, strict=True)
+        ]
+
+    def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
+        asks = "".join(
+            f'if runs {process} {began}; then echo running; else echo "ended $(tail -n 1 {log} 2>/dev/null)"; fi\n'
+            for process, began, log in map(_quoted, servers)
+        )
+        try:
+            said = self.run(_FUNCTIONS + asks, "").splitlines()
+        except BadInput as error:
+            return {server.name: Said(ServerState.UNKNOWN, str(error)) for server in servers}
+        return {server.name: _said(line) for server, line in zip(servers, said, strict=True)}
+
+    def stop(self, servers: Sequence[StartedServer]) -> None:
+        every = [(process, began) for process, began, _ in map(_quoted, servers)]
+        ends = [f"if runs {process} {began}; then kill {process}; fi\n" for process, began in every]
+        waits = [
+            f"n=0; while runs {process} {began} && [ $n -lt {GRACE_TENTHS} ]; do sleep 0.1; n=$((n+1)); done\n"
+            f"if runs {process} {began}; then kill -9 {process}; fi\n"
+            for process, began in every
+        ]
+        self.run("".join([_FUNCTIONS, *ends, *waits]), "")
+
+    def logs(self, server: StartedServer, lines: int) -> str:
+        return self.run(f"tail -n {lines} {_quoted(server)[2]}", "")
+
+
+def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequence[str]) -> str:
+    parts = [_FUNCTIONS, "umask 077\n", f"IFS= read -r {TOKEN_VARIABLE}\nexport {TOKEN_VARIABLE}\n"]
+    parts += [f'd="{_FOLDER}/"{shlex.quote(cluster)}\nmkdir -p "$d" || exit 1\n']
+    parts += [
+        f'first={command.split()[0]}\ncommand -v "$first" >/dev/null || {{ echo "$first is not there"; exit 3; }}\n'
+        for command in dict.fromkeys(commands)
+    ]
+    for order, command in zip(orders, commands, strict=True):
+        log = re.sub(r"[^A-Za-z0-9._-]+", "-", order.name) + ".log"
+        words = " ".join([command, *map(shlex.quote, order.arguments)])
+        parts.append(
+            f'setsid nohup {words} > "$d"/{log} 2>&1 < /dev/null &\n'
+            f'printf "%s\\t%s\\t%s\\n" $! "$(began $!)" "$d"/{log}\n'
+        )
+    return "".join(parts)
+
+
+def _quoted(server: StartedServer) -> tuple[str, str, str]:
+    """Process, beginning and log, safe in a script whatever the state's file says."""
+    handle = server.handle
+    return shlex.quote(handle["process"]), shlex.quote(handle["began"]), shlex.quote(handle["log"])
+
+
+def _said(line: str) -> Said:
+    if line == "running":
+        return Said(ServerState.RUNNING)
+    return Said(ServerState.ENDED, one_line(line.removeprefix("ended").strip()) or "without a word")

@@ -1,0 +1,76 @@
+"""The launcher `ssh`: OpenSSH itself, with the user's own config, keys and jump hosts."""
+
+import shlex
+import subprocess
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from volsplat.deploy.cluster_file import Machine
+from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, StartedServer
+from volsplat.deploy.launchers.shell import ShellServers
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.printable import one_line
+
+SSH_SECONDS = 60.0  # for one script
+CONNECT_SECONDS = 10
+BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # nobody is there to be asked
+COMMANDS = {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}
+NOT_REACHED = 255  # ssh's own status
+
+
+class SshLauncher:
+    """The servers are detached: they outlive the connection, and write a log there."""
+
+    def __init__(self, machine: Machine, folder: Path) -> None:
+        assert machine.host is not None
+        self._machine, self._host = machine, machine.host
+        self._servers = ShellServers(self._run, machine.host, folder.name)
+
+    def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
+        report(f"{self._host}: starting {len(orders)} servers by ssh")
+        commands = [f"{self._machine.command} {COMMANDS[order.program]}" for order in orders]
+        return self._servers.start(orders, commands, secrets)
+
+    def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
+        return self._servers.states(servers)
+
+    def stop(self, servers: Sequence[StartedServer]) -> None:
+        self._servers.stop(servers)
+
+    def logs(self, server: StartedServer, lines: int) -> str:
+        return self._servers.logs(server, lines)
+
+    def _run(self, script: str, given: str) -> str:
+        command = ["ssh", *BATCH, *self._machine.ssh.options, "--", self._host, f"exec sh -c {shlex.quote(script)}"]
+        try:
+            ran = subprocess.run(command, input=given, capture_output=True, encoding="utf-8", timeout=SSH_SECONDS)
+        except FileNotFoundError as error:
+            raise BadInput("ssh is not installed here; install OpenSSH's client") from error
+        except subprocess.TimeoutExpired as error:
+            raise BadInput(
+                f"{self._host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {self._host}"
+            ) from error
+        if ran.returncode == NOT_REACHED:
+            raise BadInput(
+                f"{self._host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: ssh {self._host}"
+            )
+        if ran.returncode:
+            said = one_line(ran.stdout or ran.stderr) or f"its shell ended with {ran.returncode}"
+            cure = '; give command = "/path/to/volsplat" in the cluster file' if ran.returncode == 3 else ""
+            raise BadInput(f"{self._host}: {said}{cure}")
+        return ran.stdout
+
+
+def host_name(machine: Machine) -> str:
+    """The name or address that ssh dials for this machine: its config may know the host by another one."""
+    assert machine.host is not None
+    command = ["ssh", "-G", *machine.ssh.options, "--", machine.host]
+    try:
+        ran = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=CONNECT_SECONDS)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise BadInput(f"{machine.host}: ssh cannot be asked for its address: {error}") from error
+    names = [line.split()[1] for line in ran.stdout.splitlines() if line.startswith("hostname ")]
+    if ran.returncode or not names:
+        raise BadInput(f"{machine.host}: {one_line(ran.stderr) or 'ssh does not know it'}; check the cluster file")
+    return names[0]

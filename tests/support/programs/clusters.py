@@ -1,0 +1,57 @@
+"""Clusters of a test's own: files, and sshd on loopback with keys and a port of its own."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from support.patience import PATIENCE, wait_until
+from support.programs.hand_started import free_port
+
+SSHD = shutil.which("sshd") or "/usr/sbin/sshd"
+
+
+def cluster_file(folder: Path, name: str, *machines: str, keep: int = 600) -> Path:
+    path = folder / "cluster.toml"
+    tables = "\n".join(f"[[machines]]\n{machine}" for machine in machines)
+    path.write_text(f'name = "{name}"\nkeep = {keep}\n{tables}\n', encoding="utf-8")
+    return path
+
+
+@contextmanager
+def sshd(folder: Path) -> Iterator[str]:
+    """A daemon that lets this user in; what a machine's table in a cluster file needs for it."""
+    if not Path(SSHD).exists() or shutil.which("ssh") is None:
+        pytest.skip("needs sshd and ssh (Debian: openssh-server, openssh-client)")
+    folder.mkdir()
+    for key in ("host_key", "user_key"):
+        subprocess.run(["ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-f", str(folder / key)], check=True)
+    shutil.copy(folder / "user_key.pub", folder / "authorized_keys")
+    port = free_port()
+    config = folder / "sshd_config"
+    config.write_text(
+        f"Port {port}\nListenAddress 127.0.0.1\nHostKey {folder}/host_key\nPidFile {folder}/pid\nUsePAM no\n"
+        f"AuthorizedKeysFile {folder}/authorized_keys\nStrictModes no\nPasswordAuthentication no\n"
+        f"SetEnv XDG_STATE_HOME={folder}/state\n",
+        encoding="utf-8",
+    )
+    if os.geteuid() == 0:
+        Path("/run/sshd").mkdir(exist_ok=True)  # where Debian's separates privileges
+    log = folder / "log"
+    daemon = subprocess.Popen([SSHD, "-D", "-E", str(log), "-f", str(config)])
+    try:
+        wait_until(lambda: daemon.poll() is not None or (folder / "pid").exists(), "listened")
+        if daemon.poll() is not None:
+            pytest.skip(f"sshd does not run here: {log.read_text(errors='replace')}")
+        options = ["-p", str(port), "-i", f"{folder}/user_key", "-o", "StrictHostKeyChecking=no"]
+        options += ["-o", f"UserKnownHostsFile={folder}/known_hosts", "-F", "none"]
+        command = Path(sys.executable).parent / "volsplat"
+        yield f'launcher = "ssh"\nhost = "127.0.0.1"\ncommand = "{command}"\nssh = {{options = {options!r}}}\n'
+    finally:
+        daemon.terminate()
+        daemon.wait(PATIENCE)
