@@ -26,14 +26,21 @@ from volsplat.program.plain_console import PlainConsole
 @server_options
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
 def gallery(
-    out: Path, data: Path | None, workers: int, splat_servers: int, threads: int, silence: float, size: int
+    out: Path,
+    data: Path | None,
+    workers: int,
+    splat_servers: int,
+    threads: int,
+    silence: float,
+    cluster: Path | None,
+    size: int,
 ) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
 
     Every image comes from a scene file in the package's folder gallery/scenes. With --data, volumes are taken from
     that folder where it has them; volsplat makes all others itself.
     """
-    servers = servers_from_options(workers, splat_servers, threads, None, None, silence=silence)
+    servers = servers_from_options(workers, splat_servers, threads, None, None, cluster=cluster, silence=silence)
     console = PlainConsole(stderr=True)
     began = time.perf_counter()
     with interrupts_held():

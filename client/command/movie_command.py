@@ -9,7 +9,13 @@ from typing import get_args
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.opened_volume import memory_option, opened_quietly, server_options, servers_from_options
+from volsplat.client.command.opened_volume import (
+    check_found,
+    memory_option,
+    opened_quietly,
+    server_options,
+    servers_from_options,
+)
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
@@ -18,7 +24,7 @@ from volsplat.client.scene.presets import PRESETS
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.description.volume_name import check_is_there, volume_name
+from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -65,6 +71,7 @@ def movie(
     splat_servers: int,
     threads: int,
     silence: float,
+    cluster: Path | None,
     memory: str | None,
     single: bool,
     **settings: str | float | None,
@@ -79,7 +86,7 @@ def movie(
     options = SceneOptions(scene, preset, scene_changes(settings))
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
-    check_is_there(volume)
+    check_found(volume, True, cluster)
     if output.exists() and output.samefile(volume_name(volume).place):
         raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
     if keys:
@@ -87,7 +94,9 @@ def movie(
     options.key_scenes(None, keys)
     options.scene_of(None)
     check_movie_writable(output)
-    servers = servers_from_options(workers, splat_servers, threads, None, None, single, memory, silence=silence)
+    servers = servers_from_options(
+        workers, splat_servers, threads, None, None, single, memory, cluster=cluster, silence=silence
+    )
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:
         geometry = known.description.geometry

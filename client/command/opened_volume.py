@@ -17,10 +17,13 @@ import click
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
+from volsplat.deploy.cluster_file import read_cluster
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS, silence_option
 from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.volume_name import check_is_there
 from volsplat.protocol.text.byte_sizes import bytes_from_option
+from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE, Token, find_token, new_token
@@ -40,6 +43,7 @@ class Servers:
     token: Token | None
     memory: int | None = None  # bytes of a prepared volume that each may hold
     silence: float = SILENCE_SECONDS  # after which one is lost
+    cluster: Path | None = None  # whose servers are used, instead of all that is said of them here
 
 
 COUNT = click.IntRange(min=1)
@@ -53,6 +57,11 @@ _SERVER_OPTIONS = (
         help="Threads that the processes started here share out (cores).",
     ),
     silence_option,
+    click.option(
+        "--cluster",
+        type=click.Path(path_type=Path),
+        help="Use the servers of this cluster file instead; brought up for this if they are not.",
+    ),
 )
 
 
@@ -77,9 +86,15 @@ def servers_from_options(
     single: bool = False,
     memory: str | None = None,
     silence: float = SILENCE_SECONDS,
+    cluster: Path | None = None,
 ) -> Servers:
     """What `server_options`, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
+    if cluster is not None:
+        if single or listen:
+            raise BadInput("--cluster says where the servers are; leave out --single and --listen")
+        read_cluster(cluster)
     return Servers(
+        cluster=cluster,
         workers=workers,
         splat_servers=splat_servers,
         threads=threads,
@@ -89,6 +104,12 @@ def servers_from_options(
         memory=bytes_from_option("--memory", memory) if memory else None,
         silence=silence,
     )
+
+
+def check_found(volume: str, spawns: bool, cluster: Path | None) -> None:
+    """Raises BadInput for a volume that is not there, where the servers are this machine's."""
+    if spawns and cluster is None:
+        check_is_there(volume)
 
 
 def shared_token(token_file: Path | None, makes: bool) -> Token | None:
@@ -157,9 +178,10 @@ def opened_quietly(
         token=token,
         memory=servers.memory,
         silence=servers.silence,
+        cluster=servers.cluster,
         on_progress=say,
     ) as session:
-        if not spawns:
+        if not spawns and servers.cluster is None:
             tell_how_to_join(session, token, servers.token is not None, console)
         yield session
 

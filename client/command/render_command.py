@@ -6,7 +6,13 @@ from pathlib import Path
 
 import click
 
-from volsplat.client.command.opened_volume import memory_option, opened, server_options, servers_from_options
+from volsplat.client.command.opened_volume import (
+    check_found,
+    memory_option,
+    opened,
+    server_options,
+    servers_from_options,
+)
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.render_outputs import Outputs, step_image_path
 from volsplat.client.image.empty_image import why_empty
@@ -16,7 +22,7 @@ from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.description.volume_name import check_is_there, volume_name
+from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers start
@@ -53,6 +59,7 @@ def render(
     splat_servers: int,
     threads: int,
     silence: float,
+    cluster: Path | None,
     scene: Path | None,
     preset: str | None,
     step: str,
@@ -77,11 +84,12 @@ def render(
         raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
     if single and listen is not None:
         raise BadInput("--single has no servers to listen for; leave out --single or --listen")
-    if spawns:
-        check_is_there(volume)
+    check_found(volume, spawns, cluster)
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
-    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, single, memory, silence=silence)
+    servers = servers_from_options(
+        workers, splat_servers, threads, listen, token_file, single, memory, cluster=cluster, silence=silence
+    )
     console = PlainConsole(stderr=True)
     with opened(volume, servers, spawns, console, imports=[IMAGE_FILES]) as renderer:
         draw(renderer, scene_options, Step(step), outputs, console)

@@ -11,7 +11,14 @@ import click
 import msgspec
 
 from volsplat.client.caller.interrupts import interrupts_held
-from volsplat.client.command.opened_volume import ignored, memory_option, opened, server_options, servers_from_options
+from volsplat.client.command.opened_volume import (
+    check_found,
+    ignored,
+    memory_option,
+    opened,
+    server_options,
+    servers_from_options,
+)
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.terminal_watch import ended_with_its_reader
 from volsplat.client.scene.presets import PRESETS
@@ -22,7 +29,7 @@ from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Refine, Step
-from volsplat.protocol.description.volume_name import check_is_there, volume_name
+from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import LOOPBACK
 
@@ -57,6 +64,7 @@ def view(
     splat_servers: int,
     threads: int,
     silence: float,
+    cluster: Path | None,
     scene: Path | None,
     preset: str | None,
     port: int,
@@ -77,9 +85,10 @@ def view(
         need(package, "the page", "ui")
     options = SceneOptions(scene, preset, scene_changes(settings))
     options.scene_of(None)
-    if listen is None:
-        check_is_there(volume)
-    servers = servers_from_options(workers, splat_servers, threads, listen, token_file, memory=memory, silence=silence)
+    check_found(volume, listen is None, cluster)
+    servers = servers_from_options(
+        workers, splat_servers, threads, listen, token_file, memory=memory, cluster=cluster, silence=silence
+    )
     console = PlainConsole(stderr=True)
     with ended_with_its_reader(), _bound(port) as bound:
         address = PageAddress(bound)

@@ -41,6 +41,9 @@ class ServerJoined:
     host: str  # where it dials from
     data: Address  # where a splat server takes data links
     elsewhere: bool = False  # on another machine, so that its errors must name it
+    data_anywhere: bool = False  # data links are taken on every address of its machine
+    client_host: str = ""  # the client's address, as this server reaches it
+    process: str = ""  # as it names itself, the same for each of its clients
     key: bytes = field(  # a worker's, which proves its data links: the splat server and it alone are told
         default_factory=lambda: secrets.token_bytes(messages.WORKER_KEY_BYTES), repr=False
     )

@@ -2,10 +2,12 @@
 
 from collections import Counter
 from collections.abc import Iterable
+from ipaddress import ip_address
 
-from volsplat.client.coordinator.coordinator_events import Instruction, Send
+from volsplat.client.coordinator.coordinator_events import Instruction, Send, ServerJoined
 from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
+from volsplat.protocol.wire.addresses import Address
 
 
 class DataRoutes:
@@ -26,9 +28,9 @@ class DataRoutes:
 
     def _connect(self, worker: int) -> Send:
         self._asked[worker] += 1
-        joined, key = self._servers.joined, self._servers.joined[worker].key
-        places = [(splat, joined[splat].data) for splat in self._servers.splat_servers]
-        routes = [Route(server=splat, host=data.host, port=data.port, key=key) for splat, data in places]
+        joined, here = self._servers.joined, self._servers.joined[worker]
+        places = [(splat, _reached(joined[splat], here)) for splat in self._servers.splat_servers]
+        routes = [Route(server=splat, host=data.host, port=data.port, key=here.key) for splat, data in places]
         return Send(worker, ConnectToSplatServers(routes=routes))
 
     def connected(self, worker: int, reached: list[int]) -> list[int]:
@@ -43,3 +45,21 @@ class DataRoutes:
         """Whether it was told anew since what it answers now."""
         self._asked[worker] -= 1
         return self._asked[worker] > 0
+
+
+def _reached(splat: ServerJoined, worker: ServerJoined) -> Address:
+    """Where a worker reaches a splat server.
+
+    One that the client sees on its own machine has no address of its own there: then a worker elsewhere reaches it as
+    it reaches the client.
+    """
+    if splat.data_anywhere and _is_loopback(splat.data.host) and not _is_loopback(worker.host) and worker.client_host:
+        return splat.data._replace(host=worker.client_host)
+    return splat.data
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:  # a name
+        return host == "localhost"

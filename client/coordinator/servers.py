@@ -32,8 +32,10 @@ class Servers:
         return {server: self.machines[server].threads for server in self.splat_servers}
 
     def ready(self, role: Role) -> list[int]:
-        """Those of a role that have told what they have."""
-        return sorted(n for n in self.machines if self.joined[n].role == role)
+        """Those of a role that have told what they have, in an order that is the same for each of their clients."""
+        return sorted(
+            (n for n in self.machines if self.joined[n].role == role), key=lambda n: (self.joined[n].process, n)
+        )
 
     def name(self, server: int) -> str:
         return self.joined[server].name

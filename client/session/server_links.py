@@ -24,7 +24,7 @@ from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, LocalProtocolError, RemoteProtocolError, VolsplatError
-from volsplat.protocol.wire.accepting import IdCounter
+from volsplat.protocol.wire.accepting import Accepter, IdCounter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection
@@ -90,6 +90,16 @@ class ServerLinks:
             for share in shared_out(threads, count):
                 self._local.start(program, str(self.address), self._token, share)
 
+    def present(self) -> set[str]:
+        """How the servers that are there name their processes."""
+        with self._lock:
+            return {connection.peer.name for connection in self._connections.values()}
+
+    @property
+    def accepter(self) -> Accepter:
+        """Shakes hands with servers that are dialled instead, for `serve`."""
+        return self._listener.accepter
+
     def send(self, server: int, message: messages.Message, *payload: memoryview) -> None:
         """Have it sent; nobody waits for a server that does not read."""
         with self._lock:
@@ -115,10 +125,14 @@ class ServerLinks:
         if connection is not None:
             connection.close()
 
+    def take_no_more(self) -> None:
+        """Nobody can join from now on."""
+        self._listener.close()
+
     def close(self) -> None:
         """Close every connection once what was posted is sent, and end every server that was started here."""
         self._heartbeat.close()
-        self._listener.close()
+        self.take_no_more()
         with self._lock:
             connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
         until = time.monotonic() + FAREWELL_SECONDS
@@ -131,7 +145,7 @@ class ServerLinks:
     def _accept(self) -> None:
         while (connection := self._listener.accept()) is not None:
             receiver = threading.Thread(
-                target=self._receive, args=(connection,), name=f"receive from {connection.peer}", daemon=True
+                target=self.serve, args=(connection,), name=f"receive from {connection.peer}", daemon=True
             )
             try:
                 receiver.start()
@@ -142,7 +156,8 @@ class ServerLinks:
         self._listener.lines.warn(f"{connection} is dropped: {cause}")
         connection.close()
 
-    def _receive(self, connection: Connection) -> None:
+    def serve(self, connection: Connection) -> None:
+        """Take part in the session until this server is lost."""
         peer = self._peers[connection.peer.id] = connection.peer
         try:
             outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
@@ -155,7 +170,18 @@ class ServerLinks:
                 self._images[peer.id] = ImageReceiver(connection, self._allocate)
         data = Address(peer.data_host, peer.data_port)
         elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
-        self._on_event(ServerJoined(peer.id, peer.role, str(peer), peer.host, data, elsewhere))
+        joined = ServerJoined(
+            peer.id,
+            peer.role,
+            str(peer),
+            peer.host,
+            data,
+            elsewhere,
+            data_anywhere=peer.data_anywhere,
+            client_host=connection.local_host,
+            process=peer.name,
+        )
+        self._on_event(joined)
         self._heartbeat.keep(connection, lambda: self._patience(peer.id))
         cause = self._heard_until_lost(connection)
         with self._lock:

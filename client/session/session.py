@@ -49,6 +49,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
+from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.probe_answers import ProbeAnswers
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
@@ -87,7 +88,8 @@ class Session:
     `volume` is a path as the servers see it. With `spawn` the servers are started on this machine, and share out its
     cores or as many `threads`; without it they are started by hand and join at `listen`. `memory` is how many bytes
     each map/shade server may hold of a prepared volume; by default half of what its machine has left, shared with the
-    others there. A volume that is not `held` is surveyed a few sheets at a time, and only read when something is drawn
+    others there. With the path of a `cluster` file its servers are used, brought up for this session alone if they are
+    not yet. A volume that is not `held` is surveyed a few sheets at a time, and only read when something is drawn
     of it. A server that says nothing for `silence` seconds, or 15 times as long while it reads, counts as lost: others
     take over what it held. `on_progress` gets one line for each thing that takes time, on a thread of the session.
 
@@ -108,6 +110,7 @@ class Session:
         memory: int | None = None,
         held: bool = True,
         silence: float = SILENCE_SECONDS,
+        cluster: str | Path | None = None,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
         name = checked_volume(volume)
@@ -117,6 +120,12 @@ class Session:
         silence = min(checked_number(silence, "silence", least=LEAST_SILENCE), MOST_SILENCE)
         workers = usable_cores() if workers is None else checked_count(workers, "workers")
         threads = usable_cores() if threads is None else checked_count(threads, "threads")
+        self._cluster = None if cluster is None else ClusterServers(Path(cluster), on_progress)
+        if self._cluster is not None:
+            of, spawn = self._cluster.cluster, False
+            name, token, listen = self._cluster.volume(name), self._cluster.token, self._cluster.listens_at
+            workers, splat_servers, silence = of.map_shade_servers, of.splat_servers, of.silence
+            memory = memory or of.memory_bytes
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
@@ -140,6 +149,8 @@ class Session:
         self._coordinator_thread.start()
         path = absolute_name(name) if spawn else name
         try:
+            if self._cluster is not None:
+                self._cluster.join(self._links, self._fail)
             if spawn:
                 self._links.start(workers, splat_servers, threads)
             self._events.put(VolumeAsked(path, workers, splat_servers, memory, held))
@@ -309,9 +320,14 @@ class Session:
                 self._close()
 
     def _close(self) -> None:
+        self._links.take_no_more()  # resident servers look for the next client at once
         self._events.put(None)
         self._coordinator_thread.join()
+        if self._cluster is not None:
+            self._cluster.close()
         self._links.close()
+        if self._cluster is not None:
+            self._cluster.release()
         self._fail(PeerLost("the session is closed"))
 
     def __enter__(self) -> Session:

@@ -34,8 +34,9 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.frame_walk import FrameWalk
-from volsplat.mapshade_server.held_volume import Answer, HeldVolume
+from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
+from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine

@@ -1,0 +1,180 @@
+"""The servers of a cluster in a session: those that wait are dialled, lost ones found again or started anew."""
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from volsplat.client.session.server_links import ServerLinks
+from volsplat.deploy.cluster.running import RunningCluster
+from volsplat.deploy.cluster.state import ClusterState, KnownServer
+from volsplat.deploy.launchers.launcher import ServerState
+from volsplat.protocol.description.volume_name import absolute_name
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address, parse_address
+from volsplat.protocol.wire.calling import call
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.tokens import Token
+
+GATHERING_SECONDS = 60.0  # until all servers must have joined, not counted while one is queued
+LOOK_SECONDS = 2.0  # between two looks at servers that are missing
+MOST_STARTS = 3  # of one server in a session, so that one that cannot live is not started for ever
+CALL_SECONDS = 1e9  # a caller tries until it is told to stop
+
+
+class ClusterServers:
+    """Joins them to a session until it is closed."""
+
+    def __init__(self, path: Path, report: Callable[[str], None]) -> None:
+        """Brings the cluster up if it is not. `report` gets lines of progress. Raises BadInput."""
+        self._running, self._report = RunningCluster(path), report
+        self.cluster = self._running.cluster
+        state = self._running.state()
+        self._brought_up = state is None
+        self._state = state or self._bring_up()
+        self._known = {one.started.name: one for one in self._state.servers}
+        self._lock = threading.Lock()  # guards what follows
+        self._joined: set[str] = set()  # of those that are dialled
+        self._why: dict[str, str] = {}  # each is not there
+        self._starts: dict[str, int] = {}
+        self._closed = threading.Event()
+
+    def _bring_up(self) -> ClusterState:
+        try:
+            return self._running.up(self._report)
+        except BaseException:
+            self._running.down(self._report)
+            raise
+
+    @property
+    def token(self) -> Token:
+        return self._running.token
+
+    @property
+    def listens_at(self) -> Address:
+        """Where the client listens: everywhere if servers of other machines dial in."""
+        dial_in = {one.machine for one in self._state.servers if not one.wait_at}
+        if not dial_in:
+            return Address(LOOPBACK, 0)
+        elsewhere = any(self.cluster.machines[number].launcher != "local" for number in dial_in)
+        return Address(EVERYWHERE if elsewhere else LOOPBACK, self._state.listen_port)
+
+    def volume(self, name: str) -> str:
+        """The name of a volume as the servers take it: a relative one lies below each machine's data-root."""
+        here = all(machine.launcher == "local" and machine.data_root is None for machine in self.cluster.machines)
+        return absolute_name(name) if here else name
+
+    def join(self, links: ServerLinks, fail: Callable[[VolsplatError], None]) -> None:
+        """Take the servers into a session. `fail` gets why it cannot begin."""
+        for one in self._state.servers:
+            if one.wait_at:
+                name = f"call {one.started.name}"
+                threading.Thread(target=self._call, args=(one, links), name=name, daemon=True).start()
+        threading.Thread(target=self._watch, args=(links, fail), name="watch the cluster", daemon=True).start()
+
+    def close(self) -> None:
+        """The session ends: look for no more servers."""
+        self._closed.set()
+
+    def release(self) -> None:
+        """The session has ended: bring the cluster down if it was brought up for it."""
+        if self._brought_up:
+            self._running.down(self._report)
+
+    # -- servers that wait are dialled
+
+    def _call(self, one: KnownServer, links: ServerLinks) -> None:
+        name, address = one.started.name, parse_address(one.wait_at)
+        while not self._closed.is_set():
+            try:
+                connection = self._connected(name, address, links)
+            except VolsplatError as error:
+                self._note(name, str(error))
+                self._closed.wait(LOOK_SECONDS)
+                continue
+            with self._lock:
+                self._joined.add(name)
+                self._why.pop(name, None)
+            links.serve(connection)
+            with self._lock:
+                self._joined.discard(name)
+
+    def _connected(self, name: str, address: Address, links: ServerLinks) -> Connection:
+        return call(
+            address,
+            name,
+            links.accepter,
+            patience=CALL_SECONDS,
+            report=lambda line: self._note(name, line),
+            given_up=self._closed.is_set,
+        )
+
+    def _note(self, name: str, line: str) -> None:
+        with self._lock:
+            known = self._why.get(name) == line
+            self._why[name] = line
+        if not known and not self._closed.is_set():
+            self._report(line)
+
+    # -- those that are missing
+
+    def _watch(self, links: ServerLinks, fail: Callable[[VolsplatError], None]) -> None:
+        """Start those anew that have ended; if not all come at first, say who is missing and why."""
+        deadline: float | None = time.monotonic() + GATHERING_SECONDS
+        while not self._closed.wait(LOOK_SECONDS):
+            missing = self._missing(links)
+            if not missing:
+                deadline = None
+                continue
+            try:
+                queued = self._look_after(missing)
+            except VolsplatError as error:
+                self._report(str(error))
+                continue
+            if queued and deadline is not None:
+                deadline = time.monotonic() + GATHERING_SECONDS
+            if deadline is not None and time.monotonic() > deadline:
+                fail(PeerLost(f"servers of {self._running.cluster.name} are missing: {self._reasons(missing)}"))
+                return
+
+    def _missing(self, links: ServerLinks) -> list[str]:
+        there = links.present()
+        with self._lock:
+            return [
+                name
+                for name, one in self._known.items()
+                if name not in self._joined and not any(_is_process(process, one) for process in there)
+            ]
+
+    def _look_after(self, missing: list[str]) -> bool:
+        """Whether one is queued. Those that have ended are started anew."""
+        queued, ended = False, []
+        for one, said in self._running.statuses():
+            name = one.started.name
+            if name not in missing:
+                continue
+            if said.state is ServerState.ENDED:
+                ended.append(name)
+                self._note(name, f"{name} has ended: {said.reason}")
+            elif said.state is ServerState.QUEUED:
+                queued = True
+                self._note(name, f"{name} is queued: {said.reason}")
+            elif said.state is ServerState.UNKNOWN or not self._known[name].wait_at:
+                self._note(name, f"{name} has not joined yet" + (f": {said.reason}" if said.reason else ""))
+        again = [name for name in ended if self._starts.get(name, 0) < MOST_STARTS]
+        if again:
+            for name in again:
+                self._starts[name] = self._starts.get(name, 0) + 1
+            state = self._running.up(self._report)
+            self._known = {one.started.name: one for one in state.servers}
+        return queued
+
+    def _reasons(self, missing: list[str]) -> str:
+        with self._lock:
+            return "; ".join(self._why.get(name, f"{name} has not joined") for name in missing)
+
+
+def _is_process(process: str, one: KnownServer) -> bool:
+    """Whether a server that names itself so is the one that was started as this."""
+    number = one.started.handle.get("process")
+    return number is not None and process.endswith(f", process {number}")

@@ -1,0 +1,112 @@
+"""Cluster files: what stands in them is read as it is meant, and whatever is wrong is one line that names the place."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from volsplat.deploy.cluster_file import Cluster, cluster_from_toml
+from volsplat.deploy.launcher_keys import SshKeys
+from volsplat.protocol.text.errors import BadInput
+
+WHOLE = """
+name = "lab"
+client = "desk.lab:7000"
+tls = true
+silence = 2.0
+keep = 600
+token-file = "token"
+
+[[machines]]
+launcher = "ssh"
+host = "node1.lab"
+map-shade-servers = 2
+splat-servers = 1
+threads = 8
+memory = "8G"
+data-root = "/scratch/volumes"
+command = "volsplat"
+listen = "0.0.0.0:7100"
+advertise = "node1.lab"
+[machines.ssh]
+options = ["-J", "gate.lab"]
+tunnel = false
+"""
+
+
+def told(text: str) -> str:
+    with pytest.raises(BadInput) as caught:
+        cluster_from_toml(text, "lab.toml")
+    return str(caught.value)
+
+
+def test_every_key_is_read() -> None:
+    cluster = cluster_from_toml(WHOLE, "lab.toml")
+    (machine,) = cluster.machines
+    assert (cluster.name, cluster.client, cluster.keep, cluster.splat_servers) == ("lab", "desk.lab:7000", 600, 1)
+    assert machine.ssh == SshKeys(options=("-J", "gate.lab")) and machine.listens_at == ("0.0.0.0", 7100)
+    assert cluster.memory_bytes == 8 << 30
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "said"),
+    [
+        ('launcher = "ssh"', 'launcher = "rsh"', "machines[0].launcher: 'rsh' is none; choose from local, ssh"),
+        ("map-shade-servers = 2", "map-shade-servers = -1", "machines[0].map-shade-servers: -1 cannot be used"),
+        ("map-shade-servers = 2", "map-shade-serves = 2", "machines[0].map-shade-serves: unknown key"),
+        ("splat-servers = 1", "", "splat-servers: no machine runs any"),
+        ('host = "node1.lab"', "", "machines[0].host: the launcher ssh needs to know where"),
+        ('host = "node1.lab"', 'host = "-oProxyCommand=x"', "is no name of a machine"),
+        ('listen = "0.0.0.0:7100"', 'listen = "7100"', "machines[0].listen: '7100' is not an address"),
+        ('listen = "0.0.0.0:7100"', 'listen = "0.0.0.0:65534"', "leaves no room for 3 servers"),
+        ('memory = "8G"', 'memory = "much"', "machines[0].memory: memory much: give a size"),
+        ('name = "lab"', 'name = "../lab"', "name: '../lab' cannot be used"),
+        ('name = "lab"', "", "name: this key is missing"),
+        ("tunnel = false", "tunnels = 1", "machines[0].ssh.tunnels: unknown key; machines[0].ssh has options, tunnel"),
+    ],
+)
+def test_what_is_wrong_is_named_with_its_place(before: str, after: str, said: str) -> None:
+    line = told(WHOLE.replace(before, after, 1))
+    assert line.startswith("lab.toml: ") and said in line
+
+
+@given(st.data())
+def test_damage_is_always_one_line(data: st.DataObject) -> None:
+    """Any part of the file replaced by anything."""
+    begin = data.draw(st.integers(0, len(WHOLE)))
+    end = data.draw(st.integers(begin, min(len(WHOLE), begin + 40)))
+    damaged = WHOLE[:begin] + data.draw(st.text(max_size=12)) + WHOLE[end:]
+    try:
+        assert isinstance(cluster_from_toml(damaged, "lab.toml"), Cluster)
+    except BadInput as error:
+        assert str(error).startswith("lab.toml") and len(str(error).splitlines()) == 1
+
+
+VALUES = st.recursive(
+    st.one_of(st.integers(), st.floats(), st.booleans(), st.text(max_size=8)),
+    lambda inner: st.one_of(st.lists(inner, max_size=3), st.dictionaries(st.text(max_size=5), inner, max_size=3)),
+    max_leaves=4,
+)
+
+
+@given(st.sampled_from([line.partition(" = ")[0] for line in WHOLE.splitlines() if " = " in line]), VALUES)
+def test_any_value_of_any_key_is_taken_or_refused_in_one_line(key: str, value: object) -> None:
+    lines = [f"{key} = {toml(value)}" if line.startswith(f"{key} = ") else line for line in WHOLE.splitlines()]
+    try:
+        cluster_from_toml("\n".join(lines), "lab.toml")
+    except BadInput as error:
+        assert key in str(error) and len(str(error).splitlines()) == 1
+
+
+def toml(value: object) -> str:
+    match value:
+        case bool():
+            return str(value).lower()
+        case str():
+            return (
+                '"' + "".join(f"\\U{ord(letter):08X}" for letter in value if not "\ud800" <= letter <= "\udfff") + '"'
+            )
+        case list():
+            return "[" + ", ".join(map(toml, value)) + "]"
+        case dict():
+            return "{" + ", ".join(f"{toml(key)} = {toml(inner)}" for key, inner in value.items()) + "}"
+    return repr(value)

@@ -1,0 +1,130 @@
+"""A cluster over real processes: brought up once, used by one client after the other, ended; through sshd as well."""
+
+import os
+import signal
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import msgspec
+import psutil
+import pytest
+
+from support.patience import wait_until
+from support.programs.clusters import cluster_file, sshd
+from support.programs.hand_started import free_port
+from support.programs.programs import Person
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+
+LOCAL = 'launcher = "local"\nthreads = 1\n'
+
+
+@pytest.fixture
+def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    write_volume(tmp_path / "head.nrrd", *make_phantom("head", size=(24, 24, 24)))
+    return Person(tmp_path)
+
+
+@pytest.fixture(params=["local", "local, waiting", "ssh", "ssh, waiting"])
+def cluster(request: pytest.FixtureRequest, person: Person) -> Iterator[Path]:
+    """A cluster's file; whatever was brought up of it is down at the end."""
+    with ExitStack() as ended:
+        ssh = request.param.startswith("ssh")
+        machine = ended.enter_context(sshd(person.folder / "sshd")) + "threads = 1\n" if ssh else LOCAL
+        machine = f'data-root = "{person.folder}"\nmap-shade-servers = 2\nsplat-servers = 1\n{machine}'
+        if "waiting" in request.param:
+            machine = f'listen = "127.0.0.1:{free_port()}"\n{machine}'
+        path = cluster_file(person.folder, f"test-{os.getpid()}", machine)
+        try:
+            yield path
+        finally:
+            assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def processes(person: Person) -> list[int]:
+    (state,) = (person.folder / "state").glob("volsplat/clusters/*/state.json")
+    return [int(one["started"]["handle"]["process"]) for one in msgspec.json.decode(state.read_bytes())["servers"]]
+
+
+def drawn(person: Person, *options: str) -> bytes:
+    image = person.folder / "image.png"
+    image.unlink(missing_ok=True)
+    ran = person.runs("render", "head.nrrd", "-o", str(image), "--size", "48x48", *options)
+    assert ran.returncode == 0, ran.stderr
+    return image.read_bytes()
+
+
+def test_resident_servers_serve_one_client_after_the_other(person: Person, cluster: Path) -> None:
+    alone = drawn(person, "--single")
+    up = person.runs("deploy", "up", str(cluster))
+    assert up.returncode == 0, up.stderr
+    first = processes(person)
+    for _ in range(2):
+        assert drawn(person, "--cluster", str(cluster)) == alone
+    assert person.runs("deploy", "up", str(cluster)).returncode == 0
+    assert processes(person) == first, "up again started what was running"
+    status = person.runs("deploy", "status", str(cluster))
+    assert status.returncode == 0 and status.stdout.count("running") == 3
+    assert person.runs("deploy", "logs", str(cluster)).returncode == 0
+    assert person.runs("deploy", "down", str(cluster)).returncode == 0
+    wait_until(lambda: not any(map(psutil.pid_exists, first)), "ended")
+
+
+def test_a_server_that_was_killed_is_told_and_started_anew(person: Person, cluster: Path) -> None:
+    assert person.runs("deploy", "up", str(cluster)).returncode == 0
+    before = processes(person)
+    os.kill(before[1], signal.SIGKILL)
+    wait_until(lambda: "ended" in person.runs("deploy", "status", str(cluster)).stdout, "noticed")
+    assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
+    after = processes(person)
+    assert len(set(before) & set(after)) == 2
+
+
+def test_a_cluster_is_brought_up_for_one_picture_and_down_after_it(person: Person, cluster: Path) -> None:
+    assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
+    status = person.runs("deploy", "status", str(cluster))
+    assert status.returncode == 2 and "is not up" in status.stderr
+
+
+def test_a_file_that_has_changed_since_is_told(person: Person) -> None:
+    path = cluster_file(person.folder, "changed", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    try:
+        path.write_text(path.read_text() + "\n# another\n")
+        said = person.runs("render", "head.nrrd", "-o", "x.png", "--cluster", str(path))
+        assert said.returncode == 2 and "has changed since" in said.stderr and said.stderr.count("\n") == 1
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def test_the_state_is_its_owner_s_alone_and_holds_no_secret_where_others_look(person: Person) -> None:
+    path = cluster_file(person.folder, "secret", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    try:
+        (folder,) = (person.folder / "state").glob("volsplat/clusters/secret")
+        token = (folder / "token").read_text().strip()
+        assert folder.stat().st_mode & 0o777 == 0o700
+        for place in (person.folder / "state").rglob("*"):
+            if place.is_file():
+                assert place.stat().st_mode & 0o077 == 0 and (place.name == "token") == (token in place.read_text())
+        for process in processes(person):
+            assert token not in " ".join(psutil.Process(process).cmdline())
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def test_a_host_that_ssh_cannot_reach_is_named_with_ssh_s_reason(person: Person) -> None:
+    options = f'ssh = {{options = ["-p", "{free_port()}", "-F", "none"]}}'
+    machine = f'launcher = "ssh"\nhost = "127.0.0.1"\nmap-shade-servers = 1\nsplat-servers = 1\n{options}\n'
+    path = cluster_file(person.folder, "nowhere", machine)
+    said = person.runs("deploy", "up", str(path))
+    assert said.returncode == 2 and "127.0.0.1: ssh: connect to host 127.0.0.1" in said.stderr
+
+
+def test_servers_end_by_themselves_when_no_client_comes(person: Person) -> None:
+    path = cluster_file(person.folder, "brief", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n", keep=1)
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    wait_until(lambda: not any(map(psutil.pid_exists, processes(person))), "ended")
+    assert person.runs("deploy", "down", str(path)).returncode == 0
