@@ -19,7 +19,8 @@ from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.session_messages import Alive
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
-from volsplat.protocol.wire.descriptors import ReceivedDescriptors, passing
+from volsplat.protocol.wire.channel import plain_channel
+from volsplat.protocol.wire.descriptors import ReceivedDescriptors
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
 from volsplat.protocol.wire.peer import Counters, Peer
 from volsplat.protocol.wire.socket_options import lose_after, set_options
@@ -51,6 +52,7 @@ class Connection:
         self.peers_silence = 0.0  # seconds after which the other end takes silence for a loss, once it has said so
         self._decoder = Decoder()
         self.descriptors = ReceivedDescriptors()  # the receiving thread's
+        self._channel = plain_channel(connected, self.descriptors)
         self._outgoing = Speech()
         self._deadline: float | None = None
         self._sending = threading.Lock()  # guards the outgoing stream: one message at a time
@@ -165,7 +167,7 @@ class Connection:
             with self._inside():
                 while True:
                     self._keep_deadline()
-                    count = self._read_into(self._decoder.wanted())
+                    count = self._channel.receive_into(self._decoder.wanted())
                     if count == 0:
                         raise self._ended()
                     began = began or time.perf_counter()
@@ -245,24 +247,18 @@ class Connection:
             return bool(poll.poll(0))
         return False
 
-    def _read_into(self, wanted: memoryview) -> int:
-        if self.may_share_memory:
-            return self.descriptors.receive_into(wanted, self._socket)
-        return self._socket.recv_into(wanted)
-
     def _send_all(self, buffers: list[memoryview], descriptor: int | None) -> None:
         self._keep_deadline()
-        with_first = passing(descriptor)
         blocked_since = None
         flags: int = socket.MSG_DONTWAIT  # the first try, so that only time spent blocked is counted
         while buffers:
             try:
-                count = self._socket.sendmsg(buffers[:MOST_BUFFERS], with_first, flags)
+                count = self._channel.send(buffers[:MOST_BUFFERS], descriptor, flags)
             except BlockingIOError as error:
                 if not flags:  # it was waited for, as long as lose_after() has it
                     raise TimeoutError(errno.ETIMEDOUT, os.strerror(errno.ETIMEDOUT)) from error
                 count = 0
-            with_first = [] if count else with_first
+            descriptor = None if count else descriptor
             self.counters.bytes_out += count
             buffers = _after(buffers, count)
             if buffers and flags:

@@ -1,0 +1,49 @@
+"""What carries a connection's bytes: TCP, a Unix socket that passes descriptors as well, or TLS (see tls_channel)."""
+
+import socket
+from typing import Protocol
+
+from volsplat.protocol.wire.descriptors import ReceivedDescriptors, passing
+
+
+class Channel(Protocol):
+    """One thread receives while another sends. The socket's timeout holds for both."""
+
+    def receive_into(self, wanted: memoryview) -> int:
+        """As recv_into: how many bytes have come, 0 at the stream's end."""
+
+    def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
+        """How many bytes of `buffers` have gone, with the first of them `descriptor` where there is one.
+
+        With MSG_DONTWAIT it raises BlockingIOError rather than wait; what is sent next begins with the same bytes.
+        """
+
+
+class TcpChannel:
+    def __init__(self, connected: socket.socket) -> None:
+        self._socket = connected
+
+    def receive_into(self, wanted: memoryview) -> int:
+        return self._socket.recv_into(wanted)
+
+    def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
+        return self._socket.sendmsg(buffers, [], flags)
+
+
+class UnixChannel:
+    def __init__(self, connected: socket.socket, descriptors: ReceivedDescriptors) -> None:
+        """`descriptors` takes those that come."""
+        self._socket = connected
+        self._descriptors = descriptors
+
+    def receive_into(self, wanted: memoryview) -> int:
+        return self._descriptors.receive_into(wanted, self._socket)
+
+    def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
+        return self._socket.sendmsg(buffers, passing(descriptor), flags)
+
+
+def plain_channel(connected: socket.socket, descriptors: ReceivedDescriptors) -> Channel:
+    if connected.family == socket.AF_UNIX:
+        return UnixChannel(connected, descriptors)
+    return TcpChannel(connected)
