@@ -61,6 +61,7 @@ class Accepter:
         Raises BadInput where the peer is rejected, or what the connection raises.
         """
         handshake = AccepterHandshake(self._token, self._role, self._versions, token_of=self._token_of)
+        handshake.binding = connection.binding
         while handshake.state is not State.PROVEN:
             received = connection.receive()
             if received is None:

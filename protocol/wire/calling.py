@@ -7,6 +7,7 @@ from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import dialled_socket, patiently
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.port import HANDSHAKE_SECONDS
 
 
@@ -15,6 +16,7 @@ def call(
     name: str,
     accepter: Accepter,
     *,
+    encryption: Encryption = Encryption.BETWEEN_MACHINES,
     patience: float,
     report: Callable[[str], None],
     given_up: Callable[[], bool],
@@ -30,6 +32,7 @@ def call(
         connection = Connection(dialled_socket(address, place), place)
         try:
             connection.limit(HANDSHAKE_SECONDS)
+            connection.encrypt(encryption, accepts=False)
             accepter.greet(connection, address)
         except BadInput as error:
             connection.close()

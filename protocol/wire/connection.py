@@ -19,11 +19,13 @@ from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.session_messages import Alive
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
-from volsplat.protocol.wire.channel import plain_channel
+from volsplat.protocol.wire.channel import Channel, plain_channel
 from volsplat.protocol.wire.descriptors import ReceivedDescriptors
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
 from volsplat.protocol.wire.peer import Counters, Peer
 from volsplat.protocol.wire.socket_options import lose_after, set_options
+from volsplat.protocol.wire.tls_channel import TlsChannel
 
 if TYPE_CHECKING:
     from typing_extensions import Buffer
@@ -52,7 +54,8 @@ class Connection:
         self.peers_silence = 0.0  # seconds after which the other end takes silence for a loss, once it has said so
         self._decoder = Decoder()
         self.descriptors = ReceivedDescriptors()  # the receiving thread's
-        self._channel = plain_channel(connected, self.descriptors)
+        self._channel: Channel = plain_channel(connected, self.descriptors)
+        self.binding = b""  # what proofs are bound to: the fingerprint of the accepter's certificate
         self._outgoing = Speech()
         self._deadline: float | None = None
         self._sending = threading.Lock()  # guards the outgoing stream: one message at a time
@@ -113,6 +116,20 @@ class Connection:
     def limit(self, seconds: float) -> None:
         """From now until open(), sends and receives fail with PeerLost once this much time has passed."""
         self._deadline = time.monotonic() + seconds
+
+    def encrypt(self, encryption: Encryption, *, accepts: bool) -> None:
+        """Speak TLS from now on if this link is to be encrypted; `accepts`: this side was dialled.
+
+        Raises BadInput where the other end does not, else as receive() does.
+        """
+        try:
+            with self._inside():
+                if encryption.holds_for(self._socket):
+                    channel = TlsChannel(self._socket, self._keep_deadline, accepts=accepts)
+                    self.binding = channel.shake_hands()
+                    self._channel = channel
+        except OSError as error:
+            raise self._lost(error) from error
 
     def lose_after(self, seconds: float) -> None:
         """From now on, a peer that has not taken what was sent for so long is gone: for one that always reads.

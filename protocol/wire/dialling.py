@@ -13,6 +13,7 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import DiallerHandshake, State
 from volsplat.protocol.wire.peer import Peer
@@ -40,6 +41,7 @@ def connect(
     expected: Role,
     *,
     server: int = 0,
+    encryption: Encryption = Encryption.BETWEEN_MACHINES,
     patience: float = PATIENCE_SECONDS,
     handshake_seconds: float = HANDSHAKE_SECONDS,
     allocate: Allocate = new_buffer,
@@ -59,7 +61,7 @@ def connect(
     def attempt() -> Connection:
         fresh = msgspec.structs.replace(hello, nonce=secrets.token_bytes(NONCE_BYTES))  # one nonce for each try
         handshake = DiallerHandshake(token, fresh, expected)
-        return _try_once(address, place, handshake, server, handshake_seconds, allocate)
+        return _try_once(address, place, handshake, server, encryption, handshake_seconds, allocate)
 
     return patiently(attempt, patience, report, given_up)
 
@@ -92,11 +94,18 @@ def patiently(
 
 
 def _try_once(
-    address: Address, place: str, handshake: DiallerHandshake, server: int, seconds: float, allocate: Allocate
+    address: Address,
+    place: str,
+    handshake: DiallerHandshake,
+    server: int,
+    encryption: Encryption,
+    seconds: float,
+    allocate: Allocate,
 ) -> Connection:
     connection = Connection(dialled_socket(address, place), place)
     try:
         connection.limit(seconds)
+        connection.encrypt(encryption, accepts=False)
         shake_hands(connection, handshake)
         peer = Peer(handshake.expected, address.host, address.port, id=server, version=handshake.version)
         connection.open(peer, handshake.hello.role, handshake.id, allocate)
@@ -128,6 +137,7 @@ def dialled_socket(address: Address, place: str) -> socket.socket:
 
 def shake_hands(connection: Connection, handshake: DiallerHandshake) -> None:
     """Run the dialler's side to its end. Raises BadInput where either side rejects, or what the connection raises."""
+    handshake.binding = connection.binding
     connection.send(handshake.start())
     while handshake.state is not State.OPEN:
         received = connection.receive()

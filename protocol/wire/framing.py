@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 HEADER = struct.Struct("<IIQ")
 MAGIC = int.from_bytes(b"VSPL", "little")
+TLS_BEGINS = b"\x16\x03"  # a TLS handshake
 LARGEST_CONTROL = 1 << 20
 LARGEST_PAYLOAD = max(kind.largest_payload for kind in MESSAGES)
 LARGEST_GREETING = 4096  # control part of a peer that has not proved itself; it may send no payload
@@ -124,7 +125,8 @@ class Decoder:
         largest_control = LARGEST_GREETING if greeting else LARGEST_CONTROL
         largest_payload = 0 if greeting else LARGEST_PAYLOAD
         if magic != MAGIC:
-            raise RemoteProtocolError(f"magic is 0x{magic:08x}, but volsplat's is 0x{MAGIC:08x}")
+            tls = "; this is TLS, which this side does not expect" if self._header[:2] == TLS_BEGINS else ""
+            raise RemoteProtocolError(f"magic is 0x{magic:08x}, but volsplat's is 0x{MAGIC:08x}{tls}")
         if not 0 < control_bytes <= largest_control:
             raise RemoteProtocolError(f"control_bytes is {control_bytes}, but 1 to {largest_control} are allowed")
         if payload_bytes > largest_payload:

@@ -5,9 +5,11 @@ checked before a transition: versions, roles and proofs. An event that is illega
 leaves the state as it was.
 
 Each proof is HMAC-SHA256 with the token as key, over the prover's side, both greetings (so both nonces, roles and
-version ranges) and, in Welcome, the id. The side in it keeps a proof from being sent back to the one who made it;
-the dialler proves itself first, so that whoever connects to a port learns nothing to try tokens on. Where the
-accepter holds each peer to a token of its own (data links), that one is the key.
+version ranges), what the connection is bound to and, in Welcome, the id. Over TLS it is bound to the accepter's
+certificate, as shown by one side and seen by the other: whoever stands between has to show another. The side in it
+keeps a proof from being sent back to the one who made it; the dialler proves itself first, so that whoever connects to
+a port learns nothing to try tokens on. Where the accepter holds each peer to a token of its own (data links), that one
+is the key.
 """
 
 import hmac
@@ -96,6 +98,7 @@ class Handshake:
         self.side = side
         self.state = BEGIN[side]
         self._token = token
+        self.binding = b""  # what both proofs are bound to besides (see Connection.binding)
 
     def _next(self, does: Does, kind: type[Message]) -> State:
         try:
@@ -106,7 +109,8 @@ class Handshake:
 
     def _proof(self, prover: Side, hello: Hello, challenge: Challenge, server: int) -> bytes:
         proof = hmac.new(self._token.key, digestmod="sha256")
-        for part in (b"volsplat", prover.value.encode(), encode_control(hello), encode_control(challenge)):
+        greetings = encode_control(hello), encode_control(challenge)
+        for part in (b"volsplat", prover.value.encode(), *greetings, self.binding):
             proof.update(len(part).to_bytes(8, "little") + part)
         proof.update(server.to_bytes(8, "little"))
         return proof.digest()

@@ -7,6 +7,7 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.versions import SPOKEN, VersionRange
 from volsplat.protocol.wire.accepting import Accepter
 from volsplat.protocol.wire.addresses import LOOPBACK
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.port import HANDSHAKE_SECONDS, MOST_PENDING, Port
 from volsplat.protocol.wire.tokens import Token
@@ -28,9 +29,10 @@ class Listener(Port):
         versions: VersionRange = SPOKEN,
         handshake_seconds: float = HANDSHAKE_SECONDS,
         most_pending: int = MOST_PENDING,
+        encryption: Encryption = Encryption.BETWEEN_MACHINES,
     ) -> None:
         """See Accepter and Port. Raises BadInput where the address cannot be had."""
         self.accepter = Accepter(
             role, token, assign_id=assign_id, token_of=token_of, allocate=allocate, versions=versions
         )
-        super().__init__(self.accepter.greet, host, port, handshake_seconds, most_pending)
+        super().__init__(self.accepter.greet, host, port, handshake_seconds, most_pending, encryption)

@@ -13,11 +13,14 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import Self
 
+from volsplat.protocol.messages.greetings import Rejected
 from volsplat.protocol.text.errors import BadInput, TooEarly, VolsplatError
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.text.rare_lines import RareLines
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
+from volsplat.protocol.wire.encryption import Encryption
+from volsplat.protocol.wire.tls_channel import ONE_SIDED, PlainCaller
 from volsplat.protocol.wire.unix_socket import is_ours, opened_door
 
 HANDSHAKE_SECONDS = 5.0
@@ -41,6 +44,7 @@ class Port:
         port: int,
         handshake_seconds: float = HANDSHAKE_SECONDS,
         most_pending: int = MOST_PENDING,
+        encryption: Encryption = Encryption.BETWEEN_MACHINES,
     ) -> None:
         """`port` 0 takes any free one. Several threads may call `greet` at a time.
 
@@ -48,6 +52,7 @@ class Port:
         """
         self._greet = greet
         self._handshake_seconds = handshake_seconds
+        self._encryption = encryption
         self._most_pending = most_pending
         self.lines = RareLines(log)  # about those who come in here
         port_socket = _bound(host, port)
@@ -139,6 +144,15 @@ class Port:
             self.lines.warn(f"{connection} is dropped: {error}")
             connection.close()
 
+    def _secure(self, connection: Connection) -> None:
+        try:
+            connection.encrypt(self._encryption, accepts=True)
+        except PlainCaller as error:
+            connection.send(Rejected(ONE_SIDED))
+            raise BadInput(f"{connection} is rejected: {error}") from error
+        except BadInput as error:
+            raise BadInput(f"{connection} is rejected: {error}") from error
+
     def _drop_oldest(self, cause: str) -> None:
         with self._lock:
             connection = next(iter(self._pending), None)
@@ -153,6 +167,7 @@ class Port:
     def _handle(self, connection: Connection, address: Address) -> None:
         failure = ""
         try:
+            self._secure(connection)
             self._greet(connection, address)
         except ConnectionClosed:
             log.debug("%s is gone: this side closed it", connection)

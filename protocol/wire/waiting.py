@@ -15,6 +15,7 @@ from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import shake_hands
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.handshake import DiallerHandshake, new_hello
 from volsplat.protocol.wire.peer import Peer
@@ -25,7 +26,14 @@ from volsplat.protocol.wire.tokens import Token
 class WaitingPort:
     """A port that takes one client at a time; while it is served, others are told so and turned away."""
 
-    def __init__(self, role: Role, address: Address, token: Token, allocate: Allocate = new_buffer) -> None:
+    def __init__(
+        self,
+        role: Role,
+        address: Address,
+        token: Token,
+        allocate: Allocate = new_buffer,
+        encryption: Encryption = Encryption.BETWEEN_MACHINES,
+    ) -> None:
         """`role` is the server's. Raises BadInput where the address cannot be had."""
         self._role = role
         self._token = token
@@ -33,7 +41,7 @@ class WaitingPort:
         self._lock = threading.Lock()  # guards the two below
         self._hello: Hello | None = None  # of who waits now
         self._engaged = "is not ready yet"
-        self._port = Port(self._greet, address.host, address.port)
+        self._port = Port(self._greet, address.host, address.port, encryption=encryption)
 
     @property
     def address(self) -> Address:

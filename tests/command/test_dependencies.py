@@ -16,7 +16,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["
 ALWAYS = "always"  # what is installed without any extra
 
 MAY_USE = {
-    "protocol": {"msgspec"},
+    "protocol": {"msgspec", "cryptography"},
     "program": {"click", "rich"},
     "deploy": {"msgspec"},
     "splat_server": {"click", "zstandard"},
