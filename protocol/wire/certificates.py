@@ -22,6 +22,7 @@ def fingerprint(certificate: bytes) -> bytes:
 @cache
 def accepting_context() -> tuple[ssl.SSLContext, bytes]:
     """What the side that is dialled speaks TLS with, and its certificate's fingerprint. Made once for the process."""
+    # Slow to import, and of no use where every link stays on this machine.
     from cryptography.hazmat.primitives.asymmetric import ec
     from cryptography.hazmat.primitives.serialization import Encoding, NoEncryption, PrivateFormat
 

@@ -47,3 +47,12 @@ def plain_channel(connected: socket.socket, descriptors: ReceivedDescriptors) ->
     if connected.family == socket.AF_UNIX:
         return UnixChannel(connected, descriptors)
     return TcpChannel(connected)
+
+
+def unsent(buffers: list[memoryview], count: int) -> list[memoryview]:
+    """What is left of `buffers` when `count` bytes have gone."""
+    for n, buffer in enumerate(buffers):
+        if count < len(buffer):
+            return [buffer[count:], *buffers[n + 1 :]]
+        count -= len(buffer)
+    return []

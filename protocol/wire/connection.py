@@ -19,7 +19,7 @@ from volsplat.protocol.messages.roles import Role, Way
 from volsplat.protocol.messages.session_messages import Alive
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import LocalProtocolError, PeerLost, RemoteProtocolError, VolsplatError
-from volsplat.protocol.wire.channel import Channel, plain_channel
+from volsplat.protocol.wire.channel import Channel, plain_channel, unsent
 from volsplat.protocol.wire.descriptors import ReceivedDescriptors
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
@@ -118,10 +118,7 @@ class Connection:
         self._deadline = time.monotonic() + seconds
 
     def encrypt(self, encryption: Encryption, *, accepts: bool) -> None:
-        """Speak TLS from now on if this link is to be encrypted; `accepts`: this side was dialled.
-
-        Raises BadInput where the other end does not, else as receive() does.
-        """
+        """Speak TLS from now on if this link is to be encrypted; `accepts`: this side was dialled. Raises BadInput."""
         try:
             with self._inside():
                 if encryption.holds_for(self._socket):
@@ -277,7 +274,7 @@ class Connection:
                 count = 0
             descriptor = None if count else descriptor
             self.counters.bytes_out += count
-            buffers = _after(buffers, count)
+            buffers = unsent(buffers, count)
             if buffers and flags:
                 flags, blocked_since = 0, time.perf_counter()
         if blocked_since is not None:
@@ -309,12 +306,3 @@ class Connection:
 
     def _why_closed(self) -> VolsplatError:
         return PeerLost(self._loss) if self._loss else ConnectionClosed(f"the connection to {self} is closed")
-
-
-def _after(buffers: list[memoryview], count: int) -> list[memoryview]:
-    """What is left of `buffers` when `count` bytes have gone."""
-    for n, buffer in enumerate(buffers):
-        if count < len(buffer):
-            return [buffer[count:], *buffers[n + 1 :]]
-        count -= len(buffer)
-    return []

@@ -35,8 +35,7 @@ class TlsChannel:
         self._socket = connected
         self._keep_deadline = keep_deadline
         self._incoming, self._outgoing = ssl.MemoryBIO(), ssl.MemoryBIO()
-        self._accepts = accepts
-        context = accepting_context()[0] if accepts else dialling_context()
+        context, self._shown = accepting_context() if accepts else (dialling_context(), b"")
         self._tls = context.wrap_bio(self._incoming, self._outgoing, server_side=accepts)
         self._lock = threading.Lock()  # guards the three above
         self._raw = memoryview(bytearray(PIECE))  # the receiving thread's
@@ -64,8 +63,8 @@ class TlsChannel:
                 self._flush()  # the alert, which tells the other end
             raise BadInput(f"TLS 1.3 fails with it: {_reason(error)}") from error
         self._flush()
-        if self._accepts:
-            return accepting_context()[1]
+        if self._shown:
+            return self._shown
         certificate = self._tls.getpeercert(binary_form=True)
         assert certificate is not None, "TLS 1.3 without a certificate of the accepter's"
         return fingerprint(certificate)

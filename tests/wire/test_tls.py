@@ -1,19 +1,22 @@
 """TLS links: which are encrypted, that they carry messages whole both ways at once, and that strangers are noticed."""
 
-import os
 import socket
 import ssl
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
 from support.patience import PATIENCE
-from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.certificates import accepting_context
+from volsplat.protocol.wire.channel import unsent
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.encryption import Encryption
@@ -46,13 +49,47 @@ def of_machine() -> str | None:
     return None
 
 
-def test_what_is_said_both_ways_at_once_arrives_whole() -> None:
-    token, rounds = new_token(), 300
-    with listening(token, Encryption.ALWAYS) as listener, dialled(listener.address, token, Encryption.ALWAYS) as far:
-        near = listener.accept(PATIENCE)
-        assert near is not None and near.binding == far.binding != b""
-        payload = os.urandom((1 << 20) + 7)
-        lend = messages.VolumeDescribed  # noqa: F841
+buffer_lists = st.lists(st.binary(max_size=70_000), min_size=1, max_size=20)
+
+
+@given(buffer_lists, buffer_lists, st.sampled_from([0, socket.MSG_DONTWAIT]))
+@settings(max_examples=40, deadline=None)
+def test_what_is_sent_both_ways_at_once_arrives_whole(there: list[bytes], back: list[bytes], flags: int) -> None:
+    with shaken() as (near, far), ThreadPoolExecutor(4) as threads:
+        sent = [threads.submit(send_all, *one, flags) for one in ((near, there), (far, back))]
+        come = [threads.submit(receive_all, end, sum(map(len, said))) for end, said in ((far, there), (near, back))]
+        assert [one.result(PATIENCE) for one in come] == [b"".join(there), b"".join(back)]
+        assert not any(one.result(PATIENCE) for one in sent)
+
+
+@contextmanager
+def shaken() -> Iterator[tuple[TlsChannel, TlsChannel]]:
+    with ThreadPoolExecutor(1) as thread:
+        one, other = socket.socketpair()
+        with one, other:
+            near, far = TlsChannel(one, lambda: None, accepts=True), TlsChannel(other, lambda: None, accepts=False)
+            shown = thread.submit(near.shake_hands)
+            assert far.shake_hands() == shown.result(PATIENCE) != b""
+            yield near, far
+
+
+def send_all(channel: TlsChannel, said: list[bytes], flags: int) -> None:
+    buffers = [memoryview(one) for one in said if one]
+    while buffers:
+        try:
+            count = channel.send(buffers, None, flags)
+        except BlockingIOError:
+            flags = 0
+            continue
+        buffers = unsent(buffers, count)
+
+
+def receive_all(channel: TlsChannel, nbytes: int) -> bytes:
+    wanted = memoryview(bytearray(nbytes))
+    count = 0
+    while count < nbytes:
+        count += channel.receive_into(wanted[count:])
+    return bytes(wanted)
 
 
 def test_links_between_machines_are_encrypted_and_those_of_one_are_not() -> None:
@@ -126,6 +163,8 @@ class Relay:
         self._port = socket.create_server((BESIDE, 0))
         self.address = Address(*self._port.getsockname()[:2])
         self.read_along = 0
+        self._ends = ExitStack()  # closes the sockets
+        self._ends.enter_context(self._port)
         self._threads = [threading.Thread(target=self._take, daemon=True)]
 
     def __enter__(self) -> "Relay":
@@ -133,13 +172,15 @@ class Relay:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._port.close()
         for thread in self._threads:
             thread.join(PATIENCE)
+        self._ends.close()
 
     def _take(self) -> None:
         caller, _ = self._port.accept()
         behind = socket.create_connection(self._behind)
+        self._ends.enter_context(caller)
+        self._ends.enter_context(behind)
         accepting_context.cache_clear()  # as a process of its own has another certificate
         near, far = TlsChannel(caller, lambda: None, accepts=True), TlsChannel(behind, lambda: None, accepts=False)
         near.shake_hands()
