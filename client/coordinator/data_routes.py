@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Iterable
 from ipaddress import ip_address
 
-from volsplat.client.coordinator.coordinator_events import Instruction, Send, ServerJoined
+from volsplat.client.coordinator.coordinator_events import Instruction, ReportProgress, Send, ServerJoined
 from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
 from volsplat.protocol.wire.addresses import Address
@@ -24,7 +24,19 @@ class DataRoutes:
 
     def connect(self, workers: Iterable[int]) -> list[Instruction]:
         """Have these workers link to the splat servers that are there, and to no other."""
-        return [self._connect(worker) for worker in workers]
+        return [told for worker in workers for told in (*self._cut_off(worker), self._connect(worker))]
+
+    def _cut_off(self, worker: int) -> list[Instruction]:
+        """What to tell of splat servers that a worker cannot reach, whatever it tries."""
+        here = self._servers.joined[worker]
+        return [
+            ReportProgress(
+                f"{splat.name} listens on its own machine alone, at {splat.data}, but {here.name} is on another one; "
+                "start the splat server with --listen 0.0.0.0:0, or --advertise HOST:PORT"
+            )
+            for splat in map(self._servers.joined.__getitem__, self._servers.splat_servers)
+            if _is_loopback(_reached(splat, here).host) and not _is_loopback(here.host)
+        ]
 
     def _connect(self, worker: int) -> Send:
         self._asked[worker] += 1

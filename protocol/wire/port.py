@@ -11,13 +11,14 @@ import socket
 import threading
 from collections.abc import Callable
 from contextlib import suppress
+from ipaddress import ip_address
 from typing import Self
 
 from volsplat.protocol.messages.greetings import Rejected
 from volsplat.protocol.text.errors import BadInput, TooEarly, VolsplatError
 from volsplat.protocol.text.printable import printable
 from volsplat.protocol.text.rare_lines import RareLines
-from volsplat.protocol.wire.addresses import LOOPBACK, Address
+from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.tls_channel import ONE_SIDED, PlainCaller
@@ -195,6 +196,11 @@ def _bound(host: str, port: int) -> socket.socket:
         raise BadInput(
             f"cannot listen at {place}: the name {host} is unknown; give an address of this machine"
         ) from error
+    if _hides(host, str(address[0])):
+        raise BadInput(
+            f"cannot listen at {place}: here the name {host} means {address[0]}, which no other machine reaches; give "
+            f"an address of this machine, or {Address(EVERYWHERE, port)}"
+        )
     listening = socket.socket(family, kind, protocol)
     try:
         # Without it, a port stays unusable for minutes after a listener's connections have closed.
@@ -207,3 +213,12 @@ def _bound(host: str, port: int) -> socket.socket:
             raise BadInput(f"port {port} at {host} is already in use; choose another, or 0 for any free one") from error
         raise BadInput(f"cannot listen at {place}: {error.strerror}; choose another host or port") from error
     return listening
+
+
+def _hides(host: str, found: str) -> bool:
+    """Whether a name that other machines know this one by stands for this machine alone (Debian's /etc/hosts)."""
+    try:
+        ip_address(host)
+    except ValueError:
+        return ip_address(found).is_loopback and not host.startswith("localhost") and not host.endswith(".localhost")
+    return False

@@ -24,6 +24,7 @@ from volsplat.protocol.description.scene import Image, ScalarTable, Scene, Step,
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.text.errors import BadInput
 
 SIDE = 96
@@ -154,6 +155,46 @@ def test_of_a_store_only_what_is_new_is_read(store: Path) -> None:
     assert opened(held, 2, MOVED[1]) == MOVED[1].voxels - SECOND.voxels
     assert opened(whole, 1, MOVED[1]) == MOVED[1].voxels
     assert packets(held) == packets(whole)
+
+
+def asked_of(held: HeldVolume, volume: Path, box: Box, rules: Quantisation) -> list[object]:
+    """What a client has a server do before the first frame, and all that it answers but times."""
+    held.keep()  # the client before has gone
+    described = answered(held, messages.DescribeVolume(str(volume)))
+    assert isinstance(described, messages.VolumeDescribed)
+    read = answered(held, messages.ReadSubCubes(1, str(volume), [box], described.identity))
+    assert isinstance(read, messages.SubCubesRead)
+    survey = read.survey
+    (counted,) = held.answers(messages.CountHistograms(1, survey.low, survey.high, survey.max_gradient))
+    packed = answered(held, messages.PackVoxels(1, rules))
+    assert isinstance(packed, messages.VoxelsPacked)
+    return [survey, counted.message, [bytes(part) for part in counted.payload], packed.voxels, packets(held)]
+
+
+def test_the_next_client_finds_what_the_one_before_has_left(volume: Path) -> None:
+    with SingleProcess(volume) as single:
+        rules = single.volume.quantisation(scene(single).quantise)
+    held = HeldVolume()
+    first = asked_of(held, volume, SECOND, rules)
+    before = bytes_read()
+    assert asked_of(held, volume, SECOND, rules) == first
+    assert bytes_read() - before < 2 * LOOKED_AT
+    assert asked_of(held, volume, MOVED[1], rules) == asked_of(HeldVolume(), volume, MOVED[1], rules)
+
+
+def test_other_rules_and_another_volume_are_not_taken_for_what_is_kept(volume: Path, tmp_path: Path) -> None:
+    with SingleProcess(volume) as single:
+        rules = single.volume.quantisation(scene(single).quantise)
+    low, high = rules.window
+    others = msgspec.structs.replace(rules, window=(low, low + (high - low) / 2))
+    held = HeldVolume()
+    asked_of(held, volume, SECOND, rules)
+    assert asked_of(held, volume, SECOND, others) == asked_of(HeldVolume(), volume, SECOND, others)
+    copy = tmp_path / volume.name
+    data = bytearray(volume.read_bytes())
+    data[-8:] = data[-16:-8]
+    copy.write_bytes(data)
+    assert asked_of(held, copy, SECOND, rules) == asked_of(HeldVolume(), copy, SECOND, rules)
 
 
 def test_what_is_held_stays_where_a_change_is_refused(volume: Path, tmp_path: Path) -> None:

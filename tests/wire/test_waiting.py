@@ -1,5 +1,6 @@
 """Servers that wait for clients: one client after the other, in whichever order they start, and others are told why."""
 
+import socket
 import threading
 from contextlib import closing
 
@@ -97,3 +98,12 @@ def test_a_server_waits_no_longer_than_it_is_to() -> None:
     with closing(WaitingPort(Role.SPLAT_SERVER, Address(LOOPBACK, 0), TOKEN)) as port:
         with pytest.raises(PeerLost, match="no client has come"):
             port.next_client(SERVER, 0.01)
+
+
+def test_a_name_that_only_this_machine_takes_for_its_own_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = [(socket.AF_INET, socket.SOCK_STREAM, 6, "", ("127.0.1.1", 0))]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)  # as Debian names a machine to itself
+    with pytest.raises(
+        BadInput, match="the name desk means 127.0.1.1, which no other machine reaches; give an address"
+    ):
+        WaitingPort(Role.SPLAT_SERVER, Address("desk", 0), TOKEN)
