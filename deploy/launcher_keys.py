@@ -9,7 +9,6 @@ class LauncherKeys(msgspec.Struct, frozen=True, kw_only=True, rename="kebab", fo
 
 class SshKeys(LauncherKeys, frozen=True):
     options: tuple[str, ...] = ()  # for the program ssh, as ["-J", "gate.lab"]
-    tunnel: bool = False  # all connections go through ssh
 
 
 class DaskKeys(LauncherKeys, frozen=True):

@@ -61,7 +61,7 @@ class Clients:
                 Role.CLIENT,
                 patience=patience,
                 allocate=self._allocate,
-                report=lambda line: log.info("%s; trying again", line),
+                report=lambda line: log.warning("%s; trying again for %g s", line, patience),
             )
         self._found = True
         return client

@@ -159,7 +159,7 @@ class ClusterServers:
             elif said.state is ServerState.QUEUED:
                 queued = True
                 self._note(name, f"{name} is queued: {said.reason}")
-            elif said.state is ServerState.UNKNOWN or not self._known[name].wait_at:
+            elif not one.wait_at:  # else whoever dials it knows better
                 self._note(name, f"{name} has not joined yet" + (f": {said.reason}" if said.reason else ""))
         again = [name for name in ended if self._starts.get(name, 0) < MOST_STARTS]
         if again:

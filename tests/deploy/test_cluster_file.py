@@ -29,7 +29,6 @@ listen = "0.0.0.0:7100"
 advertise = "node1.lab"
 [machines.ssh]
 options = ["-J", "gate.lab"]
-tunnel = false
 """
 
 
@@ -61,7 +60,11 @@ def test_every_key_is_read() -> None:
         ('memory = "8G"', 'memory = "much"', "machines[0].memory: memory much: give a size"),
         ('name = "lab"', 'name = "../lab"', "name: '../lab' cannot be used"),
         ('name = "lab"', "", "name: this key is missing"),
-        ("tunnel = false", "tunnels = 1", "machines[0].ssh.tunnels: unknown key; machines[0].ssh has options, tunnel"),
+        (
+            'options = ["-J", "gate.lab"]',
+            "option = 1",
+            "machines[0].ssh.option: unknown key; machines[0].ssh has options",
+        ),
     ],
 )
 def test_what_is_wrong_is_named_with_its_place(before: str, after: str, said: str) -> None:

@@ -1,6 +1,7 @@
 """A cluster over real processes: brought up once, used by one client after the other, ended; through sshd as well."""
 
 import os
+import shlex
 import signal
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -10,12 +11,15 @@ import msgspec
 import psutil
 import pytest
 
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from support.programs.clusters import cluster_file, sshd
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
+from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session import cluster_servers
+from volsplat.protocol.text.errors import PeerLost
 
 LOCAL = 'launcher = "local"\nthreads = 1\n'
 
@@ -128,3 +132,31 @@ def test_servers_end_by_themselves_when_no_client_comes(person: Person) -> None:
     assert person.runs("deploy", "up", str(path)).returncode == 0
     wait_until(lambda: not any(map(psutil.pid_exists, processes(person))), "ended")
     assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def test_lines_to_type_by_hand_start_servers_that_join(person: Person) -> None:
+    waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
+    path = cluster_file(person.folder, "by-hand", waits)
+    up = person.runs("deploy", "up", str(path))
+    lines = [line for line in up.stderr.splitlines() if line.startswith("volsplat ")]
+    assert up.returncode == 0 and len(lines) == 2
+    token = person.folder / "state" / "volsplat" / "clusters" / "by-hand" / "token"
+    typed = [person.starts(*shlex.split(line)[1:-1], str(token)) for line in lines]
+    try:
+        drawn(person, "--cluster", str(path))
+    finally:
+        for program in typed:
+            program.terminate()
+            program.communicate(timeout=PATIENCE)
+        person.runs("deploy", "down", str(path))
+
+
+def test_who_is_missing_is_named_with_the_reason(person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cluster_servers, "GATHERING_SECONDS", 1.0)
+    waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
+    path = cluster_file(person.folder, "nobody", waits)
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    with Session(person.folder / "head.nrrd", cluster=path) as session:
+        with pytest.raises(PeerLost, match="servers of nobody are missing: .* nobody listens there"):
+            session.default_scene()
+    person.runs("deploy", "down", str(path))
