@@ -59,7 +59,7 @@ class Frames:
         frame, holding, volume = self.frame, self._holding, self._holding.volume
         if frame is None or frame.started or volume is None:
             return []
-        if frame.require_complete and self._servers.missing:  # others are about to read it, if they may
+        if not holding.boxes or (frame.require_complete and self._servers.missing):  # others are about to read it
             return [] if holding.assignments.may_move else self.end(incomplete(self._servers.states.values()))
         geometry = volume.description.geometry
         frame.scene = volume.settled(frame.scene)
@@ -100,7 +100,8 @@ class Frames:
         frame, self.frame = self.frame, None
         if frame is None:
             return []
-        self._owed = frame.started and not frame.require_complete and isinstance(error, ImageIncomplete)
+        left = bool(self._holding.boxes) and isinstance(error, ImageIncomplete)
+        self._owed = left and frame.started and not frame.require_complete
         if frame.unacknowledged:
             return [EndFrame(frame.frame)]
         stop = self._abort_everywhere(frame) if frame.started else []
