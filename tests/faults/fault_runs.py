@@ -1,0 +1,200 @@
+"""Faults of servers at random moments, under a seed: what becomes of the frames.
+
+    cd tests && ../.venv/bin/python -m faults.fault_runs --count 500 --seed 1 --write
+
+prints a line for each fault, and with --write puts the table into docs/reliability.md.
+"""
+
+import contextlib
+import faulthandler
+import random
+import statistics
+import sys
+import tempfile
+import threading
+import time
+from collections.abc import Callable, Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import torch
+from faults.fault_table import written
+from faults.kinds_of_fault import FAULTS, Fault
+from faults.servers_at_hand import HarmedServer, ServersAtHand
+
+from support.files.head_volume import skin
+from volsplat.client import Session
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session.renderer import Refinement
+from volsplat.client.session.single import SingleProcess
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.wire.tokens import new_token
+
+SIZE = (48, 56, 50)  # voxels
+IMAGE = Image(width=320, height=280)
+LONGEST_WAIT = 60.0  # seconds, after which a frame hangs
+LONGEST_MOMENT = 0.3  # seconds into a run of frames when a fault comes: some frames long
+
+
+@dataclass
+class Aftermath:
+    """What one fault did."""
+
+    fault: Fault
+    program: Program
+    workers: int
+    splat_servers: int
+    whole: int = 0
+    incomplete: int = 0
+    wrong: int = 0
+    hung: bool = False
+    ended: str = ""  # why the session ended, if it did
+    harmed_at: float = 0.0  # time.perf_counter()
+    seconds: float = 0.0  # until the first frame that was asked for after the fault and is whole
+
+    def finished(self, refinement: Refinement, truth: torch.Tensor) -> None:
+        assert refinement.outcome is not None
+        now = time.perf_counter()
+        if refinement.outcome.servers.missing:
+            self.incomplete += 1
+        elif not torch.equal(refinement.image, truth):
+            self.wrong += 1
+        else:
+            self.whole += 1
+            if 0.0 < self.harmed_at < now - refinement.outcome.wall_seconds:
+                self.seconds = self.seconds or now - self.harmed_at
+
+    def __str__(self) -> str:
+        told = f"{self.program.title} {self.fault.name}, {self.workers} + {self.splat_servers} servers"
+        became = "HUNG" if self.hung else f"ended: {self.ended}" if self.ended else f"{self.seconds:.2f} s"
+        return f"{told}: {became}; {self.whole} whole, {self.incomplete} incomplete, {self.wrong} WRONG"
+
+
+class Head(NamedTuple):
+    """A volume, a scene of it, and its image by the single process."""
+
+    volume: Path
+    scene: Scene
+    image: torch.Tensor
+
+
+class Bench:
+    """A session with servers at hand, of which one after the other is harmed."""
+
+    def __init__(self, head: Head, chance: random.Random, workers: int, splat_servers: int) -> None:
+        self._head, self._random = head, chance
+        self.workers, self.splat_servers = workers, splat_servers
+        token = new_token()
+        self._session = Session(
+            head.volume, workers=self.workers, splat_servers=self.splat_servers, spawn=False, token=token
+        )
+        self._servers = ServersAtHand(self._session, token, self.workers, self.splat_servers, chance.randrange(1 << 30))
+        self._session.render(head.scene)
+
+    def close(self) -> None:
+        self._session.close()
+        self._servers.close()
+
+    def suffers(self, fault: Fault, of: Collection[Program] = tuple(Program)) -> Aftermath:
+        """Draw on and on, harm a server meanwhile, and draw until a frame that was begun after that is whole."""
+        harmed = self._random.choice([server for server in self._servers.living if server.program in of])
+        after = Aftermath(fault, harmed.program, self.workers, self.splat_servers)
+        harm = threading.Timer(self._random.uniform(0, LONGEST_MOMENT), lambda: self._harm(after, harmed))
+        drawing = threading.Thread(target=self._draw, args=(after,), daemon=True)
+        drawing.start()
+        harm.start()
+        drawing.join(LONGEST_WAIT)
+        harm.join()
+        if drawing.is_alive():
+            after.hung = True
+            faulthandler.dump_traceback()
+        if fault.lasting:
+            harmed.end()
+        return after
+
+    def settled(self) -> bool:
+        """Whether all servers are there again, as they must be for the next fault."""
+        until = time.monotonic() + LONGEST_WAIT
+        while not self._servers.joined() and time.monotonic() < until:
+            time.sleep(0.02)
+        return self._servers.joined()
+
+    def _harm(self, after: Aftermath, harmed: HarmedServer) -> None:
+        after.harmed_at = time.perf_counter()
+        after.fault.harms(harmed)
+        if after.fault.heals is None:
+            self._servers.replace(harmed)
+        else:
+            threading.Timer(after.fault.seconds, after.fault.heals, [harmed]).start()
+
+    def _draw(self, after: Aftermath) -> None:
+        try:
+            while not after.seconds:
+                for refinement in self._session.refine(self._head.scene, first=Step.F):
+                    if refinement.outcome is not None:
+                        after.finished(refinement, self._head.image)
+        except VolsplatError as error:
+            after.ended = str(error)
+
+
+@contextlib.contextmanager
+def drawn_head() -> Iterator[Head]:
+    with tempfile.TemporaryDirectory() as folder:
+        volume = Path(folder, "head.mha")
+        write_volume(volume, *make_phantom("head", size=SIZE))
+        with SingleProcess(volume) as single:
+            scene = skin(single, IMAGE)
+            image = single.render(scene)
+        yield Head(volume, scene, image)
+
+
+def fault_runs(seed: int, goes_on: Callable[[int], bool], say: Callable[[str], None]) -> list[Aftermath]:
+    """Faults one after the other while it `goes_on`, given how many there were, in sessions of other sizes."""
+    chance, seen = random.Random(seed), list[Aftermath]()
+    with drawn_head() as head:
+        bench: Bench | None = None
+        try:
+            while goes_on(len(seen)):
+                bench = bench or Bench(head, chance, chance.randint(1, 4), chance.randint(1, 2))
+                after = bench.suffers(chance.choice(FAULTS))
+                seen.append(after)
+                say(f"{len(seen)}: {after}")
+                if after.ended or after.hung or chance.random() < 0.1 or not bench.settled():
+                    bench.close()
+                    bench = None
+        finally:
+            if bench is not None:
+                bench.close()
+    return seen
+
+
+def summary(seen: list[Aftermath]) -> str:
+    healed = [after.seconds for after in seen if after.fault.lasting and not after.ended and not after.hung]
+    median = f", a median of {statistics.median(healed):.2f} s until the next whole frame" if healed else ""
+    return (
+        f"{len(seen)} faults: {sum(after.wrong for after in seen)} wrong images, "
+        f"{sum(after.hung for after in seen)} hangs, {sum(bool(after.ended) for after in seen)} sessions ended{median}"
+    )
+
+
+@click.command()
+@click.option("--count", default=100, help="Faults (100).")
+@click.option("--seed", type=int, help="What decides them (drawn, and printed).")
+@click.option("--write", is_flag=True, help="Put the table into docs/reliability.md.")
+def main(count: int, seed: int | None, write: bool) -> None:
+    seed = random.randrange(1 << 30) if seed is None else seed
+    print(f"seed {seed}", flush=True)
+    seen = fault_runs(seed, lambda done: done < count, lambda line: print(line, flush=True))
+    print(summary(seen))
+    if write:
+        written(seen, seed)
+    sys.exit(any(after.wrong or after.hung for after in seen))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,66 @@
+"""A relay between a server and its client: a network that can be cut, swallow, crawl, delay and stall."""
+
+import random
+import socket
+import threading
+import time
+from contextlib import suppress
+
+CHUNK = 1 << 16
+STALL_SECONDS = 0.25  # how long TCP waits before it sends again what was lost
+SEGMENT = 1460  # bytes that are lost at a time
+
+
+class Relay:
+    """Takes one connection, and makes one to `target`. Any thread may change how it passes things on."""
+
+    def __init__(self, target: tuple[str, int], seed: int) -> None:
+        self._target = target
+        self._random = random.Random(seed)
+        self._listening = socket.create_server(("127.0.0.1", 0))
+        self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
+        self._ends: list[socket.socket] = []
+        self.swallows = False
+        self.bytes_a_second = 0.0  # 0: as many as come
+        self.delay = 0.0  # seconds
+        self.loss = 0.0  # part of the segments
+        threading.Thread(target=self._accept, name="relay", daemon=True).start()
+
+    def heal(self) -> None:
+        """Pass on all that comes from now on, at once."""
+        self.swallows, self.bytes_a_second, self.delay, self.loss = False, 0.0, 0.0, 0.0
+
+    def cut(self) -> None:
+        """Close both connections, and take no other."""
+        for end in (self._listening, *self._ends):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+
+    def _accept(self) -> None:
+        with suppress(OSError):
+            near, _ = self._listening.accept()
+            far = socket.create_connection(self._target)
+            self._ends = [near, far]
+            for end in self._ends:
+                end.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            for one, other in ((near, far), (far, near)):
+                threading.Thread(target=self._pass_on, args=(one, other), name="relay", daemon=True).start()
+
+    def _pass_on(self, source: socket.socket, target: socket.socket) -> None:
+        with suppress(OSError):
+            while data := source.recv(CHUNK):
+                if self.swallows:
+                    continue
+                self._hold_up(len(data))
+                target.sendall(data)
+        self.cut()
+
+    def _hold_up(self, nbytes: int) -> None:
+        """A loss holds up all that comes after it, as TCP's does."""
+        seconds = self.delay + (nbytes / self.bytes_a_second if self.bytes_a_second else 0.0)
+        segments = -(-nbytes // SEGMENT)
+        if self.loss and self._random.random() > (1 - self.loss) ** segments:
+            seconds += STALL_SECONDS
+        if seconds:
+            time.sleep(seconds)

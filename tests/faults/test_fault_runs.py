@@ -1,0 +1,32 @@
+"""Servers are harmed at random moments: no image is wrong, and none is waited for without end."""
+
+import random
+import time
+
+import pytest
+from faults.fault_runs import Bench, drawn_head, fault_runs, summary
+from faults.kinds_of_fault import FAULTS, Fault
+
+from volsplat.deploy.server_command import Program
+
+SECONDS = 60.0  # of faults; `python -m faults.fault_runs` does hundreds
+
+
+def test_no_fault_makes_a_wrong_image_or_a_hang() -> None:
+    seed = random.randrange(1 << 30)
+    print(f"seed {seed}")
+    until = time.monotonic() + SECONDS
+    seen = fault_runs(seed, lambda done: not done or time.monotonic() < until, print)
+    print(summary(seen))
+    assert not any(after.wrong or after.hung for after in seen)
+
+
+@pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.silent], ids=lambda fault: fault.name)
+def test_what_the_only_map_shade_server_held_goes_to_one_that_came_before_its_loss_was_noticed(fault: Fault) -> None:
+    with drawn_head() as head:
+        bench = Bench(head, random.Random(1), workers=1, splat_servers=1)
+        try:
+            after = bench.suffers(fault, of=[Program.MAPSHADE_SERVER])
+        finally:
+            bench.close()
+    assert after.seconds and not (after.hung or after.ended or after.wrong), after
