@@ -1,11 +1,13 @@
-"""Starts servers as processes of this machine, and ends them."""
+"""Starts servers as processes of this machine, starts another one where one has ended, and ends them."""
 
 import os
 import socket
 import subprocess
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
 
 from volsplat.deploy.process_end import told_end
 from volsplat.deploy.server_command import Program, server_command
@@ -14,57 +16,120 @@ from volsplat.protocol.wire.tokens import Token
 
 PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
 REAPED_SECONDS = 1.0  # until it is known how a process ended whose connections are gone, on a busy machine
+MOST_RESTARTS = 3  # in the place of one server, within …
+RESTARTS_SECONDS = 60.0
+BAD_INPUT = 2  # the status of a server that ends since a person must act: another one would, too
 GRACE_SECONDS = 0.5  # that servers have to end by themselves before they are terminated, and again before a kill
+
+
+@dataclass
+class _Place:
+    """One server, whichever process is it now."""
+
+    program: Program
+    command: list[str]
+    environment: dict[str, str]
+    restarts: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_RESTARTS))  # when, time.monotonic()
+
+    def may_restart(self) -> bool:
+        """Not too often; counts as one more if it may."""
+        now = time.monotonic()
+        if len(self.restarts) == MOST_RESTARTS and now - self.restarts[0] < RESTARTS_SECONDS:
+            return False
+        self.restarts.append(now)
+        return True
 
 
 class LocalServers:
     """The servers that a client started on its own machine.
 
     Each runs in a session of its own, so that Ctrl-C reaches only the client, which then ends them in order. A
-    server whose client vanishes ends by itself when its control connection closes. `on_end` is called, on a thread
-    of its own, with one line for each server that ends.
+    server whose client vanishes ends by itself when its control connection closes. In the place of one that ends before
+    that, another one is started. `on_end` is called, on a thread of its own, for each server that ends: with one line,
+    its name (see process_name), and whether another one is started in its place.
     """
 
-    def __init__(self, on_end: Callable[[str], None], silence: float = SILENCE_SECONDS) -> None:
+    def __init__(self, on_end: Callable[[str, str, bool], None], silence: float = SILENCE_SECONDS) -> None:
         self._on_end = on_end
         self._silence = silence
+        self._lock = threading.Lock()  # guards what follows
         self._processes: list[subprocess.Popen[bytes]] = []
+        self._ending = False
 
     def start(self, program: Program, address: str, token: Token, threads: int) -> None:
         """Start one server that dials `address` (HOST:PORT) and may use so many threads."""
         limits = ("--patience", str(PATIENCE_SECONDS), "--silence", str(self._silence), "--threads", str(threads))
+        command = server_command(program, "--connect", address, *limits)
+        with self._lock:
+            self._start(_Place(program, command, token.added_to(os.environ)))
+
+    def _start(self, place: _Place) -> None:
         process = subprocess.Popen(
-            server_command(program, "--connect", address, *limits),
-            env=token.added_to(os.environ),
+            place.command,
+            env=place.environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             start_new_session=True,
         )
         self._processes.append(process)
         threading.Thread(
-            target=self._watch, args=(program, process), name=f"watch {program.title}", daemon=True
+            target=self._watch, args=(place, process), name=f"watch {place.program.title}", daemon=True
         ).start()
 
     @property
     def process_ids(self) -> list[int]:
-        return [process.pid for process in self._processes]
+        """Of those that have not ended, as far as is known."""
+        return [process.pid for process in list(self._processes) if process.returncode is None]
 
-    def _watch(self, program: Program, process: "subprocess.Popen[bytes]") -> None:
+    def _watch(self, place: _Place, process: "subprocess.Popen[bytes]") -> None:
         status = process.wait()
-        self._on_end(f"the {program.title} (process {process.pid}) {told_end(status)}")
+        again = self._started_again(place, status)
+        another = "; another one is started in its place" if again else ""
+        self._on_end(
+            f"the {place.program.title} (process {process.pid}) {told_end(status)}{another}", _name(process), again
+        )
+
+    def _started_again(self, place: _Place, status: int) -> bool:
+        with self._lock:
+            if self._ending or status == BAD_INPUT or not place.may_restart():
+                return False
+            try:
+                self._start(place)
+            except (OSError, RuntimeError):  # the system has no process or thread left to give
+                return False
+            return True
+
+    def has(self, name: str) -> bool:
+        """Whether the server of this name (see process_name) was started here."""
+        return name in self._here()
+
+    def end(self, name: str) -> None:
+        """The server of this name, if it was started here, is of no use any more, and may be frozen: another one is."""
+        process = self._here().get(name)
+        if process is not None and not self._ending:
+            process.kill()
+
+    def _here(self) -> "dict[str, subprocess.Popen[bytes]]":
+        return {_name(process): process for process in list(self._processes)}
 
     def told_ends(self, names: Iterable[str]) -> dict[str, str]:
         """How the servers of these names (see process_name) ended, of those that were started here and have.
 
         Waits a moment: a process is gone a little later than its connections.
         """
-        here = {f"{socket.gethostname()}, process {process.pid}": process for process in self._processes}
+        here = self._here()
         asked = [name for name in names if name in here]
         deadline = time.monotonic() + REAPED_SECONDS
         return {name: told_end(here[name].returncode) for name in asked if _ended_by(deadline, here[name])}
 
+    def let_end(self) -> None:
+        """From now on none is started in the place of one that ends."""
+        with self._lock:
+            self._ending = True
+
     def stop(self) -> None:
         """End every server: wait for them, then terminate, then kill. Returns when none is left."""
+        self.let_end()
         for end in (None, subprocess.Popen.terminate, subprocess.Popen.kill):
             for process in self._processes:
                 if end is not None and process.poll() is None:
@@ -72,6 +137,10 @@ class LocalServers:
             deadline = time.monotonic() + GRACE_SECONDS
             if all([_ended_by(deadline, process) for process in self._processes]):
                 return
+
+
+def _name(process: "subprocess.Popen[bytes]") -> str:
+    return f"{socket.gethostname()}, process {process.pid}"
 
 
 def _ended_by(deadline: float, process: "subprocess.Popen[bytes]") -> bool:

@@ -67,6 +67,7 @@ class Coordinator:
         self.probes = Probes(self.holding)
         self.failure: VolsplatError | None = None
         self.busy: frozenset[int] = frozenset()  # servers that may be reading, counting or packing; any thread may look
+        self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
@@ -118,7 +119,8 @@ class Coordinator:
         description = holding.description
         where = description.geometry, description.chunk
         if missing := self.servers.missing:
-            if not (self.frames.may_be_whole and holding.assignments.may_move):
+            heirs = holding.boxes or newcomers
+            if not (heirs and self.frames.may_be_whole and holding.assignments.may_move):
                 return []
             told = ReportProgress("having others read what was lost")
             self.servers.hand_over()
@@ -171,12 +173,12 @@ class Coordinator:
 
     def _lose(self, number: int, cause: str) -> list[Instruction]:
         """Go on without this server if others can do its work; else the session fails."""
-        lost = self.servers.lose(number, cause)
-        if lost is None:
+        joined, lost = self.servers.joined.get(number), self.servers.lose(number, cause)
+        if joined is None or lost is None:
             return []
         if lost.role is Role.SPLAT_SERVER:
-            return self._lose_splat_server(lost)
-        others = self.holding.boxes.keys() - {number} or self.servers.idle()
+            return self._lose_splat_server(lost, self._is_replaced(joined))
+        others = self.holding.boxes.keys() - {number} or self.servers.idle() or self._is_replaced(joined)
         if self.holding.volume is None or not others:
             return self._fail(PeerLost(cause))
         held = self.holding.lose(number)
@@ -187,15 +189,24 @@ class Coordinator:
         self.probes.lost(number)
         return [ReportProgress(told), *invited, *ended, *held]
 
-    def _lose_splat_server(self, lost: ServerState) -> list[Instruction]:
-        if not self.servers.splat_servers:
+    def _is_replaced(self, joined: ServerJoined) -> bool:
+        """Whether another one is started in its place."""
+        return joined.restarts and joined.process not in self._given_up
+
+    def _lose_splat_server(self, lost: ServerState, replaced: bool) -> list[Instruction]:
+        if not (self.servers.splat_servers or replaced):
             return self._fail(PeerLost(lost.cause))
         return [ReportProgress(handed_over(lost)), *self.frames.lose(lost), *self.routes.connect(self.holding.boxes)]
 
     @takes(ServerProcessEnded)
     def _process_ended(self, event: ServerProcessEnded) -> list[Instruction]:
-        if self.holding.phase != Phase.GATHERING:
-            return []  # its lost connection is reported
+        """Its lost connection is an event of its own; but without another one nobody may be left."""
+        if not event.replaced:
+            self._given_up.add(event.process)
+        servers = self.servers
+        left = servers.splat_servers and (self.holding.boxes or servers.idle())
+        if event.replaced or (self.holding.phase != Phase.GATHERING and left):
+            return []
         return self._fail(PeerLost(event.cause))
 
     @takes(VolumeAsked)

@@ -44,6 +44,7 @@ class ServerJoined:
     data_anywhere: bool = False  # data links are taken on every address of its machine
     client_host: str = ""  # the client's address, as this server reaches it
     process: str = ""  # as it names itself, the same for each of its clients
+    restarts: bool = False  # if it ends, the client starts another one in its place
     key: bytes = field(  # a worker's, which proves its data links: the splat server and it alone are told
         default_factory=lambda: secrets.token_bytes(messages.WORKER_KEY_BYTES), repr=False
     )
@@ -60,6 +61,8 @@ class ServerProcessEnded:
     """A server that the client started has ended."""
 
     cause: str
+    process: str = ""
+    replaced: bool = False  # another one was started in its place
 
 
 @dataclass(frozen=True)

@@ -57,7 +57,7 @@ class Frames:
     def begin(self) -> list[Instruction]:
         """Send the waiting frame, after packing for its quantisation if that is still to be done."""
         frame, holding, volume = self.frame, self._holding, self._holding.volume
-        if frame is None or frame.started or volume is None:
+        if frame is None or frame.started or volume is None or not all(self._drawing_roles()):
             return []
         if not holding.boxes or (frame.require_complete and self._servers.missing):  # others are about to read it
             return [] if holding.assignments.may_move else self.end(incomplete(self._servers.states.values()))
@@ -128,6 +128,10 @@ class Frames:
 
     def _abort_everywhere(self, frame: RunningFrame) -> list[Instruction]:
         return [Send(server, AbortFrame(frame=frame.frame)) for server in self._drawing()]
+
+    def _drawing_roles(self) -> tuple[bool, bool]:
+        """Whether there are map/shade servers and splat servers; where the last one is lost another may come."""
+        return bool(self._holding.boxes), bool(self._servers.splat_servers)
 
     def _drawing(self) -> list[int]:
         """The servers of a frame: splat servers last, since all others have work to do before these have any."""
@@ -247,7 +251,8 @@ class Frames:
         if frame is None:
             return
         if not frame.started:
-            assert not (self._holding.settled and self._holding.volume), "a frame waits though the servers are ready"
+            ready = self._holding.settled and self._holding.volume and all(self._drawing_roles())
+            assert not ready, "a frame waits though the servers are ready"
             assert not frame.unacknowledged and not frame.map_shade, "a frame that waits has answers"
             return
         assert self._holding.volume is not None, "a frame of an unknown volume runs"

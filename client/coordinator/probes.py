@@ -65,7 +65,7 @@ class Probes:
         sent: list[Instruction] = []
         holding = self._holding
         for probe in list(self.waiting()):
-            if holding.volume is None or not holding.settled:
+            if holding.volume is None or not holding.settled or not holding.boxes:
                 break
             try:
                 packing = holding.wanted(probe.scene, Step.F, steady=True)
@@ -126,7 +126,7 @@ class Probes:
 
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken."""
-        if self._holding.settled:
+        if self._holding.settled and self._holding.boxes:
             assert not list(self.waiting()), "a probe waits though the servers are ready"
         for probe in self._probes.values():
             if probe.pending is not None:

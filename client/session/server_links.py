@@ -71,7 +71,7 @@ class ServerLinks:
             assign_id=ServerIds(lambda: len(self._connections)),
             allocate=self._allocate,
         )
-        self._local = LocalServers(lambda line: on_event(ServerProcessEnded(line)), silence)
+        self._local = LocalServers(lambda *ended: on_event(ServerProcessEnded(*ended)), silence)
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
 
     @property
@@ -132,6 +132,7 @@ class ServerLinks:
     def close(self) -> None:
         """Close every connection once what was posted is sent, and end every server that was started here."""
         self._heartbeat.close()
+        self._local.let_end()
         self.take_no_more()
         with self._lock:
             connections, outgoing = list(self._connections.values()), list(self._outgoing.values())
@@ -180,10 +181,12 @@ class ServerLinks:
             data_anywhere=peer.data_anywhere,
             client_host=connection.local_host,
             process=peer.name,
+            restarts=self._local.has(peer.name),
         )
         self._on_event(joined)
         self._heartbeat.keep(connection, lambda: self._patience(peer.id))
         cause = self._heard_until_lost(connection)
+        self._local.end(peer.name)
         with self._lock:
             del self._connections[peer.id], self._outgoing[peer.id]
             self._images.pop(peer.id, None)

@@ -32,7 +32,7 @@ def test_a_start_that_is_interrupted_leaves_no_process(monkeypatch: pytest.Monke
     def interrupted(thread: threading.Thread) -> None:
         raise KeyboardInterrupt
 
-    servers = LocalServers(on_end=lambda line: None)
+    servers = LocalServers(on_end=lambda line, name, replaced: None)
     with monkeypatch.context() as patched:
         patched.setattr(threading.Thread, "start", interrupted)
         with pytest.raises(KeyboardInterrupt):

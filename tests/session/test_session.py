@@ -176,7 +176,7 @@ def test_a_server_may_die_at_any_moment_and_nobody_hangs(
 
     with Session(head, workers=2, on_progress=kill) as session:
         sessions.append(session)
-        if victim == "mapshade_server" and moment in ("packets", "step"):  # another one knows the volume
+        if victim == "splat_server" or moment in ("packets", "step"):  # the map/shade servers know the volume
             wait_until(lambda: session.render(skin(session)) is not None and bool(killed), "is a server killed")
             assert torch.equal(session.render(skin(session)), single.render(skin(single)))
             return

@@ -2,7 +2,7 @@
 
 import signal
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -15,7 +15,6 @@ from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.messages.roles import Role
-from volsplat.protocol.text.errors import PeerLost
 
 __all__ = ["head", "scene", "single"]
 
@@ -23,7 +22,7 @@ BRIEF = 1.0  # seconds of silence
 
 
 def servers(session: Session, program: str) -> list[psutil.Process]:
-    processes = [psutil.Process(pid) for pid in session.server_processes]
+    processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
     return [one for one in processes if f"volsplat.{program}" in one.cmdline()]
 
 
@@ -34,7 +33,8 @@ def frozen(process: psutil.Process) -> Iterator[None]:
     try:
         yield
     finally:
-        process.send_signal(signal.SIGCONT)
+        with suppress(psutil.NoSuchProcess):  # it was ended, since another one was started
+            process.send_signal(signal.SIGCONT)
 
 
 def test_a_frozen_map_shade_server_is_lost_and_the_others_draw_all(
@@ -59,11 +59,18 @@ def test_of_two_splat_servers_one_that_is_frozen_is_done_without(
             assert [server.role for server in session.servers if server.lost] == [Role.SPLAT_SERVER]
 
 
-def test_who_waits_for_the_only_splat_server_hears_that_it_is_frozen(head: Path, scene: Scene) -> None:
+@pytest.mark.parametrize("program", ["mapshade_server", "splat_server"])
+def test_in_the_place_of_the_only_one_another_is_started(
+    head: Path, single: SingleProcess, scene: Scene, program: str
+) -> None:
     with Session(head, workers=1, silence=BRIEF) as session:
         session.render(scene)
-        with frozen(servers(session, "splat_server")[0]), pytest.raises(PeerLost, match="has said nothing for 1 s"):
-            session.render(scene)
+        (only,) = servers(session, program)
+        only.suspend()
+        assert torch.equal(session.render(scene), single.render(scene))
+        wait_until(lambda: not only.is_running() or only.status() == psutil.STATUS_ZOMBIE, "is the frozen one ended")
+        (lost,) = [server for server in session.servers if server.lost]
+        assert "has said nothing for 1 s" in lost.cause
 
 
 @pytest.mark.parametrize("program", ["mapshade_server", "splat_server"])

@@ -1,0 +1,61 @@
+"""Servers that the client started itself: in the place of one that ends another is started, but not for ever."""
+
+import signal
+from pathlib import Path
+
+import psutil
+import pytest
+import torch
+
+from support.files.head_volume import head, scene, single
+from support.patience import wait_until
+from volsplat.client import Session
+from volsplat.client.session.single import SingleProcess
+from volsplat.deploy.local import MOST_RESTARTS
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import PeerLost
+
+__all__ = ["head", "scene", "single"]
+
+
+def kill_one(session: Session, program: str) -> None:
+    """Once there is one."""
+
+    def living() -> list[psutil.Process]:
+        processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
+        return [one for one in processes if f"volsplat.{program}" in " ".join(one.cmdline())]
+
+    wait_until(lambda: bool(living()), "is there one")
+    living()[0].send_signal(signal.SIGKILL)
+
+
+@pytest.mark.parametrize("program", ["mapshade_server", "splat_server"])
+@pytest.mark.parametrize("workers", [1, 2])
+def test_after_a_kill_as_many_servers_draw_as_before(
+    head: Path, single: SingleProcess, scene: Scene, program: str, workers: int
+) -> None:
+    with Session(head, workers=workers) as session:
+        session.render(scene)
+        for losses in (1, 2):
+            kill_one(session, program)
+            wait_until(lambda n=losses: sum(server.lost for server in session.servers) == n, "is it lost")  # type: ignore[misc]
+            assert torch.equal(session.render(scene), single.render(scene))
+            wait_until(lambda: len(session.server_processes) == workers + 1, "is another one started")
+
+        def all_draw() -> bool:
+            return (
+                torch.equal(session.render(scene), single.render(scene))
+                and sum(bool(server.boxes) for server in session.servers if not server.lost) == workers
+            )
+
+        wait_until(all_draw, "does each get a part")
+
+
+def test_a_server_that_ends_again_and_again_is_given_up(head: Path, scene: Scene) -> None:
+    with Session(head, workers=1) as session:
+        session.render(scene)
+        with pytest.raises(PeerLost, match="was killed by SIGKILL"):
+            for _ in range(MOST_RESTARTS + 1):
+                kill_one(session, "splat_server")
+                session.render(scene)
+            session.render(scene)
