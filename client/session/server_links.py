@@ -59,6 +59,7 @@ class ServerLinks:
         self._outgoing: dict[int, Outgoing] = {}
         self._images: dict[int, ImageReceiver] = {}  # of splat servers
         self._lock = threading.Lock()  # guards the three above
+        self._left = threading.Condition(self._lock)  # a connection is gone
         self._allocate = BufferPool()
         self._at_work = at_work
         self._heartbeat = Heartbeat(silence)
@@ -139,6 +140,8 @@ class ServerLinks:
         until = time.monotonic() + FAREWELL_SECONDS
         for posts in outgoing:
             posts.flush(until)
+        with self._left:  # servers hang up: if this side did, they would not hear that the session is over
+            self._left.wait_for(lambda: not self._connections, max(0.0, until - time.monotonic()))
         for connection in connections:
             connection.close()
         self._local.stop()
@@ -190,6 +193,7 @@ class ServerLinks:
         with self._lock:
             del self._connections[peer.id], self._outgoing[peer.id]
             self._images.pop(peer.id, None)
+            self._left.notify_all()
         outgoing.end()
         self._on_event(ServerLost(peer.id, cause))
 
@@ -216,7 +220,9 @@ class ServerLinks:
             return self._cause_of_loss(peer, error)
         except MemoryError:
             connection.close()
-            return f"the memory does not suffice for what {peer} sends; ask for a smaller image (--size)"
+            cause = f"the memory does not suffice for what {peer} sends; ask for a smaller image (--size)"
+            self._on_event(ServerProcessEnded(cause, peer.name))  # another one would send as much
+            return cause
         return "this side closed the connection"
 
     def _report_ends(self, message: messages.Message) -> None:

@@ -37,7 +37,8 @@ def test_a_start_that_is_interrupted_leaves_no_process(monkeypatch: pytest.Monke
         patched.setattr(threading.Thread, "start", interrupted)
         with pytest.raises(KeyboardInterrupt):
             servers.start(Program.SPLAT_SERVER, "127.0.0.1:9", new_token(), threads=1)
-    servers.stop()
     (process,) = servers.process_ids
+    servers.stop()
+    assert servers.process_ids == []
     with pytest.raises(ProcessLookupError):
         os.kill(process, 0)

@@ -131,4 +131,9 @@ def test_the_wrong_phase_ends_a_connection_and_not_the_session(phase: Phase, kin
 
 def test_every_message_that_a_server_may_say_at_any_time_is_no_answer_about_the_volume() -> None:
     free = {kind for owner in OWNERS for kind, handler in handlers(owner).items() if kind in MESSAGES}
-    assert free - STATES.keys() == {messages.MachineDescribed, messages.ConnectedToSplatServers, messages.Refused}
+    assert free - STATES.keys() == {
+        messages.MachineDescribed,
+        messages.ConnectedToSplatServers,
+        messages.Refused,
+        messages.StillHere,
+    }

@@ -8,7 +8,7 @@ import pytest
 import torch
 
 from support.files.head_volume import head, scene, single
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.local import MOST_RESTARTS
@@ -16,6 +16,9 @@ from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import PeerLost
 
 __all__ = ["head", "scene", "single"]
+
+
+NAMES = {"mapshade_server": "map/shade server", "splat_server": "splat server"}
 
 
 def kill_one(session: Session, program: str) -> None:
@@ -51,11 +54,21 @@ def test_after_a_kill_as_many_servers_draw_as_before(
         wait_until(all_draw, "does each get a part")
 
 
-def test_a_server_that_ends_again_and_again_is_given_up(head: Path, scene: Scene) -> None:
+@pytest.mark.parametrize("program", ["mapshade_server", "splat_server"])
+def test_a_server_that_ends_again_and_again_is_given_up_with_one_clear_line(
+    head: Path, scene: Scene, program: str
+) -> None:
     with Session(head, workers=1) as session:
         session.render(scene)
-        with pytest.raises(PeerLost, match="was killed by SIGKILL"):
+        with pytest.raises(PeerLost) as lost:
             for _ in range(MOST_RESTARTS + 1):
-                kill_one(session, "splat_server")
+                kill_one(session, program)
+                wait_until(lambda: any(server.lost for server in session.servers), "is it lost")
                 session.render(scene)
-            session.render(scene)
+            while True:
+                session.render(scene)
+        left = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
+        told = str(lost.value)
+        assert NAMES[program] in told and "\n" not in told
+        assert "was killed by SIGKILL (by hand, or by the system for want of memory)" in told
+    assert psutil.wait_procs(left, timeout=PATIENCE)[1] == []
