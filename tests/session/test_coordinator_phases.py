@@ -135,5 +135,4 @@ def test_every_message_that_a_server_may_say_at_any_time_is_no_answer_about_the_
         messages.MachineDescribed,
         messages.ConnectedToSplatServers,
         messages.Refused,
-        messages.StillHere,
     }
