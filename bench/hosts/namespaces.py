@@ -19,6 +19,7 @@ NETWORK = "10.213.{lab}.{host}"
 BURST_SECONDS = 0.005  # of data that leaves at once: timers are no finer
 QUEUED_SECONDS = 0.05  # of data that waits in the link, as in a switch
 LEAST_BURST = 16 << 10  # bytes, some packets
+LABS = 250  # on one machine
 CLIENT = 1  # the host that this process is
 
 
@@ -28,11 +29,23 @@ class Host:
 
     address: str
     namespace: str | None
+    port: str  # of the bridge, where its link ends
+    bridge: str
+
+    @property
+    def inside(self) -> list[str]:
+        """What stands before a command that runs there."""
+        return ["ip", "netns", "exec", self.namespace] if self.namespace else []
 
     def start(self, command: Sequence[str], environment: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
         """A program there. Whoever starts it ends it."""
-        inside = ["ip", "netns", "exec", self.namespace] if self.namespace else []
-        return subprocess.Popen([*inside, *command], env=environment, stdin=subprocess.DEVNULL)
+        return subprocess.Popen([*self.inside, *command], env=environment, stdin=subprocess.DEVNULL)
+
+    def processes(self) -> list[int]:
+        """The ids of those in its namespace."""
+        assert self.namespace is not None, "this process's own host is not told apart from the machine"
+        listed = _call("ip", "netns", "pids", self.namespace).stdout
+        return [int(line) for line in listed.split()]
 
 
 def why_no_lab() -> str:
@@ -53,12 +66,10 @@ def lab(hosts: int, bits_per_second: float) -> Iterator[list[Host]]:
     """So many hosts, the first of which is this process. Raises BadInput where there can be none."""
     if why := why_no_lab():
         raise BadInput(why)
-    number = os.getpid() % 250 + 1
-    bridge = f"vs{number}br"
     with ExitStack() as undone:
-        _do("ip", "link", "add", bridge, "type", "bridge")
+        number, bridge = _new_bridge()
         undone.callback(_call, "ip", "link", "delete", bridge)
-        _do("ip", "link", "set", bridge, "up")
+        do("ip", "link", "set", bridge, "up")
         found = []
         for n in range(CLIENT, hosts + 1):
             address = NETWORK.format(lab=number, host=n)
@@ -66,24 +77,37 @@ def lab(hosts: int, bits_per_second: float) -> Iterator[list[Host]]:
         yield found
 
 
+def _new_bridge() -> tuple[int, str]:
+    """The number of a lab that there is not yet, and its bridge."""
+    for tried in range(LABS):
+        number = (os.getpid() + tried) % LABS + 1
+        bridge = f"vs{number}br"
+        done = _call("ip", "link", "add", bridge, "type", "bridge")
+        if done.returncode == 0:
+            return number, bridge
+        if "File exists" not in done.stderr:
+            raise BadInput(f"ip link add {bridge}: {done.stderr.strip()}")
+    raise BadInput(f"{LABS} labs are on this machine; end some (ip link delete vs1br)")
+
+
 def _host(undone: ExitStack, bridge: str, name: str, address: str, own: bool, rate: float) -> Host:
     """One more host at the bridge; its link is as slow in both directions."""
     port = f"{name}p"
     inside: tuple[str, ...] = ()
-    _do("ip", "link", "add", name, "type", "veth", "peer", "name", port)
+    do("ip", "link", "add", name, "type", "veth", "peer", "name", port)
     undone.callback(_call, "ip", "link", "delete", port)
     if not own:
-        _do("ip", "netns", "add", name)
+        do("ip", "netns", "add", name)
         undone.callback(_call, "ip", "netns", "delete", name)
-        _do("ip", "link", "set", name, "netns", name)
+        do("ip", "link", "set", name, "netns", name)
         inside = ("ip", "netns", "exec", name)
-        _do(*inside, "ip", "link", "set", "lo", "up")
-    _do("ip", "link", "set", port, "master", bridge, "up")
-    _do(*inside, "ip", "address", "add", f"{address}/24", "dev", name)
-    _do(*inside, "ip", "link", "set", name, "up")
-    _do("tc", "qdisc", "add", "dev", port, "root", *_shape(rate))
-    _do(*inside, "tc", "qdisc", "add", "dev", name, "root", *_shape(rate))
-    return Host(address, None if own else name)
+        do(*inside, "ip", "link", "set", "lo", "up")
+    do("ip", "link", "set", port, "master", bridge, "up")
+    do(*inside, "ip", "address", "add", f"{address}/24", "dev", name)
+    do(*inside, "ip", "link", "set", name, "up")
+    do("tc", "qdisc", "add", "dev", port, "root", *_shape(rate))
+    do(*inside, "tc", "qdisc", "add", "dev", name, "root", *_shape(rate))
+    return Host(address, None if own else name, port, bridge)
 
 
 def _shape(bits_per_second: float) -> tuple[str, ...]:
@@ -99,7 +123,7 @@ def _shape(bits_per_second: float) -> tuple[str, ...]:
     )
 
 
-def _do(*command: str) -> None:
+def do(*command: str) -> None:
     done = _call(*command)
     if done.returncode:
         raise BadInput(f"{' '.join(command)}: {done.stderr.strip()}")
