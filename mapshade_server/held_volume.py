@@ -42,7 +42,7 @@ class HeldVolume:
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone if values were packed
         self._path = ""
-        self._identity: VolumeIdentity | None = None  # of the store that levels are of
+        self._identity: VolumeIdentity | None = None  # of the volume that levels are of
         self._quantisation: Quantisation | None = None  # that values were packed by
         self._surveyed: Surveyed | None = None  # of the values that were packed
         self._again: messages.ReadSubCubes | None = None  # was answered by what a client before had read
@@ -71,7 +71,6 @@ class HeldVolume:
 
     @property
     def packed_bytes(self) -> int:
-        """Of packets that are held, and can be let go of."""
         return sum(4 * cube.box.voxels for cubes in self._levels.values() for cube in cubes)
 
     def check(self, assignment: int, what: str) -> None:
@@ -130,7 +129,7 @@ class HeldVolume:
             sub_cube.read(reader)
         if loan is None:
             check_still(request.path, reader, description, request.identity)
-        self._levels = {0: sub_cubes}
+        self._levels, self._identity = {0: sub_cubes}, request.identity
         read = self._read(sub_cubes, request.assignment, started)
         self._surveyed = Surveyed(request, read) if loan is None else None
         return [read]
@@ -214,14 +213,16 @@ class HeldVolume:
 
     @takes(messages.ChangeSubCubes)
     def _change_sub_cubes(self, request: messages.ChangeSubCubes) -> list[Answer]:
-        """What is not wanted any more is let go once all the rest is there."""
+        """What is not wanted any more is let go once all the rest is there. One that has just joined holds nothing."""
         started = time.perf_counter()
-        held, reader = self.sub_cubes(0), described_volume(request.path, request.identity)
+        same = (self._identity, self._quantisation) == (request.identity, request.quantisation)
+        held, reader = self._levels.get(0, []) if same else [], described_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
         sub_cubes, read = packed_sub_cubes(reader, request.quantisation, request.boxes, held)
         check_still(request.path, reader, description, request.identity)
-        self._levels, self.assignment, self._quantisation = {0: sub_cubes}, request.assignment, request.quantisation
+        self._levels, self.assignment = {0: sub_cubes}, request.assignment
+        self._path, self._identity, self._quantisation = "", request.identity, request.quantisation
         return [self._packed(request.assignment, started, read)]
 
     # -- from a packet store

@@ -2,7 +2,8 @@
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from volsplat.client.session.server_links import ServerLinks
@@ -10,7 +11,7 @@ from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.launchers.launcher import ServerState
 from volsplat.protocol.description.volume_name import absolute_name
-from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address, parse_address
 from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
@@ -71,6 +72,19 @@ class ClusterServers:
                 name = f"call {one.started.name}"
                 threading.Thread(target=self._call, args=(one, links), name=name, daemon=True).start()
         threading.Thread(target=self._watch, args=(links, fail), name="watch the cluster", daemon=True).start()
+
+    @contextmanager
+    def beginning(self) -> Iterator[None]:
+        """While the session begins to listen. Raises BadInput if another client of this machine does in its place."""
+        try:
+            yield
+        except BaseException as error:
+            self.release()
+            if isinstance(error, BadInput):
+                raise BadInput(
+                    f"the cluster {self.cluster.name} serves another client of this machine: {error}"
+                ) from error
+            raise
 
     def close(self) -> None:
         """The session ends: look for no more servers."""

@@ -16,6 +16,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
+from contextlib import nullcontext
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
@@ -137,14 +138,15 @@ class Session:
         self._closed = False
         self._closing = threading.Lock()  # guards _closed, until nothing is left
 
-        self._links = ServerLinks(
-            listen,
-            token or new_token(),
-            self._events.put,
-            newest_frame=lambda: self._frames.newest,
-            silence=silence,
-            at_work=lambda server: server in self._coordinator.busy,
-        )
+        with self._cluster.beginning() if self._cluster is not None else nullcontext():
+            self._links = ServerLinks(
+                listen,
+                token or new_token(),
+                self._events.put,
+                newest_frame=lambda: self._frames.newest,
+                silence=silence,
+                at_work=lambda server: server in self._coordinator.busy,
+            )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
         path = absolute_name(name) if spawn else name

@@ -3,6 +3,8 @@
 import os
 import shlex
 import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -19,7 +21,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_servers
-from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.text.errors import BadInput, PeerLost
 
 LOCAL = 'launcher = "local"\nthreads = 1\n'
 
@@ -90,6 +92,30 @@ def test_a_cluster_is_brought_up_for_one_picture_and_down_after_it(person: Perso
     assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
     status = person.runs("deploy", "status", str(cluster))
     assert status.returncode == 2 and "is not up" in status.stderr
+
+
+def test_a_second_client_is_told_in_one_line_that_another_is_served(person: Person, cluster: Path) -> None:
+    assert person.runs("deploy", "up", str(cluster)).returncode == 0
+    with Session(person.folder / "head.nrrd", cluster=cluster) as first:
+        first.default_scene()
+        second: list[str] = []
+        try:
+            with Session(person.folder / "head.nrrd", cluster=cluster, on_progress=second.append) as session:
+                wait_until(lambda: any("serves another client" in line for line in second), "told")
+                session.close()
+        except BadInput as error:
+            assert "serves another client" in str(error)
+
+
+def test_a_client_that_is_killed_leaves_servers_for_the_next_one(person: Person, cluster: Path) -> None:
+    assert person.runs("deploy", "up", str(cluster)).returncode == 0
+    before = processes(person)
+    script = "import os, sys; from volsplat.client import Session; s = Session('head.nrrd', cluster=sys.argv[1]); "
+    script += "s.finish(s.default_scene()); os.kill(os.getpid(), 9)"
+    client = subprocess.run([sys.executable, "-c", script, str(cluster)], cwd=person.folder, timeout=PATIENCE)
+    assert client.returncode == -signal.SIGKILL
+    assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
+    assert processes(person) == before
 
 
 def test_a_file_that_has_changed_since_is_told(person: Person) -> None:

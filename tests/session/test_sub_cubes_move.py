@@ -197,6 +197,24 @@ def test_other_rules_and_another_volume_are_not_taken_for_what_is_kept(volume: P
     assert asked_of(held, copy, SECOND, rules) == asked_of(HeldVolume(), copy, SECOND, rules)
 
 
+def test_one_that_joins_gets_its_part_whatever_it_had_kept(volume: Path, tmp_path: Path) -> None:
+    with SingleProcess(volume) as single:
+        rules = single.volume.quantisation(scene(single).quantise)
+    copy = tmp_path / volume.name
+    data = bytearray(volume.read_bytes())
+    data[-16:-8] = data[-32:-24]
+    copy.write_bytes(data)
+    fresh, kept = HeldVolume(), HeldVolume()
+    asked_of(kept, copy, SECOND, rules)
+    kept.keep()
+    for joiner in (fresh, kept):
+        described = answered(joiner, messages.DescribeVolume(str(volume)))
+        assert isinstance(described, messages.VolumeDescribed)
+        answered(joiner, messages.ChangeSubCubes(1, str(volume), [SECOND], described.identity, rules))
+    asked_of(whole := HeldVolume(), volume, SECOND, rules)
+    assert packets(fresh) == packets(kept) == packets(whole)
+
+
 def test_what_is_held_stays_where_a_change_is_refused(volume: Path, tmp_path: Path) -> None:
     copy = tmp_path / volume.name
     copy.write_bytes(volume.read_bytes())
