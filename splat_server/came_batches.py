@@ -34,3 +34,7 @@ class Came:
         self.batches[batch.walker] += 1
         self.nbytes += batch.payload_bytes()
         self.decoding_seconds += decoding_seconds
+
+    def let_go(self) -> None:
+        """Nothing more comes: memory that was shared goes with the last batch that lies in it."""
+        self.shared = SharedBatches()

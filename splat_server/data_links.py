@@ -163,6 +163,7 @@ class DataLinks:
         with self._lock:
             if self._links.get(link.peer.id) is link:  # a worker that has linked anew is not lost
                 del self._links[link.peer.id]
+                self._came[link.peer.id].let_go()
                 self._merge.handle(WorkerLost(link.peer.id))
 
     def _receive(self, link: Connection) -> None:
