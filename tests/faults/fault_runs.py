@@ -7,6 +7,7 @@ prints a line for each fault, and with --write puts the table into docs/reliabil
 
 import contextlib
 import faulthandler
+import math
 import random
 import statistics
 import sys
@@ -19,6 +20,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import click
+import psutil
 import torch
 from faults.fault_table import written
 from faults.kinds_of_fault import FAULTS, Fault
@@ -37,7 +39,7 @@ from volsplat.protocol.wire.tokens import new_token
 
 SIZE = (48, 56, 50)  # voxels
 IMAGE = Image(width=320, height=280)
-LONGEST_WAIT = 60.0  # seconds, after which a frame hangs
+LONGEST_WAIT = 120.0  # seconds, after which a frame hangs: who is silent while it reads is waited for for 30
 LONGEST_MOMENT = 0.3  # seconds into a run of frames when a fault comes: some frames long
 
 
@@ -90,14 +92,14 @@ class Bench:
         self._head, self._random = head, chance
         self.workers, self.splat_servers = workers, splat_servers
         token = new_token()
-        self._session = Session(
+        self.session = Session(
             head.volume, workers=self.workers, splat_servers=self.splat_servers, spawn=False, token=token
         )
-        self._servers = ServersAtHand(self._session, token, self.workers, self.splat_servers, chance.randrange(1 << 30))
-        self._session.render(head.scene)
+        self._servers = ServersAtHand(self.session, token, self.workers, self.splat_servers, chance.randrange(1 << 30))
+        self.session.render(head.scene)
 
     def close(self) -> None:
-        self._session.close()
+        self.session.close()
         self._servers.close()
 
     def suffers(self, fault: Fault, of: Collection[Program] = tuple(Program)) -> Aftermath:
@@ -117,6 +119,9 @@ class Bench:
             harmed.end()
         return after
 
+    def processes(self, program: Program) -> list[psutil.Process]:
+        return [server.process for server in self._servers.living if server.program is program]
+
     def settled(self) -> bool:
         """Whether all servers are there again, as they must be for the next fault."""
         until = time.monotonic() + LONGEST_WAIT
@@ -135,7 +140,7 @@ class Bench:
     def _draw(self, after: Aftermath) -> None:
         try:
             while not after.seconds:
-                for refinement in self._session.refine(self._head.scene, first=Step.F):
+                for refinement in self.session.refine(self._head.scene, first=Step.F):
                     if refinement.outcome is not None:
                         after.finished(refinement, self._head.image)
         except VolsplatError as error:
@@ -184,12 +189,16 @@ def summary(seen: list[Aftermath]) -> str:
 
 @click.command()
 @click.option("--count", default=100, help="Faults (100).")
+@click.option("--minutes", type=float, default=math.inf, help="But no longer than this.")
 @click.option("--seed", type=int, help="What decides them (drawn, and printed).")
 @click.option("--write", is_flag=True, help="Put the table into docs/reliability.md.")
-def main(count: int, seed: int | None, write: bool) -> None:
+def main(count: int, minutes: float, seed: int | None, write: bool) -> None:
     seed = random.randrange(1 << 30) if seed is None else seed
     print(f"seed {seed}", flush=True)
-    seen = fault_runs(seed, lambda done: done < count, lambda line: print(line, flush=True))
+    until = time.monotonic() + 60 * minutes
+    seen = fault_runs(
+        seed, lambda done: done < count and time.monotonic() < until, lambda line: print(line, flush=True)
+    )
     print(summary(seen))
     if write:
         written(seen, seed)
