@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from volsplat.deploy.process_end import told_end
 from volsplat.deploy.server_command import Program, server_command
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token
 
@@ -49,9 +50,15 @@ class LocalServers:
     its name (see process_name), and whether another one is started in its place.
     """
 
-    def __init__(self, on_end: Callable[[str, str, bool], None], silence: float = SILENCE_SECONDS) -> None:
+    def __init__(
+        self,
+        on_end: Callable[[str, str, bool], None],
+        silence: float = SILENCE_SECONDS,
+        encryption: Encryption = Encryption.BETWEEN_MACHINES,
+    ) -> None:
         self._on_end = on_end
         self._silence = silence
+        self._encryption = encryption
         self._lock = threading.Lock()  # guards what follows
         self._processes: list[subprocess.Popen[bytes]] = []
         self._ending = False
@@ -59,7 +66,7 @@ class LocalServers:
     def start(self, program: Program, address: str, token: Token, threads: int) -> None:
         """Start one server that dials `address` (HOST:PORT) and may use so many threads."""
         limits = ("--patience", str(PATIENCE_SECONDS), "--silence", str(self._silence), "--threads", str(threads))
-        command = server_command(program, "--connect", address, *limits)
+        command = server_command(program, "--connect", address, *limits, *self._encryption.options)
         with self._lock:
             self._start(_Place(program, command, token.added_to(os.environ)))
 

@@ -11,6 +11,7 @@ from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.heartbeat import Heartbeat
 from volsplat.protocol.wire.tokens import Token
@@ -23,10 +24,13 @@ CLIENT_FIRST = 2.0  # times the silence: the client, which knows more, judges a 
 class DataLinks:
     """One thread connects and closes; any other may interrupt."""
 
-    def __init__(self, token: Token, given_up: Callable[[], bool], heartbeat: Heartbeat) -> None:
+    def __init__(
+        self, token: Token, given_up: Callable[[], bool], heartbeat: Heartbeat, encryption: Encryption
+    ) -> None:
         """Dialling ends where it is `given_up`."""
         self._heartbeat = heartbeat
         self._token = token
+        self._encryption = encryption
         self._given_up = given_up
         self._links: dict[int, DataLink] = {}  # by splat server; replaced, never changed
 
@@ -58,7 +62,15 @@ class DataLinks:
     def _link(self, route: Route, server: int) -> DataLink:
         address, hello = Address(route.host, route.port), new_hello(Role.DATA_LINK, server=server)
         token = self._token.bound_to(route.key)
-        connection = connect(address, hello, token, Role.SPLAT_SERVER, server=route.server, given_up=self._given_up)
+        connection = connect(
+            address,
+            hello,
+            token,
+            Role.SPLAT_SERVER,
+            server=route.server,
+            encryption=self._encryption,
+            given_up=self._given_up,
+        )
         self._heartbeat.keep(connection, lambda: CLIENT_FIRST * self._heartbeat.silence)
         return DataLink(route, connection)
 

@@ -19,6 +19,7 @@ from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
+from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
 from volsplat.protocol.messages import messages
@@ -29,6 +30,7 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS, Heartbeat, patience_with_client
 from volsplat.protocol.wire.tokens import Token
 
@@ -43,20 +45,23 @@ class MapShadeServer:
         threads: int,
         held: HeldVolume | None = None,
         silence: float = SILENCE_SECONDS,
+        data_root: DataRoot | None = None,
+        encryption: Encryption = Encryption.BETWEEN_MACHINES,
     ) -> None:
-        """`threads` may walk. `held` may have what a client before had read.
+        """`threads` may walk. `held` may have what a client before had read. Volumes lie below `data_root`, if given.
 
         Who says nothing for `silence` seconds is lost, the client later (see heartbeat).
         """
         self._client = client
         self._threads = threads
+        self._data_root = data_root
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
         self._requests = WaitingRequests()
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
-        self._links = DataLinks(token, lambda: self._ended, self._heartbeat)
+        self._links = DataLinks(token, lambda: self._ended, self._heartbeat, encryption)
         # As many at once as a frame has walkers: one that waited for another could wait for ever
         self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
         self._newest_assignment = 0  # likewise
@@ -127,6 +132,8 @@ class MapShadeServer:
 
     def _answer(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> None:
         try:
+            if self._data_root is not None and isinstance(path := getattr(request, "path", None), str):
+                self._data_root.check(path)
             if self._held.concerned(request):
                 for answer in self._held.answers(request, payload):
                     self._client.send(answer.message, *answer.payload)

@@ -14,6 +14,7 @@ from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.tokens import Token
 from volsplat.protocol.wire.waiting import WaitingPort
@@ -35,11 +36,20 @@ class Life:
 class Clients:
     """Finds them. `serve` is the life of the server."""
 
-    def __init__(self, role: Role, token: Token, life: Life, dialled: Address | None, wait_at: Address | None) -> None:
+    def __init__(
+        self,
+        role: Role,
+        token: Token,
+        life: Life,
+        dialled: Address | None,
+        wait_at: Address | None,
+        encryption: Encryption = Encryption.BETWEEN_MACHINES,
+    ) -> None:
         """One of both: `dialled` is the client, at `wait_at` clients dial. Raises BadInput where it cannot be had."""
         self._token, self._life, self._dialled = token, life, dialled
+        self._encryption = encryption
         self._allocate: Allocate = BufferPool() if role is Role.MAPSHADE_SERVER else new_buffer
-        self._port = WaitingPort(role, wait_at, token, self._allocate) if wait_at is not None else None
+        self._port = WaitingPort(role, wait_at, token, self._allocate, encryption) if wait_at is not None else None
         self._lost = False  # the client before; or nobody came
         self._found = False
         if self._port is not None:
@@ -59,6 +69,7 @@ class Clients:
                 hello,
                 self._token,
                 Role.CLIENT,
+                encryption=self._encryption,
                 patience=patience,
                 allocate=self._allocate,
                 report=lambda line: log.warning("%s; trying again for %g s", line, patience),

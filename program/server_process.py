@@ -20,6 +20,7 @@ from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILE
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import Address, parse_address
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import AT_WORK, SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token
 
@@ -66,13 +67,19 @@ def clients_of(
     patience: float,
     resident: bool,
     keep: float,
+    tls: bool | None,
 ) -> Clients:
     """What `client_options` ask for. Raises BadInput."""
     if (connect is None) == (wait_at is None):
         raise BadInput("give --connect HOST:PORT, where the client listens, or --wait-at HOST:PORT, where it dials")
-    return Clients(role, token, Life(patience, resident, keep), connect, wait_at)
+    return Clients(role, token, Life(patience, resident, keep), connect, wait_at, Encryption.of(tls))
 
 
+tls_option = click.option(
+    "--tls/--no-tls",
+    default=None,
+    help="TLS by loopback as well, or nowhere; on both sides alike (between machines).",
+)
 silence_option = click.option(
     "--silence",
     type=click.FloatRange(LEAST_SILENCE, MOST_SILENCE),

@@ -18,11 +18,13 @@ from volsplat.program.server_process import (
     sharing_option,
     silence_option,
     threads_of,
+    tls_option,
     verbose_option,
 )
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
 from volsplat.protocol.wire.buffer_pool import BufferPool
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import need_token
@@ -48,6 +50,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 )
 @click.option("--threads", type=THREADS, help="Threads that splat (cores).")
 @sharing_option
+@tls_option
 @silence_option
 @verbose_option
 def splat_server(
@@ -61,13 +64,14 @@ def splat_server(
     advertise: str | None,
     threads: int | None,
     sharing: int,
+    tls: bool | None,
     silence: float,
     verbose: bool,
 ) -> None:
     """Join a client, merge and splat what its map/shade servers send, and hand out the image."""
     log_to_stderr("splat-server", logging.INFO if verbose else logging.WARNING)
     token = need_token(os.environ, token_file)
-    with closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep)) as clients:
+    with closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep, tls)) as clients:
 
         def serve_one() -> None:
             invitations = Invitations(token)
@@ -78,6 +82,7 @@ def splat_server(
                 port=listen.port,
                 token_of=invitations.token_of,
                 allocate=BufferPool(),
+                encryption=Encryption.of(tls),
             ) as data_links:
                 host, port = told_address(data_links.address, advertise)
                 hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name())

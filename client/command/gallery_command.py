@@ -32,6 +32,7 @@ def gallery(
     splat_servers: int,
     threads: int,
     silence: float,
+    tls: bool | None,
     cluster: Path | None,
     size: int,
 ) -> None:
@@ -40,7 +41,9 @@ def gallery(
     Every image comes from a scene file in the package's folder gallery/scenes. With --data, volumes are taken from
     that folder where it has them; volsplat makes all others itself.
     """
-    servers = servers_from_options(workers, splat_servers, threads, None, None, cluster=cluster, silence=silence)
+    servers = servers_from_options(
+        workers, splat_servers, threads, None, None, cluster=cluster, silence=silence, tls=tls
+    )
     console = PlainConsole(stderr=True)
     began = time.perf_counter()
     with interrupts_held():

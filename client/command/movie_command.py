@@ -71,6 +71,7 @@ def movie(
     splat_servers: int,
     threads: int,
     silence: float,
+    tls: bool | None,
     cluster: Path | None,
     memory: str | None,
     single: bool,
@@ -95,7 +96,7 @@ def movie(
     options.scene_of(None)
     check_movie_writable(output)
     servers = servers_from_options(
-        workers, splat_servers, threads, None, None, single, memory, cluster=cluster, silence=silence
+        workers, splat_servers, threads, None, None, single, memory, cluster=cluster, silence=silence, tls=tls
     )
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:

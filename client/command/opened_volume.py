@@ -19,12 +19,13 @@ from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.deploy.cluster_file import read_cluster
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.server_process import THREADS, silence_option
+from volsplat.program.server_process import THREADS, silence_option, tls_option
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume_name import check_is_there
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE, Token, find_token, new_token
 
@@ -43,6 +44,7 @@ class Servers:
     token: Token | None
     memory: int | None = None  # bytes of a prepared volume that each may hold
     silence: float = SILENCE_SECONDS  # after which one is lost
+    tls: bool | None = None  # between machines
     cluster: Path | None = None  # whose servers are used, instead of all that is said of them here
 
 
@@ -57,6 +59,7 @@ _SERVER_OPTIONS = (
         help="Threads that the processes started here share out (cores).",
     ),
     silence_option,
+    tls_option,
     click.option(
         "--cluster",
         type=click.Path(path_type=Path),
@@ -86,6 +89,7 @@ def servers_from_options(
     single: bool = False,
     memory: str | None = None,
     silence: float = SILENCE_SECONDS,
+    tls: bool | None = None,
     cluster: Path | None = None,
 ) -> Servers:
     """What `server_options`, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
@@ -103,6 +107,7 @@ def servers_from_options(
         token=shared_token(token_file, makes=listen is not None),
         memory=bytes_from_option("--memory", memory) if memory else None,
         silence=silence,
+        tls=tls,
     )
 
 
@@ -178,15 +183,18 @@ def opened_quietly(
         token=token,
         memory=servers.memory,
         silence=servers.silence,
+        tls=servers.tls,
         cluster=servers.cluster,
         on_progress=say,
     ) as session:
         if not spawns and servers.cluster is None:
-            tell_how_to_join(session, token, servers.token is not None, console)
+            tell_how_to_join(session, token, servers.token is not None, console, servers.tls)
         yield session
 
 
-def tell_how_to_join(session: Session, token: Token, known: bool, console: PlainConsole) -> None:
+def tell_how_to_join(
+    session: Session, token: Token, known: bool, console: PlainConsole, tls: bool | None = None
+) -> None:
     """Print the commands that start servers by hand."""
     address = session.address
     secret = "" if known else f"{TOKEN_VARIABLE}={token.key.decode()} "
@@ -195,4 +203,4 @@ def tell_how_to_join(session: Session, token: Token, known: bool, console: Plain
     # Servers on other machines must reach the splat server as well, which by itself listens on its own alone.
     opened = "" if ip_address(address.host).is_loopback else " --listen 0.0.0.0:0"
     for command in (f"splat-server --connect {joined}{opened}", f"mapshade-server --connect {joined}"):
-        console.say(f"{secret}volsplat {command}")
+        console.say(" ".join((f"{secret}volsplat {command}", *Encryption.of(tls).options)))

@@ -59,6 +59,7 @@ def render(
     splat_servers: int,
     threads: int,
     silence: float,
+    tls: bool | None,
     cluster: Path | None,
     scene: Path | None,
     preset: str | None,
@@ -88,7 +89,7 @@ def render(
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
     servers = servers_from_options(
-        workers, splat_servers, threads, listen, token_file, single, memory, cluster=cluster, silence=silence
+        workers, splat_servers, threads, listen, token_file, single, memory, cluster=cluster, silence=silence, tls=tls
     )
     console = PlainConsole(stderr=True)
     with opened(volume, servers, spawns, console, imports=[IMAGE_FILES]) as renderer:

@@ -64,6 +64,7 @@ def view(
     splat_servers: int,
     threads: int,
     silence: float,
+    tls: bool | None,
     cluster: Path | None,
     scene: Path | None,
     preset: str | None,
@@ -87,7 +88,7 @@ def view(
     options.scene_of(None)
     check_found(volume, listen is None, cluster)
     servers = servers_from_options(
-        workers, splat_servers, threads, listen, token_file, memory=memory, cluster=cluster, silence=silence
+        workers, splat_servers, threads, listen, token_file, memory=memory, cluster=cluster, silence=silence, tls=tls
     )
     console = PlainConsole(stderr=True)
     with ended_with_its_reader(), _bound(port) as bound:

@@ -118,6 +118,7 @@ class ClusterServers:
             address,
             name,
             links.accepter,
+            encryption=links.encryption,
             patience=CALL_SECONDS,
             report=lambda line: self._note(name, line),
             given_up=self._closed.is_set,

@@ -28,6 +28,7 @@ from volsplat.protocol.wire.accepting import Accepter, IdCounter
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import AT_WORK, Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
@@ -46,6 +47,7 @@ class ServerLinks:
         on_event: Callable[[Event], None],
         newest_frame: Callable[[], int],
         silence: float,
+        encryption: Encryption,
         at_work: Callable[[int], bool],
     ) -> None:
         """`newest_frame` is the number of the frame that is waited for.
@@ -55,6 +57,7 @@ class ServerLinks:
         self._on_event = on_event
         self._newest_frame = newest_frame
         self._token = token
+        self.encryption = encryption
         self._connections: dict[int, Connection] = {}
         self._outgoing: dict[int, Outgoing] = {}
         self._images: dict[int, ImageReceiver] = {}  # of splat servers
@@ -71,8 +74,9 @@ class ServerLinks:
             port=listen.port,
             assign_id=ServerIds(lambda: len(self._connections)),
             allocate=self._allocate,
+            encryption=encryption,
         )
-        self._local = LocalServers(lambda *ended: on_event(ServerProcessEnded(*ended)), silence)
+        self._local = LocalServers(lambda *ended: on_event(ServerProcessEnded(*ended)), silence, encryption)
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
 
     @property

@@ -70,6 +70,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token, new_token
 
@@ -92,7 +93,9 @@ class Session:
     others there. With the path of a `cluster` file its servers are used, brought up for this session alone if they are
     not yet. A volume that is not `held` is surveyed a few sheets at a time, and only read when something is drawn
     of it. A server that says nothing for `silence` seconds, or 15 times as long while it reads, counts as lost: others
-    take over what it held. `on_progress` gets one line for each thing that takes time, on a thread of the session.
+    take over what it held. Links between machines are encrypted, with `tls` those of this one as well, with False none;
+    servers that are started by hand must be told the same. `on_progress` gets one line for each thing that takes time,
+    on a thread of the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
     is none, as all methods do, and the session goes on.
@@ -111,6 +114,7 @@ class Session:
         memory: int | None = None,
         held: bool = True,
         silence: float = SILENCE_SECONDS,
+        tls: bool | None = None,
         cluster: str | Path | None = None,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
@@ -119,6 +123,7 @@ class Session:
         memory = None if memory is None else checked_count(memory, "memory")
         splat_servers = checked_count(splat_servers, "splat_servers")
         silence = min(checked_number(silence, "silence", least=LEAST_SILENCE), MOST_SILENCE)
+        encryption = Encryption.of(tls)
         workers = usable_cores() if workers is None else checked_count(workers, "workers")
         threads = usable_cores() if threads is None else checked_count(threads, "threads")
         self._cluster = None if cluster is None else ClusterServers(Path(cluster), on_progress)
@@ -127,6 +132,7 @@ class Session:
             name, token, listen = self._cluster.volume(name), self._cluster.token, self._cluster.listens_at
             workers, splat_servers, silence = of.map_shade_servers, of.splat_servers, of.silence
             memory = memory or of.memory_bytes
+            encryption = Encryption.of(None if of.tls else False)
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
@@ -145,6 +151,7 @@ class Session:
                 self._events.put,
                 newest_frame=lambda: self._frames.newest,
                 silence=silence,
+                encryption=encryption,
                 at_work=lambda server: server in self._coordinator.busy,
             )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)

@@ -10,6 +10,16 @@ class Encryption(Enum):
     ALWAYS = "always"  # but by Unix sockets: for links that a tunnel takes to another machine
     NEVER = "never"  # for networks that are trusted
 
+    @staticmethod
+    def of(tls: bool | None) -> "Encryption":
+        """What a person's word means, who may have said nothing."""
+        return Encryption.BETWEEN_MACHINES if tls is None else Encryption.ALWAYS if tls else Encryption.NEVER
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """How a server is told it."""
+        return {Encryption.ALWAYS: ("--tls",), Encryption.NEVER: ("--no-tls",)}.get(self, ())
+
     def holds_for(self, connected: socket.socket) -> bool:
         """Whether this connection is to be encrypted."""
         if connected.family == socket.AF_UNIX or self is Encryption.NEVER:

@@ -20,6 +20,7 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.text.errors import PeerLost
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import Heartbeat
 
 SIZE = 16
@@ -179,7 +180,9 @@ def test_an_abort_ends_all_walkers(bench: Bench, full: Path, shells: Path) -> No
 
 def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> None:
     there = bench.splat_servers[0].address
-    links = DataLinks(bench.token, lambda: True, Heartbeat())  # so that nobody is dialled twice
+    links = DataLinks(
+        bench.token, lambda: True, Heartbeat(), Encryption.BETWEEN_MACHINES
+    )  # so that nobody is dialled twice
     nobody = messages.Route(9, there.host, free_port(), KEY)
     links.connect([nobody, messages.Route(2, there.host, there.port, KEY)], 1)
     assert list(links.of_servers) == [2]

@@ -1,0 +1,53 @@
+"""The folder below which a server opens volumes (--data-root), and what clients hear of names that lead elsewhere."""
+
+import os
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from urllib.parse import unquote
+
+from volsplat.program.confinement import confine_reading
+from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.text.errors import BadInput
+
+LOCAL_URL = "file://"
+
+
+class DataRoot:
+    """`path` is resolved. A name is checked for a clear answer; that nothing else is read, the system sees to."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises BadInput where there is no such folder."""
+        try:
+            self.path = folder.expanduser().resolve(strict=True)
+            os.chdir(self.path)  # relative names start from it
+        except OSError as error:
+            raise BadInput(f"--data-root {folder}: {error.strerror}; name a folder of this machine") from error
+
+    def check(self, volume: str) -> None:
+        """Raises BadInput, in the same words whether there is something or not."""
+        name = volume_name(volume)
+        place = unquote(name.place.removeprefix(LOCAL_URL)) if name.place.startswith(LOCAL_URL) else name.place
+        if "://" in place:
+            raise BadInput(f"{name.place}: this server reads no URLs, but what lies below its --data-root")
+        try:
+            inside = Path(place).resolve().is_relative_to(self.path)
+        except (OSError, RuntimeError, ValueError):  # a ring of links, or a name that can be none
+            inside = False
+        if not inside:
+            raise BadInput(f"{name.place}: this server reads what lies below its --data-root alone; name that")
+
+
+@contextmanager
+def held_to(folder: Path) -> Iterator[DataRoot]:
+    """From now on this process reads volumes below a folder alone. Call it before there are other threads.
+
+    Raises BadInput where there is no such folder, or where the system cannot see to it.
+    """
+    root = DataRoot(folder)
+    with TemporaryDirectory(prefix="volsplat-") as scratch:  # what others put into the common one is not read
+        tempfile.tempdir = scratch
+        confine_reading((root.path, Path(scratch)))
+        yield root
