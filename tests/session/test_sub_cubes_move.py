@@ -109,7 +109,12 @@ def test_a_server_killed_in_the_middle_is_lost_like_any_other(volume: Path) -> N
     with SingleProcess(volume) as single, Session(volume, workers=3, on_progress=watch) as session:
         shown = scene(session)
         expected = single.render(shown, Step.C)
-        wait_until(lambda: torch.equal(session.render(shown, Step.C), expected) and bool(killed), "is a server lost")
+
+        def lost_and_whole() -> bool:
+            whole = torch.equal(session.render(shown, Step.C), expected)
+            return whole and any(server.lost for server in session.servers)
+
+        wait_until(lost_and_whole, "is a server lost")
         (lost,) = [server for server in session.servers if server.lost]
         assert lost.handed_over and torch.equal(session.render(shown, Step.C), expected)
         assert sum(server.voxels for server in holders(session) if not server.lost) == SIDE**3
