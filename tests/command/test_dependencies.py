@@ -32,7 +32,7 @@ MAY_USE = {
 BESIDE = {"dev", "build", "fuzz"}  # extras for work on volsplat, which it does not import
 DISTRIBUTIONS = {"PIL": "pillow", "vtkmodules": "vtk", "aiohttp": "fsspec"}  # of modules: fsspec[http] brings aiohttp
 IMPORTERS = {"library", "import_module"}  # functions that import what they are given by name
-OURS = {"volsplat", "support", "reference", "tolerances", "fuzz", "large_library"}  # and a test's own
+OURS = {"volsplat", "support", "reference", "tolerances", "fuzz", "faults", "large_library"}  # and a test's own
 SOURCES = [path.relative_to(ROOT) for part in MAY_USE if "/" not in part for path in (ROOT / part).rglob("*.py")]
 
 

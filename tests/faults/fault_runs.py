@@ -39,7 +39,7 @@ from volsplat.protocol.wire.tokens import new_token
 
 SIZE = (48, 56, 50)  # voxels
 IMAGE = Image(width=320, height=280)
-LONGEST_WAIT = 120.0  # seconds, after which a frame hangs: who is silent while it reads is waited for for 30
+LONGEST_WAIT = 60.0  # seconds, after which a frame hangs: who is silent while it reads is waited for for 30
 LONGEST_MOMENT = 0.3  # seconds into a run of frames when a fault comes: some frames long
 
 
