@@ -19,6 +19,8 @@ from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.tokens import Token
 from volsplat.protocol.wire.waiting import WaitingPort
 
+SHORT_SECONDS = 5.0  # a client that was lost sooner than that after it was found …
+MOST_SHORT = 2  # … so many times in a row has no use for this server
 REPEAT_PAUSE_SECONDS = 1.0  # between two looks for a client, where the first was lost or turned this server away
 
 log = logging.getLogger(__name__)
@@ -84,6 +86,7 @@ class Clients:
         says why there was none, or why it was lost.
         """
         lost: PeerLost | RemoteProtocolError | None = None
+        short = 0
         while True:
             self._found = False
             began = time.monotonic()
@@ -91,7 +94,8 @@ class Clients:
                 one()
                 lost = None
             except (PeerLost, RemoteProtocolError) as error:
-                if not self._found:
+                short = short + 1 if time.monotonic() - began < SHORT_SECONDS else 0
+                if not self._found or (short == MOST_SHORT and not self._life.resident):
                     raise lost or error from error
                 lost = error
             except BadInput as error:
