@@ -207,7 +207,7 @@ class VolumeHolding:
         del self.boxes[server]
         self._pending.discard(server)
         lending = self._lending
-        if lending is not None and lending.lender == server:
+        if lending is not None and lending.lender == server and self.boxes:
             return self._read_sub_cubes()  # by another one
         self._go_on()
         return lending.lost(server) if lending is not None else []
@@ -356,6 +356,7 @@ class VolumeHolding:
         """Leave a phase of a surveyed volume once every server has read again, or packed."""
         if self._pending:
             return
+        self._lending = None
         if not self.boxes:  # the last one that held anything is gone
             self.phase, self.packing = Phase.EMPTY, None
             if self._levels is not None:

@@ -1,5 +1,6 @@
 """The coordinator as a state machine: events in, instructions out, no socket and no clock."""
 
+from dataclasses import replace
 from itertools import permutations
 
 import msgspec
@@ -673,6 +674,18 @@ def test_lending_goes_on_without_the_receivers_that_are_lost(lent_before: bool) 
         assert coordinator.handle(said(FIRST, messages.PartRead(2, part), bytes(2 * part.box.voxels))) == []
     coordinator.handle(read_by(coordinator, FIRST))
     assert coordinator.holding.boxes == {FIRST: [ALL]}, "it reads all of it"
+
+
+def test_when_all_are_lost_while_one_lends_another_one_reads_all() -> None:
+    coordinator = lending_again()
+    for event in joins(replace(LATE, server=9)):
+        coordinator.handle(event)
+    for server in (SECOND, THIRD, FIRST):
+        told = coordinator.handle(ServerLost(server, "it is gone"))
+        assert not any(isinstance(one, FailSession) for one in told)
+    assert coordinator.holding.boxes == {9: [ALL]}
+    asked = coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))
+    assert (9, messages.ReadSubCubes) in sent(asked)
 
 
 # -- a prepared volume: 64 x 64 x 64 voxels and two coarser levels
