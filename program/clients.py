@@ -19,6 +19,7 @@ from volsplat.protocol.wire.framing import Allocate, new_buffer
 from volsplat.protocol.wire.tokens import Token
 from volsplat.protocol.wire.waiting import WaitingPort
 
+LONG_PATIENCE = 2.0  # seconds: whoever waits so long should hear what for
 SHORT_SECONDS = 5.0  # a client that was lost sooner than that after it was found …
 MOST_SHORT = 2  # … so many times in a row has no use for this server
 REPEAT_PAUSE_SECONDS = 1.0  # between two looks for a client, where the first was lost or turned this server away
@@ -74,7 +75,12 @@ class Clients:
                 encryption=self._encryption,
                 patience=patience,
                 allocate=self._allocate,
-                report=lambda line: log.warning("%s; trying again for %g s", line, patience),
+                report=lambda line: log.log(
+                    logging.WARNING if patience >= LONG_PATIENCE else logging.INFO,
+                    "%s; trying again for %g s",
+                    line,
+                    patience,
+                ),
             )
         self._found = True
         return client
