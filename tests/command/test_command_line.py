@@ -6,6 +6,7 @@ import socket
 import subprocess
 from pathlib import Path
 
+import psutil
 import pytest
 import torch
 
@@ -222,9 +223,16 @@ def test_servers_started_by_hand_join_in_any_order(person: Person, head: Path, o
     assert (person.folder / "hand.png").read_bytes() == draws(person, head, "single.png", "--single")
 
 
+def listens(address: str) -> bool:
+    port = int(address.rpartition(":")[2])
+    listening = (one.laddr for one in psutil.net_connections("tcp") if one.status == psutil.CONN_LISTEN)
+    return any(place and place.port == port for place in listening)
+
+
 def test_a_server_with_another_token_gets_one_line_and_disturbs_nobody(person: Person, head: Path) -> None:
     address = f"127.0.0.1:{free_port()}"
     client = person.starts("render", str(head), "-o", "a.png", *SIZE, "--listen", address, "--workers", "1")
+    wait_until(lambda: listens(address), "does the client listen")
     stranger = Person(person.folder).runs("mapshade-server", "--connect", address)
     assert stranger.returncode == 2 and "token" in one_line(stranger)
     servers = [person.starts(kind, "--connect", address) for kind in ("splat-server", "mapshade-server")]
