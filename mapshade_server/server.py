@@ -135,8 +135,9 @@ class MapShadeServer:
             if self._data_root is not None and isinstance(path := getattr(request, "path", None), str):
                 self._data_root.check(path)
             if self._held.concerned(request):
-                for answer in self._held.answers(request, payload):
-                    self._client.send(answer.message, *answer.payload)
+                with self._heartbeat.at_work(self._client):
+                    for answer in self._held.answers(request, payload):
+                        self._client.send(answer.message, *answer.payload)
             else:
                 HANDLERS[type(request)].method(self, request)
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on

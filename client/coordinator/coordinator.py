@@ -66,7 +66,6 @@ class Coordinator:
         self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
         self.failure: VolsplatError | None = None
-        self.busy: frozenset[int] = frozenset()  # servers that are reading, counting or packing; any thread may look
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
@@ -105,7 +104,6 @@ class Coordinator:
             return []
         shared = self._share() if self.frames.idle and self.holding.settled else []
         self.servers.hold(self.holding.boxes)
-        self.busy = self.holding.at_work
         return [*shared, *self.frames.begin(), *self.probes.send()]
 
     def _share(self) -> list[Instruction]:

@@ -68,11 +68,6 @@ class VolumeHolding:
         return self.assignments.current
 
     @property
-    def at_work(self) -> frozenset[int]:
-        """The servers that are describing the volume, reading, counting or packing."""
-        return frozenset([next(iter(self._memory))] if self.phase is Phase.DESCRIBING else self._pending)
-
-    @property
     def settled(self) -> bool:
         """Nothing is on its way: frames can be drawn, or their packets be made."""
         return self.phase in SETTLED

@@ -29,7 +29,7 @@ from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection
 from volsplat.protocol.wire.encryption import Encryption
-from volsplat.protocol.wire.heartbeat import AT_WORK, Heartbeat
+from volsplat.protocol.wire.heartbeat import Heartbeat, patience_with_server
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
@@ -48,11 +48,10 @@ class ServerLinks:
         newest_frame: Callable[[], int],
         silence: float,
         encryption: Encryption,
-        at_work: Callable[[int], bool],
     ) -> None:
         """`newest_frame` is the number of the frame that is waited for.
 
-        A server that says nothing for `silence` seconds is lost, longer if it is `at_work`.
+        A server that says nothing for `silence` seconds is lost, later if it is at work (see heartbeat).
         """
         self._on_event = on_event
         self._newest_frame = newest_frame
@@ -64,7 +63,6 @@ class ServerLinks:
         self._lock = threading.Lock()  # guards the three above
         self._left = threading.Condition(self._lock)  # a connection is gone
         self._allocate = BufferPool()
-        self._at_work = at_work
         self._heartbeat = Heartbeat(silence)
         self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
         self._listener = Listener(
@@ -191,7 +189,7 @@ class ServerLinks:
             restarts=self._local.has(peer.name),
         )
         self._on_event(joined)
-        self._heartbeat.keep(connection, lambda: self._patience(peer.id))
+        self._heartbeat.keep(connection, patience_with_server(connection, self._heartbeat.silence))
         cause = self._heard_until_lost(connection)
         self._local.end(peer.name)
         with self._lock:
@@ -200,10 +198,6 @@ class ServerLinks:
             self._left.notify_all()
         outgoing.end()
         self._on_event(ServerLost(peer.id, cause))
-
-    def _patience(self, server: int) -> float:
-        """Seconds of silence after which it is lost."""
-        return self._heartbeat.silence * (AT_WORK if self._at_work(server) else 1.0)
 
     def _heard_until_lost(self, connection: Connection) -> str:
         """Make events of all that a server says; returns why it says no more."""

@@ -152,7 +152,6 @@ class Session:
                 newest_frame=lambda: self._frames.newest,
                 silence=silence,
                 encryption=encryption,
-                at_work=lambda server: server in self._coordinator.busy,
             )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()

@@ -52,6 +52,8 @@ class Connection:
         self.id = 0  # ours in the session, 0 for the client
         self.counters = Counters()
         self.peers_silence = 0.0  # seconds after which the other end takes silence for a loss, once it has said so
+        self.peer_at_work = False  # whether the other end has said that it may be silent for longer
+        self._at_work = False  # likewise of this end
         self._decoder = Decoder()
         self.descriptors = ReceivedDescriptors()  # the receiving thread's
         self._channel: Channel = plain_channel(connected, self.descriptors)
@@ -154,11 +156,17 @@ class Connection:
         if self._sending.acquire(blocking=False):
             try:
                 if self.has_room:
-                    self._send(Alive(silence), (), None)
+                    self._send(Alive(silence, self._at_work), (), None)
             except (PeerLost, ConnectionClosed, LocalProtocolError):
                 return
             finally:
                 self._sending.release()
+
+    def say_at_work(self, at_work: bool, silence: float) -> None:
+        """Say whether this side may be silent for longer from now on. Waits, and raises, as send() does."""
+        self._at_work = at_work
+        with self._sending:
+            self._send(Alive(silence, at_work), (), None)
 
     @property
     def has_room(self) -> bool:
@@ -188,7 +196,8 @@ class Connection:
                     self.counters.bytes_in += count
                     received = self._decoder.advance(count)
                     if received is not None and isinstance(received.message, Alive):
-                        self.peers_silence, began = received.message.silence, 0.0
+                        self._hear(received.message)
+                        began = 0.0
                     elif received is not None:
                         self.counters.messages_in += 1
                         self.descriptors.come(received.message)
@@ -206,6 +215,9 @@ class Connection:
             if isinstance(lost, ConnectionClosed):
                 return None
             raise lost from error
+
+    def _hear(self, alive: Alive) -> None:
+        self.peers_silence, self.peer_at_work = alive.silence, alive.at_work
 
     def give_up(self, loss: str) -> None:
         """Close it since the peer is lost: `loss` says so, and is what receive() and send() raise."""

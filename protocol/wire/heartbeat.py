@@ -8,14 +8,15 @@ stopped, or slept, or had no core, blames nobody for it.
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE
 from volsplat.protocol.wire.connection import Connection
 
 SILENCE_SECONDS = 2.0  # after which a peer counts as lost
-AT_WORK = 15.0  # times as long for one whose interpreter may be held by a library: who reads, and every client
+AT_WORK = 15.0  # times as long for one whose interpreter may be held by a library: who says so, and every client
 LONGEST_STEP = LEAST_SILENCE / 2  # so that who has the least patience hears of it in time
 STEPS = 8  # in the time after which a peer counts as lost; it is told of life every other step
 MOST_OF_A_STEP = 2.0  # times a step that count, if this thread came later
@@ -67,6 +68,11 @@ def step(silence: float) -> float:
     return min(silence / STEPS, LONGEST_STEP)
 
 
+def patience_with_server(server: Connection, silence: float) -> Patience:
+    """A client's: until it has said that it is at work, nothing excuses its silence."""
+    return lambda: AT_WORK * silence if server.peer_at_work else silence
+
+
 def patience_with_client(client: Connection, silence: float) -> Patience | None:
     """A server's. None where the system would tell of its end: one that a person has stopped may go on."""
     return None if client.may_share_memory else lambda: AT_WORK * silence
@@ -90,6 +96,15 @@ class Heartbeat:
 
     def close(self) -> None:
         self._closed.set()
+
+    @contextmanager
+    def at_work(self, connection: Connection) -> Iterator[None]:
+        """What is done within may keep this process from any sign of life. Raises what sending raises."""
+        connection.say_at_work(True, self.silence)
+        try:
+            yield
+        finally:
+            connection.say_at_work(False, self.silence)
 
     def _beat(self) -> None:
         before = time.monotonic()

@@ -14,12 +14,18 @@ from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, Role
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE
 from volsplat.protocol.messages.speech import Speech
-from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
 from volsplat.protocol.wire.framing import encode
 from volsplat.protocol.wire.handshake import new_hello
-from volsplat.protocol.wire.heartbeat import MOST_OF_A_STEP, STEPS, Heartbeat, patience_with_client
+from volsplat.protocol.wire.heartbeat import (
+    MOST_OF_A_STEP,
+    STEPS,
+    Heartbeat,
+    patience_with_client,
+    patience_with_server,
+)
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 
@@ -160,6 +166,20 @@ def test_neither_a_peer_that_does_not_read_nor_a_send_that_waits_delays_the_thre
         heartbeat.keep(client, lambda: LEAST_SILENCE)
         flooding.join(PATIENCE)
         assert not flooding.is_alive() and client.closed
+
+
+def test_a_server_is_given_longer_as_long_as_it_says_that_it_is_at_work(ends: tuple[Connection, Connection]) -> None:
+    client, server = ends
+    patience = patience_with_server(client, 2.0)
+    received(client)
+    assert patience() == 2.0, "a server that never got what it was asked for is not at work"
+    with beating() as heartbeat:
+        for _ in range(2):
+            with pytest.raises(BadInput), heartbeat.at_work(server):
+                wait_until(lambda: patience() == 30.0, "is it heard")
+                server.say_alive(LEAST_SILENCE)
+                raise BadInput("the file is gone")
+            wait_until(lambda: patience() == 2.0, "is it heard that the work is over")
 
 
 def test_a_server_judges_no_client_of_its_own_machine(ends: tuple[Connection, Connection]) -> None:
