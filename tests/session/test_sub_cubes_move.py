@@ -115,8 +115,9 @@ def test_a_server_killed_in_the_middle_is_lost_like_any_other(volume: Path) -> N
             return whole and any(server.lost for server in session.servers)
 
         wait_until(lost_and_whole, "is a server lost")
+        assert torch.equal(session.render(shown, Step.C), expected)
         (lost,) = [server for server in session.servers if server.lost]
-        assert lost.handed_over and torch.equal(session.render(shown, Step.C), expected)
+        assert lost.handed_over, "a whole frame was asked for after the loss"
         assert sum(server.voxels for server in holders(session) if not server.lost) == SIDE**3
 
 
