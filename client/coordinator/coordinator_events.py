@@ -58,7 +58,7 @@ class ServerLost:
 
 @dataclass(frozen=True)
 class ServerProcessEnded:
-    """A server that the client started has ended."""
+    """A server that the client or its cluster started has ended, or does not come."""
 
     cause: str
     process: str = ""

@@ -11,13 +11,14 @@ from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.launchers.launcher import ServerState
 from volsplat.protocol.description.volume_name import absolute_name
-from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address, parse_address
 from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.tokens import Token
 
-GATHERING_SECONDS = 60.0  # until all servers must have joined, not counted while one is queued
+MISSING_SECONDS = 60.0  # after which a server that has not joined is waited for no more, not counted while it is queued
+FROZEN_SECONDS = 4.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
 LOOK_SECONDS = 2.0  # between two looks at servers that are missing
 MOST_STARTS = 3  # of one server in a session, so that one that cannot live is not started for ever
 CALL_SECONDS = 1e9  # a caller tries until it is told to stop
@@ -30,6 +31,7 @@ class ClusterServers:
         """Brings the cluster up if it is not. `report` gets lines of progress. Raises BadInput."""
         self._running, self._report = RunningCluster(path), report
         self.cluster = self._running.cluster
+        self._missing_since: dict[str, float] = {}  # time.monotonic(); the watching thread's
         state = self._running.state()
         self._brought_up = state is None
         self._state = state or self._bring_up()
@@ -65,13 +67,13 @@ class ClusterServers:
         here = all(machine.launcher == "local" and machine.data_root is None for machine in self.cluster.machines)
         return absolute_name(name) if here else name
 
-    def join(self, links: ServerLinks, fail: Callable[[VolsplatError], None]) -> None:
-        """Take the servers into a session. `fail` gets why it cannot begin."""
+    def join(self, links: ServerLinks) -> None:
+        """Take the servers into a session."""
         for one in self._state.servers:
             if one.wait_at:
                 name = f"call {one.started.name}"
                 threading.Thread(target=self._call, args=(one, links), name=name, daemon=True).start()
-        threading.Thread(target=self._watch, args=(links, fail), name="watch the cluster", daemon=True).start()
+        threading.Thread(target=self._watch, args=(links,), name="watch the cluster", daemon=True).start()
 
     @contextmanager
     def beginning(self) -> Iterator[None]:
@@ -133,24 +135,25 @@ class ClusterServers:
 
     # -- those that are missing
 
-    def _watch(self, links: ServerLinks, fail: Callable[[VolsplatError], None]) -> None:
-        """Start those anew that have ended; if not all come at first, say who is missing and why."""
-        deadline: float | None = time.monotonic() + GATHERING_SECONDS
+    def _watch(self, links: ServerLinks) -> None:
+        """Start those anew that have ended or are frozen; say of those that do not come that nobody waits for them."""
+        began, seen = time.monotonic(), set[str]()
         while not self._closed.wait(LOOK_SECONDS):
             missing = self._missing(links)
-            if not missing:
-                deadline = None
-                continue
+            seen |= self._known.keys() - missing
+            self._missing_since = {name: self._missing_since.get(name, began) for name in missing}
             try:
-                queued = self._look_after(missing)
+                if missing:
+                    self._look_after(missing, seen)
             except VolsplatError as error:
                 self._report(str(error))
-                continue
-            if queued and deadline is not None:
-                deadline = time.monotonic() + GATHERING_SECONDS
-            if deadline is not None and time.monotonic() > deadline:
-                fail(PeerLost(f"servers of {self._running.cluster.name} are missing: {self._reasons(missing)}"))
-                return
+            if self._missing_for(MISSING_SECONDS):
+                links.give_up(f"servers of {self.cluster.name} are missing: {self._reasons(missing)}")
+            began = time.monotonic()
+
+    def _missing_for(self, seconds: float) -> set[str]:
+        now = time.monotonic()
+        return {name for name, since in self._missing_since.items() if now - since > seconds}
 
     def _missing(self, links: ServerLinks) -> list[str]:
         there = links.present()
@@ -161,9 +164,9 @@ class ClusterServers:
                 if name not in self._joined and not any(_is_process(process, one) for process in there)
             ]
 
-    def _look_after(self, missing: list[str]) -> bool:
-        """Whether one is queued. Those that have ended are started anew."""
-        queued, ended = False, []
+    def _look_after(self, missing: list[str], seen: set[str]) -> None:
+        """Those that have ended are started anew, and those that were `seen` in the session and do not come again."""
+        ended, frozen = list[str](), self._missing_for(FROZEN_SECONDS) & seen
         for one, said in self._running.statuses():
             name = one.started.name
             if name not in missing:
@@ -172,17 +175,20 @@ class ClusterServers:
                 ended.append(name)
                 self._note(name, f"{name} has ended: {said.reason}")
             elif said.state is ServerState.QUEUED:
-                queued = True
+                self._missing_since[name] = time.monotonic()
                 self._note(name, f"{name} is queued: {said.reason}")
+            elif said.state is ServerState.RUNNING and name in frozen:
+                ended.append(name)
+                self._note(name, f"{name} runs and does not join again; another one is started in its place")
             elif not one.wait_at:  # else whoever dials it knows better
                 self._note(name, f"{name} has not joined yet" + (f": {said.reason}" if said.reason else ""))
         again = [name for name in ended if self._starts.get(name, 0) < MOST_STARTS]
         if again:
             for name in again:
                 self._starts[name] = self._starts.get(name, 0) + 1
-            state = self._running.up(self._report)
+                seen.discard(name)
+            state = self._running.up(self._report, anew=again)
             self._known = {one.started.name: one for one in state.servers}
-        return queued
 
     def _reasons(self, missing: list[str]) -> str:
         with self._lock:

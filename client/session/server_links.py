@@ -48,13 +48,16 @@ class ServerLinks:
         newest_frame: Callable[[], int],
         silence: float,
         encryption: Encryption,
+        replaces: bool = False,
     ) -> None:
         """`newest_frame` is the number of the frame that is waited for.
 
+        If somebody else `replaces` servers that are lost, others are waited for until that one calls give_up().
         A server that says nothing for `silence` seconds is lost, later if it is at work (see heartbeat).
         """
         self._on_event = on_event
         self._newest_frame = newest_frame
+        self._replaces = replaces
         self._token = token
         self.encryption = encryption
         self._connections: dict[int, Connection] = {}
@@ -128,6 +131,10 @@ class ServerLinks:
         if connection is not None:
             connection.close()
 
+    def give_up(self, cause: str) -> None:
+        """Servers do not come, or not again: the session ends if it cannot go on without."""
+        self._on_event(ServerProcessEnded(cause))
+
     def take_no_more(self) -> None:
         """Nobody can join from now on."""
         self._listener.close()
@@ -186,7 +193,7 @@ class ServerLinks:
             data_anywhere=peer.data_anywhere,
             client_host=connection.local_host,
             process=peer.name,
-            restarts=self._local.has(peer.name),
+            restarts=self._replaces or self._local.has(peer.name),
         )
         self._on_event(joined)
         self._heartbeat.keep(connection, patience_with_server(connection, self._heartbeat.silence))

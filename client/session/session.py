@@ -152,13 +152,14 @@ class Session:
                 newest_frame=lambda: self._frames.newest,
                 silence=silence,
                 encryption=encryption,
+                replaces=self._cluster is not None,
             )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
         path = absolute_name(name) if spawn else name
         try:
             if self._cluster is not None:
-                self._cluster.join(self._links, self._fail)
+                self._cluster.join(self._links)
             if spawn:
                 self._links.start(workers, splat_servers, threads)
             self._events.put(VolumeAsked(path, workers, splat_servers, memory, held))

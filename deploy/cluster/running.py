@@ -1,7 +1,7 @@
 """A cluster brought up, asked after and brought down, machine by machine, all machines at once."""
 
 import socket
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import NamedTuple, TypeVar
@@ -50,14 +50,17 @@ class RunningCluster:
             )
         return state
 
-    def up(self, report: Report) -> ClusterState:
-        """Start what is missing. Raises BadInput, which names every machine that failed; the others are up then."""
+    def up(self, report: Report, anew: Collection[str] = ()) -> ClusterState:
+        """Start what is missing, and others in the place of the servers named `anew`, once these have ended.
+
+        Raises BadInput, which names every machine that failed; the others are up then.
+        """
         with self.folder.locked():
             state = self.state() or ClusterState(file=self._text, listen_port=_free_port(self.cluster))
             said = self._states(self.cluster, state)
-            known = {
-                one.started.name: one for one in state.servers if said[one.started.name].state is not ServerState.ENDED
-            }
+            living = [one for one in state.servers if said[one.started.name].state is not ServerState.ENDED]
+            self._stop(self.cluster, [one for one in living if one.started.name in anew])
+            known = {one.started.name: one for one in living if one.started.name not in anew}
             wanted = ordered(self.cluster, state.listen_port)
             missing = [one for one in wanted if one.order.name not in known]
             self.folder.save(state)
@@ -124,19 +127,26 @@ class RunningCluster:
                 return
             cluster = cluster_from_toml(state.file, str(self.path))
 
-            def stop(number: int) -> None:
-                servers = [one.started for one in state.servers if one.machine == number]
-                report(f"{cluster.machines[number].title}: ending {len(servers)} servers")
-                self._launcher(cluster, number).stop(servers)
-
-            results = _on_all(sorted({one.machine for one in state.servers}), stop, lambda done: None)
-            failed = {number: result.reason for number, result in results.items() if isinstance(result, Failed)}
+            failed = self._stop(cluster, state.servers, report)
             if not failed:
                 self.folder.forget()
                 return
             left = tuple(one for one in state.servers if one.machine in failed)
             self.folder.save(msgspec.structs.replace(state, servers=left))
         raise BadInput(f"not everything is down: {'; '.join(failed.values())}; run it again when they answer")
+
+    def _stop(
+        self, cluster: Cluster, servers: Collection[KnownServer], report: Report = lambda line: None
+    ) -> dict[int, str]:
+        """End them. What failed is in the answer, by machine."""
+
+        def stop(number: int) -> None:
+            of_machine = [one.started for one in servers if one.machine == number]
+            report(f"{cluster.machines[number].title}: ending {len(of_machine)} servers")
+            self._launcher(cluster, number).stop(of_machine)
+
+        results = _on_all(sorted({one.machine for one in servers}), stop, lambda done: None)
+        return {number: result.reason for number, result in results.items() if isinstance(result, Failed)}
 
     def logs(self, one: KnownServer, lines: int) -> str:
         state = self.folder.load()

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 import psutil
 import pytest
+import torch
 
 from support.patience import PATIENCE, wait_until
 from support.programs.clusters import cluster_file, sshd
@@ -21,6 +22,7 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_servers
+from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 LOCAL = 'launcher = "local"\nthreads = 1\n'
@@ -86,6 +88,27 @@ def test_a_server_that_was_killed_is_told_and_started_anew(person: Person, clust
     assert drawn(person, "--cluster", str(cluster)) == drawn(person, "--single")
     after = processes(person)
     assert len(set(before) & set(after)) == 2
+
+
+@pytest.mark.parametrize(
+    ("cluster", "harm"), [("local", signal.SIGSTOP), ("ssh, waiting", signal.SIGKILL)], indirect=["cluster"]
+)
+def test_in_the_place_of_the_only_splat_server_another_is_started(
+    person: Person, cluster: Path, harm: signal.Signals
+) -> None:
+    volume = person.folder / "head.nrrd"
+    with SingleProcess(volume) as single, Session(volume, cluster=cluster) as session:
+        scene = session.default_scene()
+        expected = single.render(scene)
+        assert torch.equal(session.render(scene), expected)
+        before = processes(person)
+        (splat,) = [
+            psutil.Process(n) for n in before if "volsplat.splat_server" in " ".join(psutil.Process(n).cmdline())
+        ]
+        splat.send_signal(harm)
+        wait_until(lambda: any(server.lost for server in session.servers), "is it noticed")
+        assert torch.equal(session.render(scene), expected)
+        assert splat.pid not in processes(person) and len(set(before) & set(processes(person))) == 2
 
 
 def test_a_cluster_is_brought_up_for_one_picture_and_down_after_it(person: Person, cluster: Path) -> None:
@@ -178,7 +201,7 @@ def test_lines_to_type_by_hand_start_servers_that_join(person: Person) -> None:
 
 
 def test_who_is_missing_is_named_with_the_reason(person: Person, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cluster_servers, "GATHERING_SECONDS", 1.0)
+    monkeypatch.setattr(cluster_servers, "MISSING_SECONDS", 1.0)
     waits = f'launcher = "manual"\nmap-shade-servers = 1\nsplat-servers = 1\nlisten = "127.0.0.1:{free_port()}"\n'
     path = cluster_file(person.folder, "nobody", waits)
     assert person.runs("deploy", "up", str(path)).returncode == 0
