@@ -4,17 +4,26 @@ import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from random import SystemRandom
 
 from support.patience import PATIENCE, wait_until
 from volsplat.client import Session
 from volsplat.protocol.wire.tokens import new_token
 
+BELOW_CONNECTIONS = 16384, 32768  # Linux gives those above to connections
+TOGETHER = 8  # ports, as servers that wait take one after the other
+
 
 def free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return int(free.getsockname()[1])
+    """One that is free like those after it, and that the system gives to no connection meanwhile."""
+    while True:
+        first = SystemRandom().randrange(*BELOW_CONNECTIONS, TOGETHER)
+        with suppress(OSError), ExitStack() as held:
+            for port in range(first, first + TOGETHER):
+                held.enter_context(socket.create_server(("127.0.0.1", port)))
+            return first
 
 
 @contextmanager
