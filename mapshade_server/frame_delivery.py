@@ -3,15 +3,17 @@
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from volsplat.mapshade_server.data_link import DataLink
+from volsplat.mapshade_server.data_link import DataLink, Sent
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.program.frame_spans import UNTRACED, FrameSpans
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.connection import ConnectionClosed
 
 LOSSES = (PeerLost, ConnectionClosed, RemoteProtocolError)
+LEAST_SPAN = 1e-5  # seconds: what is shorter, where nothing may have been done, is not traced
 
 
 class FrameDelivery:
@@ -29,13 +31,15 @@ class FrameDelivery:
         regions: Sequence[Region],
         links: Mapping[int, DataLink],
         wanted: Callable[[], bool],
+        spans: FrameSpans = UNTRACED,
     ) -> None:
-        """`worker` is this server; `wanted` tells whether the frame still is."""
+        """`worker` is this server; `wanted` tells whether the frame still is; what is done when goes into `spans`."""
         self._frame = frame
         self._worker = worker
         self._walk = walk
         self._links = links
         self._wanted = wanted
+        self._spans = spans
         self._parts = _parts_of(regions)
         self._ended = False
         self._lost: dict[int, VolsplatError] = {
@@ -65,7 +69,9 @@ class FrameDelivery:
         while not self._ended and self._wanted() and len(self._lost) < len(self._parts):
             started = time.perf_counter()
             batch = self._walk.walkers[walker].next_batch()
-            tally.map_shade_seconds += time.perf_counter() - started
+            ended = time.perf_counter()
+            tally.map_shade_seconds += ended - started
+            self._spans.note(_row(walker), "walk", started, ended)
             if batch is None:
                 break
             tally.count(batch)
@@ -75,10 +81,26 @@ class FrameDelivery:
         return tally
 
     def _send(self, outlet: "_Outlet", walker: int, batch: ShadedBatch, tally: FrameTally) -> None:
+        began = time.perf_counter()
         try:
-            outlet.send(self._frame, self._worker, walker, batch, tally)
+            sent = outlet.send(self._frame, self._worker, walker, batch, tally)
         except LOSSES as loss:
             self._lost.setdefault(outlet.server, loss)
+        else:
+            self._note(_row(walker), outlet.server, began, sent)
+
+    def _note(self, row: str, server: int, began: float, sent: Sent) -> None:
+        """A batch was first coded, then sent; what it waited for, it waited for at last."""
+        coded, ended = began + sent.coding_seconds, began + sent.coding_seconds + sent.seconds
+        if sent.coding_seconds > LEAST_SPAN:
+            self._spans.note(row, "code", began, coded)
+        self._spans.note(row, f"send to splat server {server}", coded, ended)
+        if sent.waiting_seconds > 0.0:
+            self._spans.note(row, "wait for room", ended - sent.waiting_seconds, ended)
+
+
+def _row(walker: int) -> str:
+    return f"walker {walker}"
 
 
 class _Outlet:
@@ -90,7 +112,7 @@ class _Outlet:
         self._parts = parts
         self._sequence = 0
 
-    def send(self, frame: int, worker: int, walker: int, batch: ShadedBatch, tally: FrameTally) -> None:
+    def send(self, frame: int, worker: int, walker: int, batch: ShadedBatch, tally: FrameTally) -> Sent:
         parts = batch.parts[self._parts]
         message = messages.Batch(
             frame=frame,
@@ -110,6 +132,7 @@ class _Outlet:
         tally.sending_seconds += sent.seconds
         tally.waiting_seconds += sent.waiting_seconds
         self._sequence += 1
+        return sent
 
 
 def _parts_of(regions: Sequence[Region]) -> dict[int, slice]:

@@ -22,6 +22,7 @@ from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
+from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.message import MOST_THREADS
@@ -58,6 +59,8 @@ class MapShadeServer:
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
         self._requests = WaitingRequests()
+        self._spans = UNTRACED  # of the newest frame
+        self._frame_came = 0.0  # when that was received
         self._newest_frame = 0  # written by the receiving thread, read by the working one
         self._over = False  # the client has ended the session
         self._failure: VolsplatError | None = None  # how the client was lost
@@ -113,7 +116,7 @@ class MapShadeServer:
             return False
         match received.message:
             case messages.RenderFrame(frame=frame):
-                self._newest_frame = frame
+                self._newest_frame, self._frame_came = frame, clock()
             case messages.AbortFrame(frame=frame):
                 self._newest_frame = max(self._newest_frame, frame + 1)
             case messages.OpenPackets(assignment=assignment):
@@ -166,7 +169,8 @@ class MapShadeServer:
         self._held.check(request.assignment, f"frame {request.frame}")
         if not self._links.of_servers:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
-        started = time.perf_counter()
+        came, started = self._frame_came, time.perf_counter()
+        self._spans = spans = FrameSpans(request.frame, request.traced)
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
         walk = FrameWalk(
             sub_cubes,
@@ -178,7 +182,7 @@ class MapShadeServer:
             request.regions,
             request.workers[self._client.id],
         )
-        planning_seconds = time.perf_counter() - started
+        planned = time.perf_counter()
         delivery = FrameDelivery(
             request.frame,
             self._client.id,
@@ -186,12 +190,31 @@ class MapShadeServer:
             request.regions,
             self._links.of_servers,
             wanted=lambda: self._newest_frame <= request.frame,
+            spans=spans,
         )
         tally = FrameTally.of_walkers(self._delivered(delivery, len(walk.walkers)))
         if self._newest_frame <= request.frame:
             delivery.check()
-            stats = replace(tally, planning_seconds=planning_seconds).stats()
+            self._note_frame(spans, came, started, planned)
+            stats = replace(tally, planning_seconds=planned - started).stats()
             self._client.send(messages.FrameMapped(frame=request.frame, stats=stats, lost=delivery.lost))
+
+    @staticmethod
+    def _note_frame(spans: FrameSpans, came: float, started: float, planned: float) -> None:
+        """How a frame went that has ended now."""
+        ended = clock()
+        spans.note("requests", f"frame {spans.frame}", came, ended)
+        spans.note("requests", "wait for its turn", came, started)
+        spans.note("requests", "plan", started, planned)
+        spans.note("requests", "walk and send", planned, ended)
+
+    @takes(messages.ReadTrace)
+    def _read_trace(self, request: messages.ReadTrace) -> None:
+        self._client.send(self._spans.told(request.frame))
+
+    @takes(messages.ReadClock)
+    def _read_clock(self, request: messages.ReadClock) -> None:
+        self._client.send(messages.ClockRead(clock()))
 
     def _delivered(self, delivery: FrameDelivery, walkers: int) -> list[FrameTally]:
         """Have the walkers walk, and answer probes meanwhile."""

@@ -121,6 +121,10 @@ class SplatFrame:
         """Of each owner. Once it is complete."""
 
     @property
+    def spans(self) -> list[list[tuple[str, float, float]]]:
+        """Of each owner: a stage of OwnerSeconds, how many seconds ago it began, and ended. Once it is complete."""
+
+    @property
     def walked(self) -> Walked:
         """What its walks have handed out. Once it is complete."""
 
@@ -144,6 +148,7 @@ class Owners:
         thresholds: tuple[int, int],
         counts: tuple[int, int, int],
         sources: int,
+        traced: bool = False,
         portion: int,
         edges: tuple[EdgeLayer, EdgeLayer] | None,
         walks: Sequence[Walk],

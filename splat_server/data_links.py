@@ -9,6 +9,7 @@ import threading
 import time
 from collections import defaultdict
 
+from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
@@ -38,6 +39,7 @@ CONNECTION_BUDGET = 8 << 20
 # So many times as much may come while its other walkers are awaited; an honest worker keeps them nearer together.
 MOST_APART = 8
 
+FRAMES_NOTED = 3  # for traces
 LOOK_SECONDS = 1.0  # between two looks of a link that is held back, if nothing is told
 
 
@@ -64,6 +66,9 @@ class DataLinks:
         self._came: dict[int, Came] = {}  # by worker, over its newest link
         self._budgets: dict[int, ReadBudget] = {}  # by worker
         self._held_back: defaultdict[int, float] = defaultdict(float)  # seconds since the frame began, by worker
+        self._traces = False  # whether the client reads clocks, as who wants traces does
+        self._spans: dict[int, FrameSpans] = {}  # by frame: batches may come before theirs begins
+        self._noting = threading.Lock()  # guards _spans
         self._rooms = BufferPool()  # for batches that come coded
         threading.Thread(target=self._accept, name="accept data links", daemon=True).start()
 
@@ -91,6 +96,19 @@ class DataLinks:
         """Forget for how long workers were held back before."""
         with self._lock:
             self._held_back.clear()
+
+    def trace(self) -> None:
+        """From now on note what is done with each frame's batches."""
+        self._traces = True
+
+    def spans(self, frame: int) -> FrameSpans:
+        """What is done for a frame, if that is noted: of the newest ones."""
+        if not self._traces:
+            return UNTRACED
+        with self._noting:
+            while frame not in self._spans and len(self._spans) >= FRAMES_NOTED:
+                del self._spans[min(self._spans)]
+            return self._spans.setdefault(frame, FrameSpans(frame, wanted=True))
 
     def received(self, frame: int) -> int:
         """Bytes of the frame's batches."""
@@ -171,6 +189,8 @@ class DataLinks:
             received = link.receive()
             if received is None:
                 return
+            if isinstance(received.message, messages.Batch):
+                self._note(received.message, "receive", link.counters.seconds_in_message)
             HANDLERS[type(received.message)].method(self, received.message, link, received.payload)
 
     def _hold_back(self, link: Connection) -> bool:
@@ -184,7 +204,9 @@ class DataLinks:
                     return False
                 if self._may_read(link):
                     if held_back:
-                        self._held_back[worker] += time.perf_counter() - began
+                        ended = time.perf_counter()
+                        self._held_back[worker] += ended - began
+                        self.spans(self._came[worker].frame).note(_row(worker), "held back", began, ended)
                     return True
             held_back = True
             self._readable.wait(heard, LOOK_SECONDS)
@@ -223,10 +245,17 @@ class DataLinks:
         with self._lock:
             return self._came[link.peer.id] if self._in_use(link) else None
 
+    def _note(self, batch: messages.Batch, what: str, seconds: float) -> None:
+        """Note what was done with a batch for so long until now."""
+        now = clock()
+        self.spans(batch.frame).note(_row(batch.worker), what, now - seconds, now)
+
     def _push(self, message: messages.Batch, link: Connection, payload: memoryview) -> None:
         try:
             parts = [(part.run_count, part.packet_count) for part in message.parts]
             payload, decoding_seconds = self._raw(message, payload)
+            if decoding_seconds > 0.0:
+                self._note(message, "decode", decoding_seconds)
             memory = BatchMemory(
                 payload, parts, self._budgets[message.worker], shared=message.block != messages.NO_BLOCK
             )
@@ -271,6 +300,10 @@ def carried_out(instructions: list[Instruction]) -> list[RefuseBatch]:
 
 
 HANDLERS = handlers(DataLinks)
+
+
+def _row(worker: int) -> str:
+    return f"from map/shade server {worker}"
 
 
 def _broken(link: Connection, fault: str) -> RemoteProtocolError:

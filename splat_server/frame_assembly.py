@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
+from volsplat.program.frame_spans import FrameSpans, clock
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Order
@@ -57,11 +58,12 @@ class FrameAssembly:
         news: Bell,
         all_wait: Bell | None = None,
         walks: "Sequence[_kernels.Walk]" = (),
+        traced: bool = False,
     ) -> None:
         """Have the owners splat what is pushed for these regions, and what `walks`, the first sources, hand out.
 
         `news` rings once the frame is complete or has failed, and when samples were hidden that had been pushed;
-        `all_wait` when all regions wait for something to be pushed.
+        `all_wait` when all regions wait for something to be pushed. `traced`: see `note_owners`.
         """
         plan = self.plan
         self.lines = regions[0].begin, regions[-1].end
@@ -73,6 +75,7 @@ class FrameAssembly:
             thresholds=plan.thresholds,
             counts=(sheet, row, sample),
             sources=sources,
+            traced=traced,
             portion=packets_at_once(self.pixels_per_packet),
             edges=self._edges,
             walks=walks,
@@ -98,6 +101,16 @@ class FrameAssembly:
     def slowest_owner(self) -> OwnerSeconds:
         """That had most to do. Once the frame is complete."""
         return max(self.splat.seconds, key=lambda owner: owner.merge + owner.splat + owner.walk)
+
+    def note_owners(self, spans: FrameSpans, began: float) -> None:
+        """Note what each owner was at since the frame `began`, and that else it waited. Once it is complete."""
+        now = clock()
+        for number, owned in enumerate(self.splat.spans):
+            row, free = f"owner {number}", began
+            for stage, began_ago, ended_ago in owned:
+                spans.note(row, "wait", free, max(free, now - began_ago))
+                spans.note(row, stage, max(free, now - began_ago), now - ended_ago)
+                free = max(free, now - ended_ago)
 
     def stats(
         self,

@@ -1,8 +1,9 @@
 """How an image goes to the client: by memory that it sees, else by the socket, coded where it comes sooner so."""
 
 import threading
+import time
 
-from volsplat.protocol.messages.image_messages import ImageRead, ImagesTaken, RawPixels
+from volsplat.protocol.messages.image_messages import CodedPixels, ImageRead, ImagesTaken, RawPixels
 from volsplat.protocol.wire.connection import Connection
 from volsplat.splat_server.image_coder import ImageCoder
 from volsplat.splat_server.image_pace import ImagePace
@@ -24,19 +25,22 @@ class ImageSender:
         with self._lock:
             return self._shared.target(nbytes) if self._client.may_share_memory else None
 
-    def send(self, image: ImageRead, pixels: memoryview, exact: bool) -> None:
-        """Raises as Connection.send does."""
+    def send(self, image: ImageRead, pixels: memoryview, exact: bool) -> float:
+        """The seconds that went into coding it. Raises as Connection.send does."""
         with self._lock:
             shared = self._shared.passed(pixels)
             coded = not self._client.may_share_memory and image.raw_bytes > 0 and self._pace.coding_pays(exact)
         if shared is not None:
             told, descriptor = shared
             self._client.send(image.carried_by(told), descriptor=descriptor)
-        elif coded and self._send_coded(image, pixels, exact):
-            return
-        else:
+            return 0.0
+        began = time.perf_counter()
+        carrier, payload = self._coded(image, pixels, exact) if coded else (RawPixels(), (pixels,))
+        seconds = time.perf_counter() - began
+        if isinstance(carrier, RawPixels):
             self._coder.forget()
-            self._client.send(image.carried_by(RawPixels()), pixels)
+        self._client.send(image.carried_by(carrier), *payload)
+        return seconds if coded else 0.0
 
     def taken(self, message: ImagesTaken) -> None:
         """Raises RemoteProtocolError."""
@@ -48,12 +52,11 @@ class ImageSender:
         with self._lock:
             self._shared.close()
 
-    def _send_coded(self, image: ImageRead, pixels: memoryview, exact: bool) -> bool:
-        """False where it would have more bytes so."""
+    def _coded(
+        self, image: ImageRead, pixels: memoryview, exact: bool
+    ) -> tuple[CodedPixels | RawPixels, tuple[bytearray | bytes | memoryview, ...]]:
+        """Raw if it would have more bytes coded."""
         told, payload = self._coder.coded(image, pixels, exact)
         with self._lock:
             self._pace.coded(told, image.raw_bytes)
-        if told.bytes >= image.raw_bytes:
-            return False
-        self._client.send(image.carried_by(told), *payload)
-        return True
+        return (told, payload) if told.bytes < image.raw_bytes else (RawPixels(), (pixels,))

@@ -5,16 +5,21 @@ import threading
 from collections.abc import Callable
 from typing import NamedTuple
 
+from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.splat_server.image_sender import ImageSender
+
+Later = Callable[[], messages.Message]
+TO_CLIENT = "to client"  # the row of what is sent
 
 
 class _Image(NamedTuple):
     message: messages.ImageRead
     pixels: memoryview
     exact: bool
+    spans: FrameSpans
 
 
 class Outbox:
@@ -32,17 +37,23 @@ class Outbox:
         self.images = ImageSender(client)
         self._image_sent = image_sent
         self._failed = failed
-        self._posted: queue.SimpleQueue[messages.Message | _Image | None] = queue.SimpleQueue()
+        self._posted: queue.SimpleQueue[messages.Message | Later | _Image | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._send_posted, name="send to client", daemon=True)
         self._thread.start()
 
     def post(self, message: messages.Message) -> None:
         self._posted.put(message)
 
-    def post_image(self, message: messages.ImageRead, pixels: memoryview, exact: bool) -> None:
+    def post_later(self, made: Later) -> None:
+        """A message that is made once all that was posted before is sent."""
+        self._posted.put(made)
+
+    def post_image(
+        self, message: messages.ImageRead, pixels: memoryview, exact: bool, spans: FrameSpans = UNTRACED
+    ) -> None:
         """`message` says of what; how its pixels go is seen when they do."""
         self.holds_image = True
-        self._posted.put(_Image(message, pixels, exact))
+        self._posted.put(_Image(message, pixels, exact, spans))
 
     def close(self) -> None:
         """End the thread. The client's connection must be closed already: it wakes a send that waits."""
@@ -53,10 +64,13 @@ class Outbox:
     def _send_posted(self) -> None:
         while (posted := self._posted.get()) is not None:
             try:
-                if isinstance(posted, _Image):
-                    self.images.send(*posted)
-                else:
-                    self._client.send(posted)
+                match posted:
+                    case _Image():
+                        self._send_image(posted)
+                    case messages.Message():
+                        self._client.send(posted)
+                    case _:
+                        self._client.send(posted())
             except ConnectionClosed:
                 return
             except VolsplatError as error:
@@ -66,3 +80,11 @@ class Outbox:
                 del posted
                 self.holds_image = False
                 self._image_sent()
+
+    def _send_image(self, image: _Image) -> None:
+        began = clock()
+        coding_seconds = self.images.send(image.message, image.pixels, image.exact)
+        ended = clock()
+        image.spans.note(TO_CLIENT, "send image", began, ended)
+        if coding_seconds > 0.0:
+            image.spans.note(TO_CLIENT, "code image", began, min(began + coding_seconds, ended))

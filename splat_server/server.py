@@ -10,6 +10,7 @@ import time
 from collections import deque
 
 from volsplat.program.available_memory import available_memory
+from volsplat.program.frame_spans import UNTRACED, clock
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.exchanges import superseded
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
@@ -63,6 +64,9 @@ class SplatServer:
         self._images_wanted: deque[messages.ReadImage] = deque()  # asked for while another was being sent
         self._assembly: FrameAssembly | None = None
         self._request: messages.RenderFrame | None = None  # the assembly's
+        self._spans = UNTRACED  # the assembly's
+        self._newest_came = 0.0  # when the newest request of a frame did; the receiving thread's
+        self._frame_came = 0.0  # when the assembly's did
         self._lost: list[int] = []  # workers that its finished image lacks
         self._drawing = False  # the assembly's frame is not finished
         self._frame_began = 0.0
@@ -130,6 +134,8 @@ class SplatServer:
 
     def _finish_frame(self, assembly: FrameAssembly) -> None:
         self._drawing = False
+        assembly.note_owners(self._spans, self._frame_began)
+        self._spans.note("requests", f"frame {assembly.frame}", self._frame_came, clock())
         with self._lock:
             self._lost = self._merge.lost
         self._outbox.post(
@@ -173,6 +179,16 @@ class SplatServer:
         described = messages.MachineDescribed(memory_bytes=available_memory(), threads=self._threads)
         self._outbox.post(described)
 
+    @takes(messages.ReadClock)
+    def _read_clock(self, request: messages.ReadClock) -> None:
+        self._data_links.trace()
+        self._outbox.post_later(lambda: messages.ClockRead(clock()))
+
+    @takes(messages.ReadTrace)
+    def _read_trace(self, request: messages.ReadTrace) -> None:
+        spans = self._spans
+        self._outbox.post_later(lambda: spans.told(request.frame))  # the image that goes before is in it
+
     @takes(messages.RenderFrame)
     def _render_frame(self, request: messages.RenderFrame) -> None:
         try:
@@ -198,15 +214,20 @@ class SplatServer:
 
     def _begin(self, request: messages.RenderFrame) -> None:
         self._frame_began = time.perf_counter()
+        self._frame_came = min(self._newest_came, self._frame_began)
+        self._spans = self._data_links.spans(request.frame) if request.traced else UNTRACED
         self._data_links.begin_frame()
         self._hidden_told, self._lost = 0, []
         self._drawing = False
         self._assembly = None
         assembly = FrameAssembly(self._owners, request.plan, request.frame)
         regions = regions_of(request.regions, self._client.id)
-        assembly.begin(regions, sum(request.workers.values()), self._news, self._readable)
+        assembly.begin(regions, sum(request.workers.values()), self._news, self._readable, traced=request.traced)
         self._assembly, self._request, self._drawing = assembly, request, True
-        self._planning_seconds = time.perf_counter() - self._frame_began
+        planned = time.perf_counter()
+        self._planning_seconds = planned - self._frame_began
+        self._spans.note("requests", "wait for its turn", self._frame_came, self._frame_began)
+        self._spans.note("requests", "plan", self._frame_began, planned)
         with self._lock:  # what is held goes before all that comes
             instructions = self._merge.handle(FrameStarted(request.frame, request.workers, assembly.splat))
             refused = carried_out(instructions)
@@ -236,7 +257,7 @@ class SplatServer:
             target[:] = pixels
             pixels = target
         image = messages.ImageRead(frame, step, complete, left, top, width, height, messages.RawPixels())
-        self._outbox.post_image(image, pixels, exact=complete and request.exact)
+        self._outbox.post_image(image, pixels, exact=complete and request.exact, spans=self._spans)
 
     # -- what other threads bring
 
@@ -266,6 +287,8 @@ class SplatServer:
 
     def _put(self, request: messages.Message) -> None:
         """Have the working thread answer it in its turn."""
+        if isinstance(request, messages.RenderFrame):
+            self._newest_came = clock()
         with self._lock:
             still_wanted = [waiting for waiting in self._requests if not superseded(waiting, request)]
             self._requests = deque([*still_wanted, request])

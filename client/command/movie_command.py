@@ -15,6 +15,7 @@ from volsplat.client.command.opened_volume import (
     opened_quietly,
     server_options,
     servers_from_options,
+    trace_option,
 )
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
@@ -56,6 +57,7 @@ from volsplat.protocol.text.errors import BadInput
 @click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
 @server_options
 @memory_option
+@trace_option
 @click.option("--single", is_flag=True, help="One process, no servers: the same images.")
 def movie(
     volume: str,
@@ -74,6 +76,7 @@ def movie(
     tls: bool | None,
     cluster: Path | None,
     memory: str | None,
+    trace: Path | None,
     single: bool,
     **settings: str | float | None,
 ) -> None:
@@ -96,7 +99,17 @@ def movie(
     options.scene_of(None)
     check_movie_writable(output)
     servers = servers_from_options(
-        workers, splat_servers, threads, None, None, single, memory, cluster=cluster, silence=silence, tls=tls
+        workers,
+        splat_servers,
+        threads,
+        None,
+        None,
+        single,
+        memory,
+        cluster=cluster,
+        silence=silence,
+        tls=tls,
+        trace=trace,
     )
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:

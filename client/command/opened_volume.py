@@ -46,6 +46,7 @@ class Servers:
     silence: float = SILENCE_SECONDS  # after which one is lost
     tls: bool | None = None  # between machines
     cluster: Path | None = None  # whose servers are used, instead of all that is said of them here
+    trace: Path | None = None  # file for what every process does when
 
 
 COUNT = click.IntRange(min=1)
@@ -79,6 +80,12 @@ memory_option = click.option(
     "--memory", metavar="SIZE", help="What each server may hold of a prepared volume, as 2G (half of what is left)."
 )
 
+trace_option = click.option(
+    "--trace",
+    type=click.Path(path_type=Path),
+    help="Write what every process does when, for chrome://tracing or Perfetto.",
+)
+
 
 def servers_from_options(
     workers: int,
@@ -91,8 +98,11 @@ def servers_from_options(
     silence: float = SILENCE_SECONDS,
     tls: bool | None = None,
     cluster: Path | None = None,
+    trace: Path | None = None,
 ) -> Servers:
     """What `server_options`, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
+    if trace is not None and (trace.is_dir() or not os.access(trace.parent, os.W_OK)):
+        raise BadInput(f"{trace}: cannot write this file; name another with --trace")
     if cluster is not None:
         if single or listen:
             raise BadInput("--cluster says where the servers are; leave out --single and --listen")
@@ -108,6 +118,7 @@ def servers_from_options(
         memory=bytes_from_option("--memory", memory) if memory else None,
         silence=silence,
         tls=tls,
+        trace=trace,
     )
 
 
@@ -169,7 +180,9 @@ def opened_quietly(
     if servers.single:
         from volsplat.client.session.single import SingleProcess
 
-        with SingleProcess(volume, threads=servers.threads, memory=servers.memory, on_progress=say) as single:
+        with SingleProcess(
+            volume, threads=servers.threads, memory=servers.memory, trace=servers.trace, on_progress=say
+        ) as single:
             yield single
         return
     token = servers.token or new_token()
@@ -185,6 +198,7 @@ def opened_quietly(
         silence=servers.silence,
         tls=servers.tls,
         cluster=servers.cluster,
+        trace=servers.trace,
         on_progress=say,
     ) as session:
         if not spawns and servers.cluster is None:

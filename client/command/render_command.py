@@ -12,6 +12,7 @@ from volsplat.client.command.opened_volume import (
     opened,
     server_options,
     servers_from_options,
+    trace_option,
 )
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.render_outputs import Outputs, step_image_path
@@ -45,6 +46,7 @@ IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers s
 @scene_option("--bounds")
 @scene_option("--edges")
 @memory_option
+@trace_option
 @click.option("--single", is_flag=True, help="One process, no servers: the same image.")
 @click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
@@ -66,6 +68,7 @@ def render(
     step: str,
     steps_dir: Path | None,
     memory: str | None,
+    trace: Path | None,
     single: bool,
     report: Path | None,
     listen: str | None,
@@ -89,7 +92,17 @@ def render(
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
     servers = servers_from_options(
-        workers, splat_servers, threads, listen, token_file, single, memory, cluster=cluster, silence=silence, tls=tls
+        workers,
+        splat_servers,
+        threads,
+        listen,
+        token_file,
+        single,
+        memory,
+        cluster=cluster,
+        silence=silence,
+        tls=tls,
+        trace=trace,
     )
     console = PlainConsole(stderr=True)
     with opened(volume, servers, spawns, console, imports=[IMAGE_FILES]) as renderer:

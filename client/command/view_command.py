@@ -18,6 +18,7 @@ from volsplat.client.command.opened_volume import (
     opened,
     server_options,
     servers_from_options,
+    trace_option,
 )
 from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
 from volsplat.client.command.terminal_watch import ended_with_its_reader
@@ -54,6 +55,7 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
     help="End when no page has been open for so long (600).",
 )
 @memory_option
+@trace_option
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option(
     "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
@@ -72,6 +74,7 @@ def view(
     no_browser: bool,
     grace: float,
     memory: str | None,
+    trace: Path | None,
     listen: str | None,
     token_file: Path | None,
     **settings: str | float | None,
@@ -88,7 +91,16 @@ def view(
     options.scene_of(None)
     check_found(volume, listen is None, cluster)
     servers = servers_from_options(
-        workers, splat_servers, threads, listen, token_file, memory=memory, cluster=cluster, silence=silence, tls=tls
+        workers,
+        splat_servers,
+        threads,
+        listen,
+        token_file,
+        memory=memory,
+        cluster=cluster,
+        silence=silence,
+        tls=tls,
+        trace=trace,
     )
     console = PlainConsole(stderr=True)
     with ended_with_its_reader(), _bound(port) as bound:

@@ -18,6 +18,10 @@ class _Posted(NamedTuple):
     payload: tuple[memoryview, ...]
 
 
+def _nothing(message: messages.Message, began: float) -> None:
+    """For who need not know."""
+
+
 class Outgoing:
     """Messages leave in the order in which they were posted. Any thread may post, and none waits.
 
@@ -25,10 +29,18 @@ class Outgoing:
     So no more waits than what a server is asked for besides frames, each once.
     """
 
-    def __init__(self, connection: Connection, failed: Callable[[messages.Message, VolsplatError], None]) -> None:
-        """`failed` is called by the sending thread: with LocalProtocolError nothing was sent and the rest goes on."""
+    def __init__(
+        self,
+        connection: Connection,
+        failed: Callable[[messages.Message, VolsplatError], None],
+        sent: Callable[[messages.Message, float], None] = _nothing,
+    ) -> None:
+        """Both are called by the sending thread: `failed` with LocalProtocolError where nothing was sent and the rest
+        goes on, `sent` with the moment at which the sending began.
+        """
         self._connection = connection
         self._failed = failed
+        self._sent = sent
         self._posted: deque[_Posted] = deque()
         self._changed = threading.Condition()  # guards _posted, _sending and _ended
         self._sending = False
@@ -59,8 +71,10 @@ class Outgoing:
 
     def _send_posted(self) -> None:
         while (posted := self._next()) is not None:
+            began = time.perf_counter()
             try:
                 self._connection.send(posted.message, *posted.payload)
+                self._sent(posted.message, began)
             except LocalProtocolError as error:
                 self._failed(posted.message, error)
             except ConnectionClosed:

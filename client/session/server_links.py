@@ -17,6 +17,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.client.session.outgoing import Outgoing
+from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.messages import messages
@@ -34,6 +35,7 @@ from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
 
+TRACED = (messages.RenderFrame, messages.ReadImage, messages.FrameMapped, messages.FrameFinished, messages.ImageRead)
 FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
 
 
@@ -49,6 +51,7 @@ class ServerLinks:
         silence: float,
         encryption: Encryption,
         replaces: bool = False,
+        tracer: FrameTracer | None = None,
     ) -> None:
         """`newest_frame` is the number of the frame that is waited for.
 
@@ -58,6 +61,7 @@ class ServerLinks:
         self._on_event = on_event
         self._newest_frame = newest_frame
         self._replaces = replaces
+        self._tracer = tracer
         self._token = token
         self.encryption = encryption
         self._connections: dict[int, Connection] = {}
@@ -173,7 +177,11 @@ class ServerLinks:
         """Take part in the session until this server is lost."""
         peer = self._peers[connection.peer.id] = connection.peer
         try:
-            outgoing = Outgoing(connection, lambda message, error: self._unsent(peer, message, error))
+            outgoing = Outgoing(
+                connection,
+                lambda message, error: self._unsent(peer, message, error),
+                lambda message, began: self._note(f"to {_brief(peer)}", message, began),
+            )
         except RuntimeError as error:  # likewise
             self._drop(connection, error)
             return
@@ -196,6 +204,8 @@ class ServerLinks:
             restarts=self._replaces or self._local.has(peer.name),
         )
         self._on_event(joined)
+        if self._tracer is not None:
+            self._tracer.joined(peer.id, str(peer), outgoing.post)
         self._heartbeat.keep(connection, patience_with_server(connection, self._heartbeat.silence))
         cause = self._heard_until_lost(connection)
         self._local.end(peer.name)
@@ -204,6 +214,8 @@ class ServerLinks:
             self._images.pop(peer.id, None)
             self._left.notify_all()
         outgoing.end()
+        if self._tracer is not None:
+            self._tracer.lost(peer.id)
         self._on_event(ServerLost(peer.id, cause))
 
     def _heard_until_lost(self, connection: Connection) -> str:
@@ -213,9 +225,13 @@ class ServerLinks:
             while (received := connection.receive()) is not None:
                 at = time.perf_counter()
                 message, payload = received
+                if self._tracer is not None and self._tracer.take(peer.id, message, at):
+                    continue
                 self._report_ends(message)
+                self._note(f"from {_brief(peer)}", message, at - connection.counters.seconds_in_message, at)
                 if isinstance(message, messages.ImageRead):
                     payload = self._images[peer.id].pixels(message, payload)
+                    self._note(f"from {_brief(peer)}", message, at, name="decode image")
                 self._on_event(MessageReceived(peer.id, message, payload, at))
                 del received, payload  # its memory is used again once nobody holds it
         except VolsplatError as error:
@@ -229,6 +245,14 @@ class ServerLinks:
             self._on_event(ServerProcessEnded(cause, peer.name))  # another one would send as much
             return cause
         return "this side closed the connection"
+
+    def _note(
+        self, row: str, message: messages.Message, began: float, ended: float | None = None, name: str = ""
+    ) -> None:
+        """Note what a message about a frame took until now."""
+        if self._tracer is not None and isinstance(message, TRACED):
+            ended = time.perf_counter() if ended is None else ended
+            self._tracer.note(message.frame, row, name or type(message).__name__, began, ended)
 
     def _report_ends(self, message: messages.Message) -> None:
         """Of servers that another server calls lost, say how their processes ended, which is known here alone.
@@ -260,6 +284,10 @@ class ServerLinks:
             self._on_event(MessageReceived(peer.id, refused, memoryview(b""), time.perf_counter()))
         else:
             self._on_event(ServerLost(peer.id, self._cause_of_loss(peer, error)))
+
+
+def _brief(peer: Peer) -> str:
+    return f"{peer.role} {peer.id}"
 
 
 class ServerIds:

@@ -17,9 +17,12 @@ import threading
 import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from volsplat.client.caller.arguments import (
     checked_address,
@@ -61,6 +64,7 @@ from volsplat.client.session.renderer import (
     refined,
 )
 from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
@@ -94,8 +98,9 @@ class Session:
     not yet. A volume that is not `held` is surveyed a few sheets at a time, and only read when something is drawn
     of it. A server that says nothing for `silence` seconds, or 15 times as long while it reads, counts as lost: others
     take over what it held. Links between machines are encrypted, with `tls` those of this one as well, with False none;
-    servers that are started by hand must be told the same. `on_progress` gets one line for each thing that takes time,
-    on a thread of the session.
+    servers that are started by hand must be told the same. Of each finished frame what every process did when goes into
+    the file `trace`, as JSON that chrome://tracing and Perfetto load. `on_progress` gets one line for each thing that
+    takes time, on a thread of the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
     is none, as all methods do, and the session goes on.
@@ -116,6 +121,7 @@ class Session:
         silence: float = SILENCE_SECONDS,
         tls: bool | None = None,
         cluster: str | Path | None = None,
+        trace: str | Path | None = None,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
         name = checked_volume(volume)
@@ -133,6 +139,7 @@ class Session:
             workers, splat_servers, silence = of.map_shade_servers, of.splat_servers, of.silence
             memory = memory or of.memory_bytes
             encryption = Encryption.of(None if of.tls else False)
+        self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
@@ -140,6 +147,7 @@ class Session:
         self._probe_answers = ProbeAnswers()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
+        self._planned = 0  # the newest frame of which the trace has the plan
         self._volume_known = threading.Event()  # set when _volume or _failure is
         self._closed = False
         self._closing = threading.Lock()  # guards _closed, until nothing is left
@@ -153,6 +161,7 @@ class Session:
                 silence=silence,
                 encryption=encryption,
                 replaces=self._cluster is not None,
+                tracer=self._tracer,
             )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
@@ -292,6 +301,9 @@ class Session:
             sum(image.payload_bytes() for image in read),
             max((image.coding_seconds for image in read), default=0.0),
         )
+        if self._tracer is not None:
+            self._tracer.note(frame, "caller", f"frame {frame}, step {step}", started, now)
+            self._tracer.finish(frame)
         yield Refinement(step, image, outcome)
 
     def probe(self, scene: Scene, x: float, y: float) -> messages.ProbedVoxel | None:
@@ -338,6 +350,8 @@ class Session:
         if self._cluster is not None:
             self._cluster.release()
         self._fail(PeerLost("the session is closed"))
+        if self._tracer is not None:
+            self._tracer.close()
 
     def __enter__(self) -> Session:
         return self
@@ -360,12 +374,24 @@ class Session:
     def _coordinate(self) -> None:
         try:
             while (event := self._events.get()) is not None:
+                began = time.perf_counter()
                 for instruction in self._coordinator.handle(event):
-                    self._carry_out(instruction)
+                    self._carry_out(self._traced(instruction, began))
         except Exception as error:  # an internal error, or one in `on_progress`: whoever waits must hear of it
             log.exception("the session cannot go on")
             self._fail(VolsplatError(f"the session cannot go on: {type(error).__name__}: {error}"))
         self._links.send_to_all(messages.EndSession())
+
+    def _traced(self, instruction: Instruction, began: float) -> Instruction:
+        """As it is, or with the wish that it be traced, where it begins a frame that was planned since a moment."""
+        if self._tracer is None or not isinstance(instruction, Send):
+            return instruction
+        if isinstance(request := instruction.message, messages.RenderFrame):
+            if request.frame != self._planned:
+                self._planned = request.frame
+                self._tracer.note(request.frame, "coordinator", "plan", began, time.perf_counter())
+            return replace(instruction, message=msgspec.structs.replace(request, traced=True))
+        return instruction
 
     def _carry_out(self, instruction: Instruction) -> None:
         match instruction:

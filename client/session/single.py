@@ -32,12 +32,14 @@ from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
+from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.program.available_memory import available_memory
+from volsplat.program.frame_spans import FrameSpans
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
@@ -70,17 +72,20 @@ class SingleProcess:
         *,
         threads: int = 1,
         memory: int | None = None,
+        trace: str | Path | None = None,
         on_progress: Callable[[str], None] | None = None,
     ) -> None:
         """Read and survey the volume. Raises BadInput.
 
         Each of the `threads` owns a region of the image, and walks a part of the volume.
         `memory` is how many bytes of a prepared volume may be held; by default half of what the machine has left.
+        `trace`: see Session.
         """
         name = checked_volume(volume)
         memory = None if memory is None else checked_count(memory, "memory")
         threads = checked_count(threads, "threads")
         self._say = on_progress or (lambda text: None)
+        self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._threads = threads
         self._owners = Owners(threads)
         self._news = Bell()
@@ -171,7 +176,27 @@ class SingleProcess:
         image = _published(assembly)
         servers = self._outcome(request, assembly, planned - began, drawn - began)
         now = time.perf_counter()
+        if self._tracer is not None:
+            self._trace(self._tracer, request, assembly, (began, planned, drawn, now))
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, servers))
+
+    def _trace(
+        self,
+        tracer: FrameTracer,
+        request: messages.RenderFrame,
+        assembly: FrameAssembly,
+        moments: tuple[float, float, float, float],
+    ) -> None:
+        """Of a frame that began, was planned, was drawn, and was published at these moments."""
+        frame, (began, planned, drawn, published) = request.frame, moments
+        tracer.note(frame, "caller", f"frame {frame}, step {assembly.plan.step}", began, published)
+        for name, start, end in (("plan", began, planned), ("draw", planned, drawn), ("publish", drawn, published)):
+            tracer.note(frame, "caller", name, start, end)
+        spans = FrameSpans(frame, wanted=True)
+        assembly.note_owners(spans, planned)
+        for span in spans.traced():
+            tracer.note(frame, span.row, span.name, span.began, span.ended)
+        tracer.finish(frame)
 
     def _begun(self, scene: Scene, step: Step) -> tuple[messages.RenderFrame, FrameAssembly]:
         """Have the threads draw it, and nothing else any more."""
@@ -207,7 +232,7 @@ class SingleProcess:
             request.regions,
             self._threads,
         )
-        assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers)
+        assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return request, assembly
 
     def _outcome(
@@ -271,6 +296,8 @@ class SingleProcess:
     def close(self) -> None:
         """End the threads."""
         self._owners.close()
+        if self._tracer is not None:
+            self._tracer.close()
 
     def __enter__(self) -> SingleProcess:
         return self

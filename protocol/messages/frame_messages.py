@@ -120,7 +120,8 @@ class RenderFrame(Message, frozen=True):
     All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
     map/shade servers whose batches make up the image, each with the number of its threads that walk. `regions` say
     which splat server splats which lines. `geometry` is the volume's, whatever level is drawn. A
-    finished image that need not be `exact` may come with 8 bits a channel, as those before it may.
+    finished image that need not be `exact` may come with 8 bits a channel, as those before it may. Of one that is
+    `traced` the servers keep for ReadTrace what they did when.
     """
 
     frame: FrameId
@@ -133,6 +134,7 @@ class RenderFrame(Message, frozen=True):
     workers: Annotated[dict[ServerId, Threads], Meta(max_length=MAX_SERVERS)]
     regions: Regions
     exact: bool
+    traced: bool = False
 
     def __post_init__(self) -> None:
         check_regions(self.regions, self.plan.height)

@@ -1,6 +1,12 @@
 """All messages that there are, found by their types."""
 
-from volsplat.protocol.messages import frame_messages, image_messages, session_messages, volume_messages
+from volsplat.protocol.messages import (
+    frame_messages,
+    image_messages,
+    session_messages,
+    trace_messages,
+    volume_messages,
+)
 from volsplat.protocol.messages.greetings import Greeting
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import Role
@@ -8,7 +14,7 @@ from volsplat.protocol.messages.roles import Role
 GREETINGS = tuple(Greeting.__subclasses__())  # the handshake's
 MESSAGES = tuple(  # of an open connection
     kind
-    for module in (volume_messages, frame_messages, image_messages, session_messages)
+    for module in (volume_messages, frame_messages, image_messages, trace_messages, session_messages)
     for kind in Message.__subclasses__()
     if kind.__module__ == module.__name__
 )

@@ -33,7 +33,7 @@ FLOORS = {
         "prepare",
     ),
     "client": (
-        "caller histogram phantoms",
+        "caller histogram phantoms trace",
         "image scene ui/doors",
         "volume",
         "coordinator",

@@ -7,7 +7,7 @@ from typing import get_args
 import pytest
 
 from volsplat.client.coordinator import coordinator
-from volsplat.client.coordinator.coordinator_events import Event
+from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.mapshade_server import data_link
 from volsplat.mapshade_server import server as mapshade_server
 from volsplat.protocol.messages.greetings import Hello
@@ -18,7 +18,8 @@ from volsplat.splat_server import merge, merge_events
 from volsplat.splat_server import server as splat_server
 
 PROGRAMS: list[tuple[frozenset[type], tuple[type, ...]]] = [
-    (taken_by(Role.CLIENT) | {*get_args(Event)}, coordinator.OWNERS),
+    (coordinator.TAKEN, coordinator.OWNERS),
+    (coordinator.OF_TRACES, (FrameTracer,)),
     (taken_by(Role.MAPSHADE_SERVER), mapshade_server.OWNERS),
     (taken_by(Role.SPLAT_SERVER), splat_server.OWNERS),
     (taken_by(Role.DATA_LINK), (data_link.DataLink,)),

@@ -120,8 +120,8 @@ BatchSource* source_of(const nb::object& walk) {
 
 std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<int, int>>& regions, nb::object reach,
                                   bool front_to_back, const std::array<std::uint64_t, 2>& thresholds,
-                                  const std::array<std::uint64_t, 3>& counts, int sources, std::uint64_t portion,
-                                  std::optional<std::pair<nb::object, nb::object>> edges, std::vector<nb::object> walks,
+                                  const std::array<std::uint64_t, 3>& counts, int sources, bool traced,
+                                  std::uint64_t portion, std::optional<std::pair<nb::object, nb::object>> edges, std::vector<nb::object> walks,
                                   std::shared_ptr<Bell> news, std::shared_ptr<Bell> all_wait) {
     FrameTask task{{},
                    job_of(reach, front_to_back, thresholds),
@@ -129,6 +129,7 @@ std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<in
                    {counts[0], counts[1], counts[2]},
                    sources,
                    {},
+                   traced,
                    portion,
                    nullptr};
     for (const auto& [first, end] : regions) task.regions.push_back({first, end});
@@ -176,6 +177,24 @@ nb::object closed_tiles(Owners& owners) {
 bool complete(const SplatFrame& frame) {
     LetGo::now();
     return frame.complete();
+}
+
+std::vector<OwnerSeconds> seconds(const SplatFrame& frame) {
+    std::vector<OwnerSeconds> all;
+    for (const OwnerRecord& record : frame.records()) all.push_back(record.seconds);
+    return all;
+}
+
+// By how many seconds they lie back: Python's clock may count from another moment.
+std::vector<std::vector<std::tuple<const char*, double, double>>> spans(const SplatFrame& frame) {
+    const Clock::time_point now = Clock::now();
+    const auto ago = [&](Clock::time_point then) { return std::chrono::duration<double>(now - then).count(); };
+    std::vector<std::vector<std::tuple<const char*, double, double>>> all;
+    for (const OwnerRecord& record : frame.records()) {
+        auto& owners = all.emplace_back();
+        for (const OwnerSpan& span : record.spans) owners.push_back({span.stage, ago(span.began), ago(span.ended)});
+    }
+    return all;
 }
 
 std::tuple<int, int, int, int> rectangle(const SplatFrame& frame) {
@@ -226,14 +245,15 @@ void bind_owners(nb::module_& m) {
         .def_prop_ro("hidden_packets", &SplatFrame::hidden_packets)
         .def_prop_ro("rectangle", &rectangle)
         .def_prop_ro("work", &SplatFrame::work)
-        .def_prop_ro("seconds", &SplatFrame::seconds)
+        .def_prop_ro("seconds", &seconds)
+        .def_prop_ro("spans", &spans)
         .def_prop_ro("walked", &SplatFrame::walked);
     nb::class_<Owners>(m, "Owners")
         .def(nb::init<int>(), "threads"_a)
         .def("clear", &Owners::clear, "width"_a, "height"_a, "turned"_a, Unlocked())
         .def_prop_ro("closed_tiles", &closed_tiles)
         .def("begin", &begin, nb::kw_only(), "regions"_a, "reach"_a.none(), "front_to_back"_a, "thresholds"_a,
-             "counts"_a, "sources"_a, "portion"_a, "edges"_a.none(), "walks"_a, "news"_a, "all_wait"_a)
+             "counts"_a, "sources"_a, "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a, "news"_a, "all_wait"_a)
         .def("published", &published, "frame"_a)
         .def("cancel", &Owners::cancel, Unlocked())
         .def("close", &Owners::close, Unlocked());

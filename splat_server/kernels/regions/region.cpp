@@ -38,10 +38,10 @@ bool Region::put(Arrival arrival) {
     return awaited;
 }
 
-bool Region::advance(std::uint64_t max_packets, OwnerSeconds& seconds) {
-    const std::uint64_t packets = merge(max_packets, seconds.merge);
+bool Region::advance(std::uint64_t max_packets, OwnerRecord& record) {
+    const std::uint64_t packets = merge(max_packets, record);
     if (packets == 0) return false;
-    const Stopwatch watch(seconds.splat);
+    const Stopwatch watch(record, kSplatting);
     splat();
     spans_.clear();
     spent_.clear();
@@ -49,8 +49,8 @@ bool Region::advance(std::uint64_t max_packets, OwnerSeconds& seconds) {
     return true;
 }
 
-std::uint64_t Region::merge(std::uint64_t max_packets, double& seconds) {
-    const Stopwatch watch(seconds);
+std::uint64_t Region::merge(std::uint64_t max_packets, OwnerRecord& record) {
+    const Stopwatch watch(record, kMerging);
     {
         const std::lock_guard lock(inbox_mutex_);
         arrived_.swap(inbox_);

@@ -23,16 +23,42 @@ struct OwnerSeconds {
     double merge = 0, splat = 0, walk = 0;
 };
 
-class Stopwatch {  // adds the seconds of its life
+struct Stage {
+    const char* name;
+    double OwnerSeconds::*seconds;
+};
+
+constexpr Stage kMerging{"merge", &OwnerSeconds::merge};
+constexpr Stage kSplatting{"splat", &OwnerSeconds::splat};
+constexpr Stage kWalking{"walk", &OwnerSeconds::walk};
+
+typedef std::chrono::steady_clock Clock;
+
+struct OwnerSpan {
+    const char* stage;
+    Clock::time_point began, ended;
+};
+
+struct OwnerRecord {  // what an owner has done
+    OwnerSeconds seconds;
+    bool traced = false;
+    std::vector<OwnerSpan> spans;  // if it is traced
+};
+
+class Stopwatch {  // records its life as a stage
 public:
-    explicit Stopwatch(double& sum) : sum_(sum), began_(Clock::now()) {}
-    ~Stopwatch() { sum_ += std::chrono::duration<double>(Clock::now() - began_).count(); }
+    Stopwatch(OwnerRecord& record, const Stage& stage) : record_(record), stage_(stage), began_(Clock::now()) {}
+    ~Stopwatch() {
+        const Clock::time_point ended = Clock::now();
+        record_.seconds.*stage_.seconds += std::chrono::duration<double>(ended - began_).count();
+        if (record_.traced) record_.spans.push_back({stage_.name, began_, ended});
+    }
     Stopwatch(const Stopwatch&) = delete;
     Stopwatch& operator=(const Stopwatch&) = delete;
 
 private:
-    typedef std::chrono::steady_clock Clock;
-    double& sum_;
+    OwnerRecord& record_;
+    const Stage& stage_;
     const Clock::time_point began_;
 };
 
@@ -48,7 +74,7 @@ public:
     int awaited() const { return awaited_.load(); }
 
     // For its owner: merges and splats about so many packets. False if nothing is decided: it is complete, or waits.
-    bool advance(std::uint64_t max_packets, OwnerSeconds& seconds);
+    bool advance(std::uint64_t max_packets, OwnerRecord& record);
     // For its owner, who has found nothing decided. False if something has arrived since.
     bool wait();
     bool complete() const { return buffers_.complete(); }
@@ -68,7 +94,7 @@ public:
     std::uint64_t hidden_packets() const { return hidden_packets_.load(); }
 
 private:
-    std::uint64_t merge(std::uint64_t max_packets, double& seconds);
+    std::uint64_t merge(std::uint64_t max_packets, OwnerRecord& record);
     void splat();
     void publish_to(const PixelBlock& target) const;
     RowSpan drawn() const { return {drawn_begin_.load(), drawn_end_.load()}; }

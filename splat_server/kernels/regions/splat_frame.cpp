@@ -25,7 +25,7 @@ SplatFrame::SplatFrame(FrameTask task, std::shared_ptr<ImageMemory> image, std::
       bells_(std::move(bells)),
       work_(image_->tile_rows()),
       block_{pixels_.get(), rectangle_of(*image_, all_lines(task_.regions))},
-      seconds_(bells_.owners.size()),
+      records_(bells_.owners.size(), OwnerRecord{{}, task_.traced, {}}),
       unfinished_(static_cast<int>(task_.regions.size())) {
     SplatJob job = task_.job;
     job.image = image_->view();
@@ -90,7 +90,7 @@ bool SplatFrame::splat(int owner) {
         Region& region = *regions_[n];
         if (region.published() || region.awaited() >= 0) continue;
         const std::uint64_t hidden = region.hidden_packets();
-        splatted |= region.advance(task_.portion, seconds_[owner]);
+        splatted |= region.advance(task_.portion, records_[owner]);
         if (task_.walks.empty() && region.hidden_packets() != hidden) bells_.news->ring();
         if (region.complete()) publish(region, owner);
     }
@@ -113,7 +113,7 @@ bool SplatFrame::wait(int owner) {
 
 void SplatFrame::publish(Region& region, int owner) {
     {
-        const Stopwatch watch(seconds_[owner].splat);
+        const Stopwatch watch(records_[owner], kSplatting);
         region.publish(block_);
     }
     if (--unfinished_ == 0) bells_.news->ring();
@@ -126,7 +126,7 @@ bool SplatFrame::walk(int owner) {
     if (walk.ended || !walk.budget->open()) return false;
     Step step;
     {
-        const Stopwatch watch(seconds_[owner].walk);
+        const Stopwatch watch(records_[owner], kWalking);
         step = walk.source->next();
     }
     walk.ended = step.last;

@@ -32,6 +32,7 @@ struct FrameTask {
     FrameCounts counts;
     int sources;
     std::vector<BatchSource*> walks;    // or none: those of the first sources
+    bool traced;                        // whether spans are recorded
     std::uint64_t portion;              // packets that are splatted between two looks at whether to go on
     std::shared_ptr<const void> keeps;  // what all of this points to
 };
@@ -75,7 +76,7 @@ public:
 
     // Once it is complete.
     const std::vector<std::uint64_t>& work() const { return work_; }
-    const std::vector<OwnerSeconds>& seconds() const { return seconds_; }
+    const std::vector<OwnerRecord>& records() const { return records_; }
     Walked walked() const;
 
     // For its owners: splats a portion or walks a step. False if there is nothing to do until the owner's bell rings.
@@ -118,7 +119,7 @@ private:
         Walked walked{};
     };
     std::vector<Walk> walks_;
-    std::vector<OwnerSeconds> seconds_;
+    std::vector<OwnerRecord> records_;
     std::atomic<int> unfinished_;  // regions
     std::atomic<int> waiting_{0};  // of them
     std::atomic<bool> stopped_{false};

@@ -100,6 +100,10 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
         (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, {1: 1, 2: 4}, REGIONS, True), b""),
+        (messages.ReadClock(), b""),
+        (messages.ClockRead(1024.5), b""),
+        (messages.ReadTrace(7), b""),
+        (messages.FrameTraced(7, [messages.Span("walker 0", "walk", 1024.5, 1024.75)], 1), b""),
         (messages.AbortFrame(7), b""),
         (messages.FrameAborted(7), b""),
         (
@@ -216,6 +220,9 @@ _splat_stats = st.builds(
     counts,
     _machines,
 )
+_spans = st.tuples(lines, lines, st.floats(-1e9, 1e9), seconds).map(
+    lambda drawn: messages.Span(*drawn[:3], drawn[2] + drawn[3])
+)
 _versions = st.tuples(st.integers(1, 9), st.integers(1, 9)).map(sorted)
 
 
@@ -307,6 +314,10 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         _level_numbers,
         st.dictionaries(ids, st.integers(1, 64), max_size=3),
     ),
+    messages.ReadClock: st.builds(messages.ReadClock),
+    messages.ClockRead: st.builds(messages.ClockRead, st.floats(-1e12, 1e12)),
+    messages.ReadTrace: st.builds(messages.ReadTrace, ids),
+    messages.FrameTraced: st.builds(messages.FrameTraced, ids, st.lists(_spans, max_size=3), counts),
     messages.AbortFrame: st.builds(messages.AbortFrame, ids),
     messages.FrameAborted: st.builds(messages.FrameAborted, ids),
     messages.FrameMapped: st.builds(messages.FrameMapped, ids, _map_shade_stats, st.lists(ids, max_size=3)),

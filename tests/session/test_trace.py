@@ -1,0 +1,183 @@
+"""A trace of a frame: rows of every process, spans that nest, moments that agree within what clocks are off."""
+
+import json
+import os
+import re
+import time
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+
+from support.files.head_volume import head, scene, single, skin
+from volsplat.client import Session
+from volsplat.client.session.single import SingleProcess
+from volsplat.client.trace.frame_tracer import FrameTracer
+from volsplat.client.trace.server_clocks import ServerClock
+from volsplat.program.frame_spans import FrameSpans
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.messages.message import Message
+from volsplat.protocol.messages.trace_messages import MOST_SPANS, ClockRead, FrameTraced, ReadClock, ReadTrace, Span
+from volsplat.protocol.text.errors import BadInput
+
+__all__ = ["head", "scene", "single"]
+
+Event = dict[str, Any]
+
+
+class Trace:
+    """A trace file, by process and row."""
+
+    def __init__(self, path: Path) -> None:
+        events = json.loads(path.read_bytes())
+        told = [event for event in events if event["ph"] == "M"]
+        self.names = {event["pid"]: event["args"]["name"] for event in told if event["name"] == "process_name"}
+        row_names = {
+            (event["pid"], event["tid"]): event["args"]["name"] for event in told if event["name"] == "thread_name"
+        }
+        self.rows: defaultdict[tuple[str, str], list[Event]] = defaultdict(list)
+        for event in events:
+            if event["ph"] == "X":
+                self.rows[self.names[event["pid"]], row_names[event["pid"], event["tid"]]].append(event)
+
+    def of(self, process: str, row: str, frame: int) -> list[Event]:
+        """The spans of a process's rows that begin so."""
+        return [
+            span
+            for (named, at), spans in self.rows.items()
+            for span in spans
+            if named.startswith(process) and at.startswith(row) and span["args"]["frame"] == frame
+        ]
+
+    def error(self, process: str) -> float:
+        """What a process's clock may be off, in microseconds."""
+        (stated,) = (re.search(r"clock ± (\d+) µs", name) for name in self.names.values() if name.startswith(process))
+        assert stated is not None
+        return float(stated[1])
+
+
+def nest(spans: list[Event]) -> bool:
+    """Whether any two lie apart or one in the other."""
+    open_until: list[int] = []
+    moments = [(round(1000 * span["ts"]), round(1000 * (span["ts"] + span["dur"]))) for span in spans]  # nanoseconds
+    for begin, end in sorted(moments, key=lambda span: (span[0], -span[1])):
+        while open_until and open_until[-1] <= begin:
+            open_until.pop()
+        if open_until and end > open_until[-1]:
+            return False
+        open_until.append(end)
+    return True
+
+
+@pytest.fixture(scope="module")
+def path(head: Path, single: SingleProcess, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of two frames by 2 map/shade and 2 splat servers, over encrypted TCP as between machines."""
+    path = tmp_path_factory.mktemp("traces") / "trace.json"
+    look = skin(single)
+    with Session(head, workers=2, splat_servers=2, threads=4, tls=True, trace=path) as session:
+        for step in (Step.C, Step.F):
+            assert torch.equal(session.render(look, step), single.render(look, step))
+    return path
+
+
+def test_every_process_has_its_rows(path: Path) -> None:
+    trace = Trace(path)
+    for frame in (1, 2):
+        for server in (1, 2, 3, 4):
+            (role,) = (name.partition(" (")[0] for name in trace.names.values() if f"server {server} " in name)
+            if role.startswith("map/shade"):
+                assert {"walk"} < {span["name"] for span in trace.of(role, "walker", frame)}
+            else:
+                assert {"merge", "splat", "wait"} <= {span["name"] for span in trace.of(role, "owner", frame)}
+                assert {"receive"} <= {span["name"] for span in trace.of(role, "from map/shade", frame)}
+                assert "send image" in {span["name"] for span in trace.of(role, "to client", frame)}
+            assert {"plan", "wait for its turn"} <= {span["name"] for span in trace.of(role, "requests", frame)}
+            assert {"RenderFrame"} <= {span["name"] for span in trace.of("client", f"to {role}", frame)}
+        assert [span["name"] for span in trace.of("client", "coordinator", frame)] == ["plan"]
+        assert len(trace.of("client", "caller", frame)) == 1
+
+
+def test_spans_of_a_row_nest(path: Path) -> None:
+    for (process, row), spans in Trace(path).rows.items():
+        assert nest(spans), (process, row, spans)
+
+
+def test_the_servers_work_lies_between_the_clients_ask_and_the_images_arrival(path: Path) -> None:
+    trace = Trace(path)
+    for frame in (1, 2):
+        (asked,) = trace.of("client", "caller", frame)
+        for process in trace.names.values():
+            if process == "client":
+                continue
+            (drawn,) = (s for s in trace.of(process, "requests", frame) if s["name"] == f"frame {frame}")
+            sent = [s for s in trace.of("client", f"to {process.partition(' (')[0]}", frame)]
+            off = trace.error(process)
+            assert asked["ts"] - off <= sent[0]["ts"] <= drawn["ts"] + off
+            assert drawn["ts"] + drawn["dur"] <= asked["ts"] + asked["dur"] + off
+        came = [s for s in trace.of("client", "from splat server", frame) if s["name"] == "ImageRead"]
+        assert len(came) == 2
+
+
+def test_the_single_process_has_rows_of_its_owners(head: Path, scene: Scene, tmp_path: Path) -> None:
+    with SingleProcess(head, threads=2, trace=tmp_path / "trace.json") as traced:
+        traced.render(scene)
+    trace = Trace(tmp_path / "trace.json")
+    assert {"walk", "merge", "splat"} <= {span["name"] for span in trace.of("client", "owner 0", 1)}
+    assert all(map(nest, trace.rows.values()))
+
+
+def test_without_a_wish_nothing_is_noted() -> None:
+    spans = FrameSpans(7)
+    spans.note("row", "name", 1.0, 2.0)
+    assert spans.told(7) == FrameTraced(7, [], 0)
+
+
+def test_more_spans_than_a_message_holds_are_counted() -> None:
+    spans = FrameSpans(7, wanted=True)
+    for n in range(MOST_SPANS + 3):
+        spans.note("walker 0", "send to splat server 2", n, n + 1)
+    assert (len(spans.told(7).spans), spans.told(7).left_out) == (MOST_SPANS, 3)
+    assert spans.told(6).spans == []
+
+
+def test_the_reading_with_the_shortest_round_trip_counts() -> None:
+    clock = ServerClock()
+    assert clock.best is None
+    clock.read(asked=10.0, shown=1000.0, heard=10.5)
+    clock.read(asked=11.0, shown=1001.0, heard=11.125)
+    assert clock.best == (-989.9375, 0.0625)
+
+
+def test_a_server_that_is_lost_is_not_waited_for_and_clocks_of_other_epochs_are_aligned(tmp_path: Path) -> None:
+    tracer = FrameTracer(tmp_path / "trace.json")
+
+    def answering(message: Message) -> None:
+        """A server whose clock is 500 s ahead."""
+        match message:
+            case ReadClock():
+                tracer.take(1, ClockRead(time.perf_counter() + 500.0), time.perf_counter())
+            case ReadTrace(frame=frame):
+                began = time.perf_counter() + 500.0
+                tracer.take(1, FrameTraced(frame, [Span("row", "work", began, began)], 0), time.perf_counter())
+
+    tracer.joined(1, "one", answering)
+    tracer.joined(2, "two", lambda message: tracer.lost(2) if message == ReadClock() else None)
+    tracer.note(9, "caller", "frame 9", *[time.perf_counter()] * 2)
+    tracer.finish(9)
+    tracer.close()
+    trace = Trace(tmp_path / "trace.json")
+    (work,), (asked,) = trace.of("one", "row", 9), trace.of("client", "caller", 9)
+    assert 0.0 <= work["ts"] - asked["ts"] < 60e6
+
+
+def test_a_trace_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(BadInput, match="cannot write the trace"):
+        FrameTracer(tmp_path)
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs /dev/full")
+def test_a_full_disk_is_told_in_one_line() -> None:
+    with pytest.raises(BadInput, match="No space left"):
+        FrameTracer(Path("/dev/full"))
