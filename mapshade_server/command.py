@@ -1,6 +1,5 @@
 """`volsplat mapshade-server`: joins a client and serves it until its session ends, and others after it if resident."""
 
-import logging
 import os
 from contextlib import ExitStack, closing
 from pathlib import Path
@@ -10,18 +9,18 @@ import click
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
-from volsplat.program.log_lines import log_to_stderr
 from volsplat.program.server_process import (
     THREADS,
     client_options,
     clients_of,
-    process_name,
+    log_as_asked,
+    log_options,
     sharing_option,
     silence_option,
     threads_of,
     tls_option,
-    verbose_option,
 )
+from volsplat.program.this_machine import process_name
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.encryption import Encryption
@@ -36,7 +35,7 @@ from volsplat.protocol.wire.tokens import need_token
 @click.option("--data-root", type=click.Path(path_type=Path), help="Read nothing outside; relative names start there.")
 @tls_option
 @silence_option
-@verbose_option
+@log_options
 def mapshade_server(
     connect: Address | None,
     wait_at: Address | None,
@@ -50,9 +49,10 @@ def mapshade_server(
     tls: bool | None,
     silence: float,
     verbose: bool,
+    log_format: str,
 ) -> None:
     """Join a client, hold a sub-cube of its volume, and map and shade it for each frame."""
-    log_to_stderr("mapshade-server", logging.INFO if verbose else logging.WARNING)
+    log_as_asked("mapshade-server", verbose, log_format)
     token = need_token(os.environ, token_file)
     with ExitStack() as stack:
         root = None if data_root is None else stack.enter_context(held_to(data_root))

@@ -5,6 +5,7 @@ in order. A frame is walked by threads of its own, which stop between two batche
 a batch does; probes are answered meanwhile.
 """
 
+import logging
 import sys
 import threading
 import time
@@ -23,6 +24,7 @@ from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
+from volsplat.program.log_lines import name_session
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.message import MOST_THREADS
@@ -34,6 +36,8 @@ from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS, Heartbeat, patience_with_client
 from volsplat.protocol.wire.tokens import Token
+
+log = logging.getLogger(__name__)
 
 
 class MapShadeServer:
@@ -146,6 +150,11 @@ class MapShadeServer:
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
             self._client.send(msgspec.structs.replace(refusal(request, error), held=self._held.assignment))
 
+    @takes(messages.NameSession)
+    def _name_session(self, request: messages.NameSession) -> None:
+        name_session(request.session)
+        log.info("serving session %s", request.session, extra={"event": "session_begun"})
+
     @takes(messages.DescribeMachine)
     def _describe_machine(self, request: messages.DescribeMachine) -> None:
         self._client.send(
@@ -171,6 +180,7 @@ class MapShadeServer:
             raise BadInput(f"frame {request.frame} has nowhere to go: no splat server was named")
         came, started = self._frame_came, time.perf_counter()
         self._spans = spans = FrameSpans(request.frame, request.traced)
+        log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
         walk = FrameWalk(
             sub_cubes,
@@ -197,7 +207,16 @@ class MapShadeServer:
             delivery.check()
             self._note_frame(spans, came, started, planned)
             stats = replace(tally, planning_seconds=planned - started).stats()
+            log.info(
+                "frame %d is mapped: %d packets in %.3f s",
+                request.frame,
+                stats.packets,
+                clock() - started,
+                extra={"event": "frame_mapped", "frame": request.frame},
+            )
             self._client.send(messages.FrameMapped(frame=request.frame, stats=stats, lost=delivery.lost))
+        else:
+            log.info("frame %d is given up", request.frame, extra={"event": "frame_given_up", "frame": request.frame})
 
     @staticmethod
     def _note_frame(spans: FrameSpans, came: float, started: float, planned: float) -> None:

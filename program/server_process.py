@@ -1,7 +1,6 @@
 """What the two server programs share as processes: their options, their name, how errors end them."""
 
-import os
-import socket
+import logging
 import sys
 from collections.abc import Callable
 from importlib import import_module
@@ -13,12 +12,12 @@ import click
 from volsplat.program.clients import Clients, Life
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 from volsplat.program.load_failures import load_failure
+from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_to_stderr, say_last
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
 from volsplat.protocol.text.errors import BadInput, VolsplatError
-from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import AT_WORK, SILENCE_SECONDS
@@ -86,7 +85,29 @@ silence_option = click.option(
     default=SILENCE_SECONDS,
     help=f"Seconds until a silent server counts as lost; a client, {AT_WORK:g} times as many ({SILENCE_SECONDS:g}).",
 )
-verbose_option = click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done.")
+
+_LOG_OPTIONS = (
+    click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done."),
+    click.option(
+        "--log-format",
+        type=click.Choice([form.value for form in LogForm]),
+        default=LogForm.TEXT.value,
+        envvar=FORM_VARIABLE,
+        help="Log for a person (text), or each event with time, session and frame as JSON.",
+    ),
+)
+
+
+def log_options(command: Command) -> Command:
+    """How much is logged, and in which form, for `log_as_asked`."""
+    for option in reversed(_LOG_OPTIONS):
+        command = option(command)
+    return command
+
+
+def log_as_asked(title: str, verbose: bool, log_format: str) -> None:
+    """Log as `log_options` ask for."""
+    log_to_stderr(title, logging.INFO if verbose else logging.WARNING, LogForm(log_format))
 
 
 THREADS = click.IntRange(1, MOST_THREADS)
@@ -99,11 +120,6 @@ sharing_option = click.option(
 def threads_of(threads: int | None, sharing: int) -> int:
     """As many as asked for, else this server's share of the cores."""
     return threads or max(1, min(usable_cores() // sharing, MOST_THREADS))
-
-
-def process_name() -> str:
-    """What other processes call this one in messages: its host and process id."""
-    return f"{socket.gethostname()}, process {os.getpid()}"
 
 
 def run_server(module: str, name: str, title: str) -> NoReturn:
@@ -127,5 +143,5 @@ def run_server(module: str, name: str, title: str) -> NoReturn:
 
 
 def _end(title: str, line: str, status: int) -> NoReturn:
-    print(f"{title}: {one_line(line)}", file=sys.stderr)
+    say_last(title, line)
     sys.exit(status)

@@ -31,3 +31,8 @@ def _cpu_name() -> str:
         return platform.processor() or platform.machine()
     names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.machine()
+
+
+def process_name() -> str:
+    """What other processes call this one in messages: its host and process id."""
+    return f"{socket.gethostname()}, process {os.getpid()}"

@@ -1,6 +1,5 @@
 """`volsplat splat-server`: joins a client and draws for it until its session ends, and others after it if resident."""
 
-import logging
 import os
 from contextlib import closing
 from ipaddress import ip_address
@@ -8,19 +7,19 @@ from pathlib import Path
 
 import click
 
-from volsplat.program.log_lines import log_to_stderr
 from volsplat.program.server_process import (
     THREADS,
     address_option,
     client_options,
     clients_of,
-    process_name,
+    log_as_asked,
+    log_options,
     sharing_option,
     silence_option,
     threads_of,
     tls_option,
-    verbose_option,
 )
+from volsplat.program.this_machine import process_name
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.addresses import LOOPBACK, Address, parse_address
 from volsplat.protocol.wire.buffer_pool import BufferPool
@@ -52,7 +51,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 @sharing_option
 @tls_option
 @silence_option
-@verbose_option
+@log_options
 def splat_server(
     connect: Address | None,
     wait_at: Address | None,
@@ -67,9 +66,10 @@ def splat_server(
     tls: bool | None,
     silence: float,
     verbose: bool,
+    log_format: str,
 ) -> None:
     """Join a client, merge and splat what its map/shade servers send, and hand out the image."""
-    log_to_stderr("splat-server", logging.INFO if verbose else logging.WARNING)
+    log_as_asked("splat-server", verbose, log_format)
     token = need_token(os.environ, token_file)
     with closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep, tls)) as clients:
 

@@ -5,12 +5,14 @@ frame_assembly); others receive from the client, send to it (see outbox), and re
 data_links).
 """
 
+import logging
 import threading
 import time
 from collections import deque
 
 from volsplat.program.available_memory import available_memory
 from volsplat.program.frame_spans import UNTRACED, clock
+from volsplat.program.log_lines import name_session
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.exchanges import superseded
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
@@ -35,6 +37,9 @@ from volsplat.splat_server.tile_news import TileNews
 TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles, and more where they are large
 TILE_NEWS_RATE = 100e6  # bytes a second, over all links
 LOOK_SECONDS = 1.0  # between two looks at the frame, if nothing is told
+
+
+log = logging.getLogger(__name__)
 
 
 class SplatServer:
@@ -138,10 +143,16 @@ class SplatServer:
         self._spans.note("requests", f"frame {assembly.frame}", self._frame_came, clock())
         with self._lock:
             self._lost = self._merge.lost
+        stats = self._stats(assembly)
+        log.info(
+            "frame %d is finished: %d packets in %.3f s",
+            assembly.frame,
+            stats.packets,
+            stats.frame_seconds,
+            extra={"event": "frame_finished", "frame": assembly.frame},
+        )
         self._outbox.post(
-            messages.FrameFinished(
-                frame=assembly.frame, complete=not self._lost, lost=self._lost, stats=self._stats(assembly)
-            )
+            messages.FrameFinished(frame=assembly.frame, complete=not self._lost, lost=self._lost, stats=stats)
         )
         if not self._lost:
             # Whoever asked for it as it stood gets it finished.
@@ -173,6 +184,11 @@ class SplatServer:
         )
 
     # -- the client's requests, on the working thread
+
+    @takes(messages.NameSession)
+    def _name_session(self, request: messages.NameSession) -> None:
+        name_session(request.session)
+        log.info("serving session %s", request.session, extra={"event": "session_begun"})
 
     @takes(messages.DescribeMachine)
     def _describe_machine(self, request: messages.DescribeMachine) -> None:
@@ -213,6 +229,7 @@ class SplatServer:
             self._outbox.post(refusal(request, error))
 
     def _begin(self, request: messages.RenderFrame) -> None:
+        log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         self._frame_began = time.perf_counter()
         self._frame_came = min(self._newest_came, self._frame_began)
         self._spans = self._data_links.spans(request.frame) if request.traced else UNTRACED
@@ -242,6 +259,8 @@ class SplatServer:
         with self._lock:
             self._merge.handle(FrameDropped(frame))
         if self._assembly is not None and self._assembly.frame <= frame:
+            if self._drawing:
+                log.info("frame %d is given up", frame, extra={"event": "frame_given_up", "frame": frame})
             self._assembly.abort()
             self._drawing = False
 

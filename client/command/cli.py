@@ -84,8 +84,8 @@ def _terminate(signal_number: int, frame: object) -> NoReturn:
 
 
 def _told(line: str, status: int) -> int:
-    from volsplat.protocol.text.printable import one_line
+    from volsplat.program.log_lines import say_last
 
     with suppress(OSError):  # nobody may be there any more
-        print(f"volsplat: {one_line(line)}", file=sys.stderr, flush=True)
+        say_last("volsplat", line)
     return status

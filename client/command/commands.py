@@ -12,7 +12,7 @@ import click
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
-from volsplat.program.log_lines import log_to_stderr
+from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_to_stderr
 from volsplat.protocol.text.errors import BadInput
 
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
@@ -96,7 +96,16 @@ def _becoming(name: str, program: str) -> click.Command:
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="volsplat", prog_name="volsplat")
 @click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for everything.")
-def volsplat(verbose: int) -> None:
+@click.option(
+    "--log-format",
+    type=click.Choice([form.value for form in LogForm]),
+    default=LogForm.TEXT.value,
+    envvar=FORM_VARIABLE,
+    help="Log for a person (text), or each event with time, session and frame as JSON.",
+)
+def volsplat(verbose: int, log_format: str) -> None:
     """Distributed, interactive volume rendering by splatting."""
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
-    log_to_stderr("volsplat", level)
+    log_to_stderr("volsplat", level, LogForm(log_format))
+    if log_format != LogForm.TEXT:
+        os.environ[FORM_VARIABLE] = log_format  # for the servers that are started here

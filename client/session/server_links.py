@@ -3,6 +3,8 @@
 One thread receives from each server and another sends to it; what comes of either is an event for the coordinator.
 """
 
+import logging
+import secrets
 import socket
 import threading
 import time
@@ -35,6 +37,8 @@ from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
 
+log = logging.getLogger(__name__)
+
 TRACED = (messages.RenderFrame, messages.ReadImage, messages.FrameMapped, messages.FrameFinished, messages.ImageRead)
 FAREWELL_SECONDS = 0.3  # for telling servers that the session is over; those that do not read hear it from their socket
 
@@ -62,6 +66,7 @@ class ServerLinks:
         self._newest_frame = newest_frame
         self._replaces = replaces
         self._tracer = tracer
+        self.session = secrets.token_hex(4)  # as logs name it, of all processes
         self._token = token
         self.encryption = encryption
         self._connections: dict[int, Connection] = {}
@@ -189,6 +194,8 @@ class ServerLinks:
             self._connections[peer.id], self._outgoing[peer.id] = connection, outgoing
             if peer.role is Role.SPLAT_SERVER:
                 self._images[peer.id] = ImageReceiver(connection, self._allocate)
+        outgoing.post(messages.NameSession(self.session))
+        self._log("server_joined", f"{peer} has joined", peer)
         data = Address(peer.data_host, peer.data_port)
         elsewhere = peer.name.partition(",")[0] != socket.gethostname()  # a tunnel ends on this machine as well
         joined = ServerJoined(
@@ -216,7 +223,11 @@ class ServerLinks:
         outgoing.end()
         if self._tracer is not None:
             self._tracer.lost(peer.id)
+        self._log("server_left", cause, peer)
         self._on_event(ServerLost(peer.id, cause))
+
+    def _log(self, event: str, line: str, peer: Peer) -> None:
+        log.info("%s", line, extra={"event": event, "session": self.session, "server": peer.id})
 
     def _heard_until_lost(self, connection: Connection) -> str:
         """Make events of all that a server says; returns why it says no more."""

@@ -301,6 +301,7 @@ class Session:
             sum(image.payload_bytes() for image in read),
             max((image.coding_seconds for image in read), default=0.0),
         )
+        self._log("frame_finished", f"frame {frame} is here after {now - started:.3f} s", frame)
         if self._tracer is not None:
             self._tracer.note(frame, "caller", f"frame {frame}, step {step}", started, now)
             self._tracer.finish(frame)
@@ -368,8 +369,12 @@ class Session:
     ) -> tuple[int, Answers]:
         """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`."""
         frame, answers = self._frames.ask(after)
+        self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
         self._events.put(FrameAsked(frame, scene, step, require_complete, exact))
         return frame, answers
+
+    def _log(self, event: str, line: str, frame: int) -> None:
+        log.info("%s", line, extra={"event": event, "session": self._links.session, "frame": frame})
 
     def _coordinate(self) -> None:
         try:

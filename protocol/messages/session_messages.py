@@ -22,12 +22,20 @@ from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT
 from volsplat.protocol.text.printable import printable
 
 WORKER_KEY_BYTES = 32
+LONGEST_NAME = 64  # characters, of a session
 LEAST_SILENCE, MOST_SILENCE = 0.5, 86400.0  # seconds
 
 # Drawn by the client, for one worker and the splat servers.
 WorkerKey = Annotated[bytes, Meta(min_length=WORKER_KEY_BYTES, max_length=WORKER_KEY_BYTES)]
 Silence = Annotated[float, Meta(ge=LEAST_SILENCE, le=MOST_SILENCE)]
 Port = Annotated[int, Meta(ge=1, le=65535)]
+
+
+@says(CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT)
+class NameSession(Message, frozen=True):
+    """Client to map/shade server and splat server: what all processes of this session call it in their logs."""
+
+    session: Annotated[str, Meta(max_length=LONGEST_NAME)]
 
 
 class MachineDescribed(Message, frozen=True):

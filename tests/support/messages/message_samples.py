@@ -92,6 +92,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.PackVoxels(1, QUANTISATION), b""),
         (messages.VoxelsPacked(1, 120, 48, 0.0625), b""),
         (messages.ChangeSubCubes(2, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
+        (messages.NameSession("1f2e3d4c"), b""),
         (messages.DescribeMachine(), b""),
         (messages.Alive(2.0), b""),
         (messages.MachineDescribed(1 << 34, 8), b""),
@@ -284,6 +285,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.ChangeSubCubes: st.builds(
         messages.ChangeSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
     ),
+    messages.NameSession: st.builds(messages.NameSession, lines),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
     messages.Alive: st.builds(messages.Alive, st.floats(0.5, 86400.0)),
     messages.MachineDescribed: st.builds(messages.MachineDescribed, counts, st.integers(1, messages.MOST_THREADS)),
