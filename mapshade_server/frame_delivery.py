@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 from volsplat.mapshade_server.data_link import DataLink, Sent
-from volsplat.mapshade_server.frame_tally import FrameTally
+from volsplat.mapshade_server.frame_tally import FrameTally, LinkTally
 from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.program.frame_spans import UNTRACED, FrameSpans
 from volsplat.protocol.messages import messages
@@ -126,11 +126,8 @@ class _Outlet:
             last=batch.last,
         )
         sent = self._link.send(message, parts)
-        tally.raw_bytes += message.raw_bytes
-        tally.bytes += sent.nbytes
-        tally.coding_seconds += sent.coding_seconds
-        tally.sending_seconds += sent.seconds
-        tally.waiting_seconds += sent.waiting_seconds
+        gone = LinkTally(message.raw_bytes, sent.nbytes, sent.seconds, sent.waiting_seconds)
+        tally.send(self.server, gone, sent.coding_seconds)
         self._sequence += 1
         return sent
 

@@ -1,12 +1,29 @@
 """What a frame costs a map/shade server, counted as its batches go out."""
 
+from collections import defaultdict
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 
 from volsplat.mapshade_server.frame_walk import ShadedBatch
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.messages import messages
+
+
+@dataclass
+class LinkTally:
+    """What has gone to one splat server so far; see messages.LinkStats."""
+
+    raw_bytes: int = 0
+    bytes: int = 0
+    sending_seconds: float = 0.0
+    waiting_seconds: float = 0.0
+
+    def add(self, other: "LinkTally") -> None:
+        self.raw_bytes += other.raw_bytes
+        self.bytes += other.bytes
+        self.sending_seconds += other.sending_seconds
+        self.waiting_seconds += other.waiting_seconds
 
 
 @dataclass
@@ -23,6 +40,7 @@ class FrameTally:
     coding_seconds: float = 0.0
     sending_seconds: float = 0.0
     waiting_seconds: float = 0.0
+    links: defaultdict[int, LinkTally] = field(default_factory=lambda: defaultdict(LinkTally))  # by splat server
 
     def count(self, batch: ShadedBatch) -> None:
         """Add a batch of the walk; what is sent of it is counted where that is known."""
@@ -30,12 +48,25 @@ class FrameTally:
         self.voxels_visited += batch.voxels_visited
         self.packets += batch.packet_count
 
+    def send(self, server: int, sent: LinkTally, coding_seconds: float) -> None:
+        """Add what a batch took to a splat server."""
+        self.links[server].add(sent)
+        self.raw_bytes += sent.raw_bytes
+        self.bytes += sent.bytes
+        self.coding_seconds += coding_seconds
+        self.sending_seconds += sent.sending_seconds
+        self.waiting_seconds += sent.waiting_seconds
+
     @staticmethod
     def of_walkers(tallies: "Sequence[FrameTally]") -> "FrameTally":
         """Of a frame that walkers shared: what they counted together, and the seconds of the busiest."""
         busiest = max(tallies, key=lambda tally: tally.map_shade_seconds + tally.sending_seconds)
+        links: defaultdict[int, LinkTally] = defaultdict(LinkTally)
+        for server, sent in (link for tally in tallies for link in tally.links.items()):
+            links[server].add(sent)
         return replace(
             busiest,
+            links=links,
             voxels_visited=sum(tally.voxels_visited for tally in tallies),
             packets=sum(tally.packets for tally in tallies),
             batches=sum(tally.batches for tally in tallies),
@@ -44,4 +75,6 @@ class FrameTally:
         )
 
     def stats(self) -> messages.MapShadeStats:
-        return messages.MapShadeStats(**asdict(self), peak_memory_bytes=peak_memory(), machine=this_machine())
+        links = {server: messages.LinkStats(**asdict(sent)) for server, sent in self.links.items()}
+        counted = {one.name: getattr(self, one.name) for one in fields(self)} | {"links": links}
+        return messages.MapShadeStats(**counted, peak_memory_bytes=peak_memory(), machine=this_machine())

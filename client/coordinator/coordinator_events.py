@@ -164,6 +164,7 @@ class PublishVolume:
 class ImagePart:
     """What one splat server has drawn of an image."""
 
+    server: int
     rectangle: Rectangle
     pixels: memoryview  # float32 RGBA, associated
     read: messages.ImageRead  # how it came

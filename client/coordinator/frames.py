@@ -229,7 +229,7 @@ class Frames:
         if (rectangle, message.step) != (asked, frame.step):
             shown = f"step {message.step} and {rectangle}, not step {frame.step} and {asked}"
             raise RemoteProtocolError(f"the image of frame {frame.frame} is {shown}")
-        partial = frame.take(event.server, ImagePart(rectangle, event.payload, message), message.complete)
+        partial = frame.take(event.server, ImagePart(event.server, rectangle, event.payload, message), message.complete)
         return [partial] if partial else self.publish()
 
     def publish(self) -> list[Instruction]:

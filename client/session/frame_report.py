@@ -1,7 +1,7 @@
 """What the steps of an image took, in numbers: report.json, and the table beside the paper's."""
 
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import msgspec
@@ -44,6 +44,18 @@ class VolumeFacts(msgspec.Struct, frozen=True):
     scalar_type: str
 
 
+class LinkReport(msgspec.Struct, frozen=True):
+    """What went one way between two processes; the seconds are those of all threads that sent."""
+
+    sender: str
+    receiver: str
+    bytes: int  # none by memory that both see
+    bytes_uncoded: int
+    sending_seconds: float
+    waiting_seconds: float  # of these, for the receiver or the network
+    held_back_seconds: float  # that the receiver did not read, because its buffers were full
+
+
 class StepReport(msgspec.Struct, frozen=True):
     """One step. Of the workers, seconds are given as their sum and as the slowest one's.
 
@@ -76,6 +88,7 @@ class StepReport(msgspec.Struct, frozen=True):
     held_back_seconds: float  # that connections were not read because their buffers were full, over all of them
     peak_memory_bytes: dict[str, int]  # of each process so far
     voxels_held: dict[int, int]  # of the volume, by map/shade server; others when sub-cubes have changed hands
+    links: tuple[LinkReport, ...]  # that carry batches and images
     workers: dict[int, MapShadeStats]
     splat_servers: dict[int, SplatStats]
 
@@ -192,9 +205,32 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         held_back_seconds=sum(seconds for one in splat_servers.values() for seconds in one.held_back_seconds.values()),
         peak_memory_bytes={"client": peak_memory(), **memory},
         voxels_held=outcome.servers.voxels,
+        links=tuple(links_of(outcome)),
         workers=workers,
         splat_servers=splat_servers,
     )
+
+
+def links_of(outcome: StepOutcome) -> Iterator[LinkReport]:
+    """Each link that batches went over, then those that images came by."""
+    for worker, stats in sorted(outcome.servers.map_shade.items()):
+        for splat, link in sorted(stats.links.items()):
+            yield LinkReport(
+                sender=f"map/shade server {worker}",
+                receiver=f"splat server {splat}",
+                bytes=link.bytes,
+                bytes_uncoded=link.raw_bytes,
+                sending_seconds=link.sending_seconds,
+                waiting_seconds=link.waiting_seconds,
+                held_back_seconds=_held_back(outcome, splat, worker),
+            )
+    for splat, image in sorted(outcome.image_reads.items()):
+        yield LinkReport(f"splat server {splat}", "client", image.payload_bytes(), image.raw_bytes, 0.0, 0.0, 0.0)
+
+
+def _held_back(outcome: StepOutcome, splat: int, worker: int) -> float:
+    stats = outcome.servers.splat.get(splat)
+    return stats.held_back_seconds.get(worker, 0.0) if stats is not None else 0.0
 
 
 def _accounted_seconds(outcome: StepOutcome) -> float:

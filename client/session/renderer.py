@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 from volsplat.client.coordinator.coordinator_events import FrameOutcome
@@ -11,7 +11,7 @@ from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.messages.messages import ProbedVoxel
+from volsplat.protocol.messages.messages import ImageRead, ProbedVoxel
 from volsplat.protocol.rules.regions import Rectangle
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ class StepOutcome:
     servers: FrameOutcome
     image_bytes: int = 0  # of the finished image, as splat servers sent it; none lie in memory that is shared
     image_coding_seconds: float = 0.0  # that the slowest of them took to code it
+    image_reads: Mapping[int, ImageRead] = field(default_factory=dict)  # how each splat server's part of it came
 
 
 @dataclass(frozen=True)

@@ -300,6 +300,7 @@ class Session:
             answer.outcome,
             sum(image.payload_bytes() for image in read),
             max((image.coding_seconds for image in read), default=0.0),
+            {part.server: part.read for part in answer.parts},
         )
         self._log("frame_finished", f"frame {frame} is here after {now - started:.3f} s", frame)
         if self._tracer is not None:

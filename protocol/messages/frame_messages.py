@@ -43,6 +43,18 @@ LARGEST_BATCH = 1 << 24  # bytes; senders choose far less
 NO_BLOCK = -1
 
 
+class LinkStats(Detail, frozen=True):
+    """What went over the link to one splat server; the seconds are those of all walkers together.
+
+    Of `raw_bytes` of batches `bytes` were sent. `waiting_seconds` is the part of sending that back-pressure held up.
+    """
+
+    raw_bytes: Count
+    bytes: Count
+    sending_seconds: Seconds
+    waiting_seconds: Seconds
+
+
 class MapShadeStats(Detail, frozen=True):
     """What a frame cost one map/shade server.
 
@@ -63,6 +75,7 @@ class MapShadeStats(Detail, frozen=True):
     waiting_seconds: Seconds
     peak_memory_bytes: Count
     machine: Machine
+    links: Annotated[dict[ServerId, LinkStats], Meta(max_length=MAX_SERVERS)] = {}  # by splat server
 
 
 class SplatStats(Detail, frozen=True):

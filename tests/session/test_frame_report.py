@@ -17,7 +17,7 @@ from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
-from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
+from volsplat.protocol.messages.messages import ImageRead, LinkStats, MapShadeStats, RawPixels, SplatStats
 from volsplat.protocol.rules.index_rules import Survey
 from volsplat.protocol.text.errors import BadInput
 
@@ -46,6 +46,7 @@ def worker_stats(times: int) -> MapShadeStats:
         waiting_seconds=0.25 * times,
         peak_memory_bytes=10_000_000 * times,
         machine=this_machine(),
+        links={1: LinkStats(800 * times, 400 * times, 0.75 * times, 0.5 * times)},
     )
 
 
@@ -66,11 +67,22 @@ def outcome(step: Step) -> StepOutcome:
         peak_memory_bytes=40_000_000,
         machine=this_machine(),
     )
-    return StepOutcome(step, 1.5, 0.25, FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, {1: splat}))
+    servers = FrameOutcome({2: worker_stats(1), 3: worker_stats(2)}, {1: splat})
+    image = ImageRead(7, step, True, 0, 0, 4, 2, RawPixels())
+    return StepOutcome(step, 1.5, 0.25, servers, image_reads={1: image})
 
 
 def report(*steps: Step) -> FrameReport:
     return report_of(VOLUME, preset_scene("ct-skin"), [outcome(step) for step in steps])
+
+
+def test_each_link_has_its_bytes_and_waits() -> None:
+    one, two, image = report(Step.F).steps[0].links
+    assert (one.sender, one.receiver) == ("map/shade server 2", "splat server 1")
+    assert (one.bytes, one.bytes_uncoded, one.sending_seconds, one.waiting_seconds) == (400, 800, 0.75, 0.5)
+    assert (one.held_back_seconds, two.held_back_seconds) == (0.5, 0.25)
+    assert (two.sender, two.bytes, two.waiting_seconds) == ("map/shade server 3", 800, 1.0)
+    assert (image.sender, image.receiver, image.bytes) == ("splat server 1", "client", 128)
 
 
 def test_the_workers_figures_are_added_up_and_the_slowest_named() -> None:

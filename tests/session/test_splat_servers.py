@@ -12,6 +12,7 @@ from support.files.head_volume import head, scene, single
 from support.files.prepared import prepare_small
 from volsplat.client import Session
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session.frame_report import links_of
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
@@ -77,6 +78,11 @@ def test_a_report_has_every_server(session: Session, scene: Scene) -> None:
     outcome = session.finish(scene).outcome
     assert outcome is not None
     servers = {role: {server.id for server in session.servers if server.role is role} for role in Role}
+    links = list(links_of(outcome))
+    assert len(links) == len(servers[Role.SPLAT_SERVER]) * (len(servers[Role.MAPSHADE_SERVER]) + 1)
+    for stats in outcome.servers.map_shade.values():
+        assert sum(link.bytes for link in stats.links.values()) == stats.bytes
+        assert sum(link.raw_bytes for link in stats.links.values()) == stats.raw_bytes
     assert set(outcome.servers.splat) == servers[Role.SPLAT_SERVER]
     assert set(outcome.servers.map_shade) == servers[Role.MAPSHADE_SERVER]
     sent, came = (

@@ -64,6 +64,7 @@ LINE = line_of_sight(SCENE, GEOMETRY, 12.5, 7.25)
 REGIONS = [Region(3, 0, 0), Region(3, 0, 256), Region(4, 256, PLAN.height)]
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
 MACHINE = Machine("node-1", "Linux", "a processor", 8)
+LINK_STATS = messages.LinkStats(2000, 900, 0.375, 0.25)
 SPLAT_STATS = messages.SplatStats(
     100, 40, 900, 2.5, 0.125, 0.5, 1.5, 0.25, 0.0625, {1: 0.125, 2: 0.0}, 0.25, [5, 0, 7], 1 << 30, MACHINE
 )
@@ -109,7 +110,11 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.FrameAborted(7), b""),
         (
             messages.FrameMapped(
-                7, messages.MapShadeStats(120, 100, 2, 2000, 900, 0.125, 0.5, 0.25, 0.375, 0.25, 1 << 29, MACHINE), [3]
+                7,
+                messages.MapShadeStats(
+                    120, 100, 2, 2000, 900, 0.125, 0.5, 0.25, 0.375, 0.25, 1 << 29, MACHINE, {3: LINK_STATS}
+                ),
+                [3],
             ),
             b"",
         ),
@@ -210,7 +215,15 @@ _shadings = st.builds(shading_rule, scenes(), _steps)
 _level_numbers = st.integers(0, 31)
 _prepared = st.builds(Prepared, surveys, quantisations, st.lists(geometries(), min_size=1, max_size=3).map(tuple))
 _machines = st.builds(Machine, *[st.text(max_size=20)] * 3, st.integers(1, 64))
-_map_shade_stats = st.builds(messages.MapShadeStats, *[counts] * 5, *[seconds] * 5, counts, _machines)
+_link_stats = st.builds(messages.LinkStats, *[counts] * 2, *[seconds] * 2)
+_map_shade_stats = st.builds(
+    messages.MapShadeStats,
+    *[counts] * 5,
+    *[seconds] * 5,
+    counts,
+    _machines,
+    st.dictionaries(ids, _link_stats, max_size=3),
+)
 _splat_stats = st.builds(
     messages.SplatStats,
     *[counts] * 3,
