@@ -9,12 +9,16 @@ import click
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
+from volsplat.program.counts import Counts
 from volsplat.program.server_process import (
     THREADS,
+    checked_metrics,
     client_options,
     clients_of,
     log_as_asked,
     log_options,
+    metrics_of,
+    metrics_options,
     sharing_option,
     silence_option,
     threads_of,
@@ -35,6 +39,7 @@ from volsplat.protocol.wire.tokens import need_token
 @click.option("--data-root", type=click.Path(path_type=Path), help="Read nothing outside; relative names start there.")
 @tls_option
 @silence_option
+@metrics_options
 @log_options
 def mapshade_server(
     connect: Address | None,
@@ -48,13 +53,17 @@ def mapshade_server(
     data_root: Path | None,
     tls: bool | None,
     silence: float,
+    metrics: Address | None,
+    metrics_token: Path | None,
     verbose: bool,
     log_format: str,
 ) -> None:
     """Join a client, hold a sub-cube of its volume, and map and shade it for each frame."""
     log_as_asked("mapshade-server", verbose, log_format)
+    counts, door = Counts(), checked_metrics(metrics, metrics_token)
     token = need_token(os.environ, token_file)
     with ExitStack() as stack:
+        stack.enter_context(metrics_of(counts, metrics, door))
         root = None if data_root is None else stack.enter_context(held_to(data_root))
         held = HeldVolume()
         clients = clients_of(Role.MAPSHADE_SERVER, token, connect, wait_at, patience, resident, keep, tls)
@@ -64,7 +73,7 @@ def mapshade_server(
             client = clients.next(new_hello(Role.MAPSHADE_SERVER, name=process_name()))
             try:
                 MapShadeServer(
-                    client, token, threads_of(threads, sharing), held, silence, root, Encryption.of(tls)
+                    client, token, threads_of(threads, sharing), held, silence, root, Encryption.of(tls), counts
                 ).run()
             finally:
                 held.keep()

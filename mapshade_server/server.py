@@ -23,6 +23,7 @@ from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
+from volsplat.program.counts import Counts
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
 from volsplat.program.log_lines import name_session
 from volsplat.protocol.messages import messages
@@ -52,14 +53,17 @@ class MapShadeServer:
         silence: float = SILENCE_SECONDS,
         data_root: DataRoot | None = None,
         encryption: Encryption = Encryption.BETWEEN_MACHINES,
+        counts: Counts | None = None,
     ) -> None:
         """`threads` may walk. `held` may have what a client before had read. Volumes lie below `data_root`, if given.
 
-        Who says nothing for `silence` seconds is lost, the client later (see heartbeat).
+        What is done is added to `counts`. Who says nothing for `silence` seconds is lost, the client later (see
+        heartbeat).
         """
         self._client = client
         self._threads = threads
         self._data_root = data_root
+        self._counts = counts or Counts()
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
         self._requests = WaitingRequests()
@@ -214,9 +218,22 @@ class MapShadeServer:
                 clock() - started,
                 extra={"event": "frame_mapped", "frame": request.frame},
             )
+            self._count(stats, delivery.lost)
             self._client.send(messages.FrameMapped(frame=request.frame, stats=stats, lost=delivery.lost))
         else:
             log.info("frame %d is given up", request.frame, extra={"event": "frame_given_up", "frame": request.frame})
+            self._counts.add("frames", of="given up")
+
+    def _count(self, stats: messages.MapShadeStats, lost: list[int]) -> None:
+        counts, links = self._counts, [(f"to splat server {server}", link) for server, link in stats.links.items()]
+        counts.add("frames", of="incomplete" if lost else "finished")
+        counts.add("packets", stats.packets)
+        counts.add("batches", stats.batches)
+        stages = ("planning", "map_shade", "coding", "sending", "waiting")
+        counts.add_all("frame_seconds", [(stage, getattr(stats, f"{stage}_seconds")) for stage in stages])
+        counts.add_all("link_bytes", [(name, link.bytes) for name, link in links])
+        counts.add_all("link_waiting_seconds", [(name, link.waiting_seconds) for name, link in links])
+        counts.add_all("losses", [("splat server", 1.0) for _ in lost])
 
     @staticmethod
     def _note_frame(spans: FrameSpans, came: float, started: float, planned: float) -> None:

@@ -2,7 +2,8 @@
 
 import logging
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -10,9 +11,12 @@ from typing import Any, NoReturn, TypeVar
 import click
 
 from volsplat.program.clients import Clients, Life
+from volsplat.program.counts import Counts
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
+from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_to_stderr, say_last
+from volsplat.program.metrics_door import MetricsDoor, door_token
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.roles import Role
@@ -22,6 +26,8 @@ from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import AT_WORK, SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token
+
+log = logging.getLogger(__name__)
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -96,6 +102,50 @@ _LOG_OPTIONS = (
         help="Log for a person (text), or each event with time, session and frame as JSON.",
     ),
 )
+
+
+_METRICS_OPTIONS = (
+    click.option(
+        "--metrics",
+        metavar="HOST:PORT",
+        callback=address_option,
+        help="Metrics for Prometheus at this address (:PORT for this machine alone).",
+    ),
+    click.option(
+        "--metrics-token", type=click.Path(path_type=Path), help="File with their bearer token; made if missing."
+    ),
+)
+
+
+def metrics_options(command: Command) -> Command:
+    """Where metrics are handed out, for `metrics_of`."""
+    for option in reversed(_METRICS_OPTIONS):
+        command = option(command)
+    return command
+
+
+def checked_metrics(address: Address | None, token_file: Path | None) -> Token | None:
+    """The token of the door that `metrics_options` ask for; None for no door. Raises BadInput."""
+    if address is None:
+        return None
+    need("prometheus_client", "--metrics", "metrics")
+    if token_file is None:
+        raise BadInput("--metrics needs --metrics-token FILE: a token that whoever reads metrics must show")
+    return door_token(token_file)
+
+
+@contextmanager
+def metrics_of(counts: Counts, address: Address | None, token: Token | None) -> Iterator[None]:
+    """Hand out what is counted, at the address, if any. Raises BadInput."""
+    if address is None or token is None:
+        yield
+        return
+    door = MetricsDoor(address, token, counts)
+    try:
+        log.warning("metrics are at http://%s/metrics", door.address)
+        yield
+    finally:
+        door.close()
 
 
 def log_options(command: Command) -> Command:

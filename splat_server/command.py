@@ -7,13 +7,17 @@ from pathlib import Path
 
 import click
 
+from volsplat.program.counts import Counts
 from volsplat.program.server_process import (
     THREADS,
     address_option,
+    checked_metrics,
     client_options,
     clients_of,
     log_as_asked,
     log_options,
+    metrics_of,
+    metrics_options,
     sharing_option,
     silence_option,
     threads_of,
@@ -51,6 +55,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 @sharing_option
 @tls_option
 @silence_option
+@metrics_options
 @log_options
 def splat_server(
     connect: Address | None,
@@ -65,13 +70,19 @@ def splat_server(
     sharing: int,
     tls: bool | None,
     silence: float,
+    metrics: Address | None,
+    metrics_token: Path | None,
     verbose: bool,
     log_format: str,
 ) -> None:
     """Join a client, merge and splat what its map/shade servers send, and hand out the image."""
     log_as_asked("splat-server", verbose, log_format)
+    counts, door = Counts(), checked_metrics(metrics, metrics_token)
     token = need_token(os.environ, token_file)
-    with closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep, tls)) as clients:
+    with (
+        metrics_of(counts, metrics, door),
+        closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep, tls)) as clients,
+    ):
 
         def serve_one() -> None:
             invitations = Invitations(token)
@@ -86,7 +97,8 @@ def splat_server(
             ) as data_links:
                 host, port = told_address(data_links.address, advertise)
                 hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name())
-                SplatServer(clients.next(hello), data_links, invitations, threads_of(threads, sharing), silence).run()
+                client, owners = clients.next(hello), threads_of(threads, sharing)
+                SplatServer(client, data_links, invitations, owners, silence, counts).run()
 
         clients.serve(serve_one)
 

@@ -11,6 +11,7 @@ import time
 from collections import deque
 
 from volsplat.program.available_memory import available_memory
+from volsplat.program.counts import Counts
 from volsplat.program.frame_spans import UNTRACED, clock
 from volsplat.program.log_lines import name_session
 from volsplat.protocol.messages import messages
@@ -52,11 +53,14 @@ class SplatServer:
         invitations: Invitations,
         threads: int,
         silence: float = SILENCE_SECONDS,
+        counts: Counts | None = None,
     ) -> None:
-        """`data_links` takes links by what `invitations` say. `silence`: see heartbeat."""
+        """`data_links` takes links by what `invitations` say. What is done is added to `counts`.
+        `silence`: see heartbeat."""
         self._client = client
         self._invitations = invitations
         self._threads = threads
+        self._counts = counts or Counts()
         self._owners = Owners(threads)
         self._news = Bell()  # rings whenever there is something for the working thread to look at
         self._readable = Bell()  # rings whenever a link that is held back may be read
@@ -151,12 +155,24 @@ class SplatServer:
             stats.frame_seconds,
             extra={"event": "frame_finished", "frame": assembly.frame},
         )
+        self._count(stats)
         self._outbox.post(
             messages.FrameFinished(frame=assembly.frame, complete=not self._lost, lost=self._lost, stats=stats)
         )
         if not self._lost:
             # Whoever asked for it as it stood gets it finished.
             self._images_wanted = deque([messages.ReadImage(frame=assembly.frame)])
+
+    def _count(self, stats: messages.SplatStats) -> None:
+        counts = self._counts
+        counts.add("frames", of="incomplete" if self._lost else "finished")
+        counts.add("packets", stats.packets)
+        stages = ("planning", "merge", "splat", "waiting", "decoding")
+        counts.add_all("frame_seconds", [(stage, getattr(stats, f"{stage}_seconds")) for stage in stages])
+        counts.add_all("link_bytes", [("from map/shade servers", stats.bytes)])
+        held_back = stats.held_back_seconds.items()
+        counts.add_all("link_held_back_seconds", [(f"from map/shade server {n}", seconds) for n, seconds in held_back])
+        counts.add_all("losses", [("map/shade server", 1.0) for _ in self._lost])
 
     def _tell_closed_tiles(self, assembly: FrameAssembly) -> None:
         """Have the workers leave out what is hidden. Hidden packets show that more of it is likely to come."""
@@ -260,6 +276,7 @@ class SplatServer:
             self._merge.handle(FrameDropped(frame))
         if self._assembly is not None and self._assembly.frame <= frame:
             if self._drawing:
+                self._counts.add("frames", of="given up")
                 log.info("frame %d is given up", frame, extra={"event": "frame_given_up", "frame": frame})
             self._assembly.abort()
             self._drawing = False

@@ -29,10 +29,11 @@ from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
+from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
 from volsplat.protocol.description.scene import Refine, Step
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
-from volsplat.protocol.wire.addresses import LOOPBACK
+from volsplat.protocol.wire.addresses import LOOPBACK, Address
 
 GRACE_SECONDS = 600
 PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page")  # takes a second to import
@@ -56,6 +57,7 @@ LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not 
 )
 @memory_option
 @trace_option
+@metrics_options
 @click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
 @click.option(
     "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
@@ -75,6 +77,8 @@ def view(
     grace: float,
     memory: str | None,
     trace: Path | None,
+    metrics: Address | None,
+    metrics_token: Path | None,
     listen: str | None,
     token_file: Path | None,
     **settings: str | float | None,
@@ -87,6 +91,7 @@ def view(
     """
     for package in ("nicegui", "PIL"):
         need(package, "the page", "ui")
+    door = checked_metrics(metrics, metrics_token)
     options = SceneOptions(scene, preset, scene_changes(settings))
     options.scene_of(None)
     check_found(volume, listen is None, cluster)
@@ -108,7 +113,8 @@ def view(
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored, PAGE) as session:
                 assert isinstance(session, Session)
-                _serve(session, options, address, grace, tab, console)
+                with metrics_of(session.counts, metrics, door):
+                    _serve(session, options, address, grace, tab, console)
 
 
 def _serve(

@@ -1,7 +1,7 @@
 """What the steps of an image took, in numbers: report.json, and the table beside the paper's."""
 
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
 import msgspec
@@ -9,6 +9,7 @@ from rich import box
 from rich.table import Table
 
 from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.session.frame_links import LinkReport, links_of
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.peak_memory import peak_memory
@@ -42,18 +43,6 @@ class VolumeFacts(msgspec.Struct, frozen=True):
     name: str
     dims: Index
     scalar_type: str
-
-
-class LinkReport(msgspec.Struct, frozen=True):
-    """What went one way between two processes; the seconds are those of all threads that sent."""
-
-    sender: str
-    receiver: str
-    bytes: int  # none by memory that both see
-    bytes_uncoded: int
-    sending_seconds: float
-    waiting_seconds: float  # of these, for the receiver or the network
-    held_back_seconds: float  # that the receiver did not read, because its buffers were full
 
 
 class StepReport(msgspec.Struct, frozen=True):
@@ -209,28 +198,6 @@ def _step_report(outcome: StepOutcome) -> StepReport:
         workers=workers,
         splat_servers=splat_servers,
     )
-
-
-def links_of(outcome: StepOutcome) -> Iterator[LinkReport]:
-    """Each link that batches went over, then those that images came by."""
-    for worker, stats in sorted(outcome.servers.map_shade.items()):
-        for splat, link in sorted(stats.links.items()):
-            yield LinkReport(
-                sender=f"map/shade server {worker}",
-                receiver=f"splat server {splat}",
-                bytes=link.bytes,
-                bytes_uncoded=link.raw_bytes,
-                sending_seconds=link.sending_seconds,
-                waiting_seconds=link.waiting_seconds,
-                held_back_seconds=_held_back(outcome, splat, worker),
-            )
-    for splat, image in sorted(outcome.image_reads.items()):
-        yield LinkReport(f"splat server {splat}", "client", image.payload_bytes(), image.raw_bytes, 0.0, 0.0, 0.0)
-
-
-def _held_back(outcome: StepOutcome, splat: int, worker: int) -> float:
-    stats = outcome.servers.splat.get(splat)
-    return stats.held_back_seconds.get(worker, 0.0) if stats is not None else 0.0
 
 
 def _accounted_seconds(outcome: StepOutcome) -> float:

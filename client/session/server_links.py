@@ -22,6 +22,7 @@ from volsplat.client.session.outgoing import Outgoing
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.deploy.local import LocalServers, shared_out
 from volsplat.deploy.server_command import Program
+from volsplat.program.counts import Counts
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.refusals import refusal
@@ -56,6 +57,7 @@ class ServerLinks:
         encryption: Encryption,
         replaces: bool = False,
         tracer: FrameTracer | None = None,
+        counts: Counts | None = None,
     ) -> None:
         """`newest_frame` is the number of the frame that is waited for.
 
@@ -66,6 +68,8 @@ class ServerLinks:
         self._newest_frame = newest_frame
         self._replaces = replaces
         self._tracer = tracer
+        self._counts = counts or Counts()
+        self._closing = False
         self.session = secrets.token_hex(4)  # as logs name it, of all processes
         self._token = token
         self.encryption = encryption
@@ -145,7 +149,8 @@ class ServerLinks:
         self._on_event(ServerProcessEnded(cause))
 
     def take_no_more(self) -> None:
-        """Nobody can join from now on."""
+        """Nobody can join from now on; who leaves is no loss."""
+        self._closing = True
         self._listener.close()
 
     def close(self) -> None:
@@ -224,6 +229,8 @@ class ServerLinks:
         if self._tracer is not None:
             self._tracer.lost(peer.id)
         self._log("server_left", cause, peer)
+        if not self._closing:
+            self._counts.add("losses", of=str(peer.role))
         self._on_event(ServerLost(peer.id, cause))
 
     def _log(self, event: str, line: str, peer: Peer) -> None:

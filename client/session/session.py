@@ -54,6 +54,7 @@ from volsplat.client.coordinator.coordinator_events import (
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.cluster_servers import ClusterServers
+from volsplat.client.session.frame_counts import count_outcome
 from volsplat.client.session.probe_answers import ProbeAnswers
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
@@ -66,6 +67,7 @@ from volsplat.client.session.renderer import (
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.counts import Counts
 from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
@@ -147,6 +149,7 @@ class Session:
         self._probe_answers = ProbeAnswers()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
+        self.counts = Counts()  # what was done, and lost
         self._planned = 0  # the newest frame of which the trace has the plan
         self._volume_known = threading.Event()  # set when _volume or _failure is
         self._closed = False
@@ -162,6 +165,7 @@ class Session:
                 encryption=encryption,
                 replaces=self._cluster is not None,
                 tracer=self._tracer,
+                counts=self.counts,
             )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
@@ -302,6 +306,7 @@ class Session:
             max((image.coding_seconds for image in read), default=0.0),
             {part.server: part.read for part in answer.parts},
         )
+        count_outcome(self.counts, outcome)
         self._log("frame_finished", f"frame {frame} is here after {now - started:.3f} s", frame)
         if self._tracer is not None:
             self._tracer.note(frame, "caller", f"frame {frame}, step {step}", started, now)

@@ -17,7 +17,7 @@ ALWAYS = "always"  # what is installed without any extra
 
 MAY_USE = {
     "protocol": {"msgspec", "cryptography"},
-    "program": {"click", "rich"},
+    "program": {"click", "rich", "metrics"},
     "deploy": {"msgspec"},
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
@@ -30,7 +30,12 @@ MAY_USE = {
 }
 """Which libraries a place may import, by their names or those of extras. The closest place counts."""
 BESIDE = {"dev", "build", "fuzz"}  # extras for work on volsplat, which it does not import
-DISTRIBUTIONS = {"PIL": "pillow", "vtkmodules": "vtk", "aiohttp": "fsspec"}  # of modules: fsspec[http] brings aiohttp
+DISTRIBUTIONS = {  # of modules: fsspec[http] brings aiohttp
+    "PIL": "pillow",
+    "vtkmodules": "vtk",
+    "aiohttp": "fsspec",
+    "prometheus_client": "prometheus-client",
+}
 IMPORTERS = {"library", "import_module"}  # functions that import what they are given by name
 OURS = {"volsplat", "support", "reference", "tolerances", "fuzz", "faults", "large_library"}  # and a test's own
 SOURCES = [path.relative_to(ROOT) for part in MAY_USE if "/" not in part for path in (ROOT / part).rglob("*.py")]

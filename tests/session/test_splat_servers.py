@@ -12,7 +12,7 @@ from support.files.head_volume import head, scene, single
 from support.files.prepared import prepare_small
 from volsplat.client import Session
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.session.frame_report import links_of
+from volsplat.client.session.frame_links import links_of
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry
