@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -562,7 +563,7 @@ def test_one_click_shows_the_papers_order_and_another_the_fastest(tab: Tab) -> N
 
 
 def test_the_servers_panel_tells_who_did_what_and_nothing_while_closed(tab: Tab) -> None:
-    rows = tab.page.locator(".vs-servers-table tbody tr")
+    rows = tab.page.locator(".vs-servers-table:not(.vs-links-table) tbody tr")
     tab.page.locator('.vs-step[data-step="F"].vs-done').wait_for()
     assert rows.count() == 0
     tab.page.get_by_text("Servers", exact=True).click()
@@ -571,6 +572,10 @@ def test_the_servers_panel_tells_who_did_what_and_nothing_while_closed(tab: Tab)
     assert sorted(name.rstrip("0123456789 ") for name in names) == ["map/shade", "map/shade", "splat server"]
     voxels = [row.locator("td").nth(3).inner_text().replace(",", "") for row in rows.all()]
     assert sum(int(count) for count in voxels if count) == DIMS[0] * DIMS[1] * DIMS[2]
+    assert all(f"{socket.gethostname()}, " in row.locator("td").nth(1).inner_text() for row in rows.all())
+    links = [row.locator("td").all_inner_texts() for row in tab.page.locator(".vs-links-table tbody tr").all()]
+    assert [link[1].rstrip("0123456789 ") for link in links] == ["splat server", "splat server", "client"]
+    assert all(float(link[3].replace(",", "")) > 0 for link in links)
     assert tab.page.locator(".vs-timeline > text").count() == 3
     assert tab.page.locator(".vs-timeline rect").count() >= 3
     assert "bottleneck: " in tab.page.locator(".vs-frame-said").inner_text()
@@ -586,3 +591,4 @@ def test_a_lost_server_is_told_in_words(browser: Browser, volume: Path) -> None:
         servers[0].kill()
         tab.button("roll left", "view").click()
         page.locator(".vs-server-lost td", has_text="lost: ").wait_for()
+        page.locator(".vs-losses", has_text="lost since the start: 1 map/shade server").wait_for()

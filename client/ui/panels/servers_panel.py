@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from html import escape
 
 from nicegui import context, ui
@@ -13,10 +14,12 @@ from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.controls.controls import panel_style
 from volsplat.client.ui.controls.throttle import Throttle
 from volsplat.client.ui.panels.frame_timeline import STAGES, lanes_of, stage_class, stages_of, time_text, timeline_svg
+from volsplat.client.ui.panels.links_table import links_table, losses_words
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.volume import Box
+from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
 from volsplat.protocol.messages.roles import Role
 
 INTERVAL = 0.25  # seconds between updates
@@ -29,6 +32,7 @@ HEADS = (
     "visible packets",
     *(f"{name}, ms" for name in STAGES),
     "MB/s",
+    "peak MB",
     "state",
 )
 
@@ -40,6 +44,8 @@ def servers_panel(viewing: Viewing) -> None:
     panel_style()
     with ui.expansion("Servers").classes("vs-servers").props("dense dense-toggle") as expansion:
         table = ui.html(sanitize=False).classes("vs-servers-table")
+        losses = ui.label().classes("vs-losses")
+        links = ui.html(sanitize=False).classes("vs-servers-table vs-links-table")
         with ui.element("div").classes("vs-frame-head"):
             said = ui.label().classes("vs-frame-said")
             _legend()
@@ -55,7 +61,9 @@ def servers_panel(viewing: Viewing) -> None:
         outcome = finished[0].outcome if finished else None
         servers = viewing.session.servers
         table.set_content(servers_table(servers, outcome, _drawing(viewing)))
+        losses.set_text(losses_words(viewing.session.counts.sums()))
         if outcome is not None:
+            links.set_content(links_table(outcome))
             names = {server.id: server_name(server) for server in servers}
             timeline.set_content(timeline_svg(lanes_of(outcome, names), outcome.wall_seconds))
             said.set_text(frame_words(viewing, finished[0], outcome))
@@ -113,9 +121,9 @@ def servers_table(servers: list[ServerState], outcome: StepOutcome | None, drawi
 
 
 def _row(server: ServerState, outcome: StepOutcome | None, drawing: bool) -> str:
-    cells = [server_name(server), server.host, "; ".join(box_text(box) for box in server.boxes)]
+    cells = [server_name(server), _host(server, outcome), "; ".join(box_text(box) for box in server.boxes)]
     cells += [f"{server.voxels:,}" if server.boxes else "", str(server.threads or "")]
-    cells += _figures(server, outcome) or [""] * (2 + len(STAGES))
+    cells += _figures(server, outcome) or [""] * (3 + len(STAGES))
     state = f"lost: {server.cause}" if server.lost else "drawing" if drawing else "idle"
     kind = "lost" if server.lost else state
     data = "".join(f"<td>{escape(cell)}</td>" for cell in cells)
@@ -124,16 +132,30 @@ def _row(server: ServerState, outcome: StepOutcome | None, drawing: bool) -> str
 
 def _figures(server: ServerState, outcome: StepOutcome | None) -> list[str]:
     """Packets, milliseconds of each stage and megabytes a second of the frame, or nothing if it took no part."""
-    if outcome is None or server.lost:
-        return []
-    servers = outcome.servers.map_shade if server.role == Role.MAPSHADE_SERVER else outcome.servers.splat
+    servers = _all_stats(server, outcome)
     stats = servers.get(server.id)
-    if stats is None:
+    if outcome is None or stats is None or server.lost:
         return []
     seconds = dict(stages_of(stats))
     times = [f"{1000 * seconds[stage]:.1f}" if stage in seconds else "" for stage in STAGES]
     share = stats.packets / (sum(one.packets for one in servers.values()) or 1)
-    return [f"{stats.packets:,} ({share:.0%})", *times, f"{stats.bytes / 1e6 / max(outcome.wall_seconds, 1e-9):,.1f}"]
+    rate = f"{stats.bytes / 1e6 / max(outcome.wall_seconds, 1e-9):,.1f}"
+    return [f"{stats.packets:,} ({share:.0%})", *times, rate, f"{stats.peak_memory_bytes / 1e6:,.0f}"]
+
+
+def _all_stats(
+    server: ServerState, outcome: StepOutcome | None
+) -> Mapping[int, MapShadeStats] | Mapping[int, SplatStats]:
+    """Of all servers of its role, in the frame."""
+    if outcome is None:
+        return {}
+    return outcome.servers.map_shade if server.role == Role.MAPSHADE_SERVER else outcome.servers.splat
+
+
+def _host(server: ServerState, outcome: StepOutcome | None) -> str:
+    """Its machine, as far as that is known, and where it dials from."""
+    stats = _all_stats(server, outcome).get(server.id)
+    return f"{stats.machine.host}, {stats.machine.cores} cores ({server.host})" if stats is not None else server.host
 
 
 def box_text(box: Box) -> str:
