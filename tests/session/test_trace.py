@@ -21,10 +21,12 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.trace_messages import MOST_SPANS, ClockRead, FrameTraced, ReadClock, ReadTrace, Span
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import Address
 
 __all__ = ["head", "scene", "single"]
 
 Event = dict[str, Any]
+NO_UNIX_SOCKET = Address("127.0.0.2", 0)  # stands beside that
 
 
 class Trace:
@@ -73,10 +75,10 @@ def nest(spans: list[Event]) -> bool:
 
 @pytest.fixture(scope="module")
 def path(head: Path, single: SingleProcess, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Of two frames by 2 map/shade and 2 splat servers, over encrypted TCP as between machines."""
+    """Of two frames by 2 map/shade and 2 splat servers, which the client reaches by encrypted TCP, as elsewhere."""
     path = tmp_path_factory.mktemp("traces") / "trace.json"
     look = skin(single)
-    with Session(head, workers=2, splat_servers=2, threads=4, tls=True, trace=path) as session:
+    with Session(head, workers=2, splat_servers=2, threads=4, listen=NO_UNIX_SOCKET, tls=True, trace=path) as session:
         for step in (Step.C, Step.F):
             assert torch.equal(session.render(look, step), single.render(look, step))
     return path
