@@ -121,8 +121,9 @@ BatchSource* source_of(const nb::object& walk) {
 std::shared_ptr<SplatFrame> begin(Owners& owners, const std::vector<std::pair<int, int>>& regions, nb::object reach,
                                   bool front_to_back, const std::array<std::uint64_t, 2>& thresholds,
                                   const std::array<std::uint64_t, 3>& counts, int sources, bool traced,
-                                  std::uint64_t portion, std::optional<std::pair<nb::object, nb::object>> edges, std::vector<nb::object> walks,
-                                  std::shared_ptr<Bell> news, std::shared_ptr<Bell> all_wait) {
+                                  std::uint64_t portion, std::optional<std::pair<nb::object, nb::object>> edges,
+                                  std::vector<nb::object> walks, std::shared_ptr<Bell> news,
+                                  std::shared_ptr<Bell> all_wait) {
     FrameTask task{{},
                    job_of(reach, front_to_back, thresholds),
                    {nullptr, nullptr},
@@ -253,7 +254,8 @@ void bind_owners(nb::module_& m) {
         .def("clear", &Owners::clear, "width"_a, "height"_a, "turned"_a, Unlocked())
         .def_prop_ro("closed_tiles", &closed_tiles)
         .def("begin", &begin, nb::kw_only(), "regions"_a, "reach"_a.none(), "front_to_back"_a, "thresholds"_a,
-             "counts"_a, "sources"_a, "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a, "news"_a, "all_wait"_a)
+             "counts"_a, "sources"_a, "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a, "news"_a,
+             "all_wait"_a)
         .def("published", &published, "frame"_a)
         .def("cancel", &Owners::cancel, Unlocked())
         .def("close", &Owners::close, Unlocked());
