@@ -11,6 +11,8 @@ from rich.table import Table
 from rich.text import Text
 
 from volsplat.deploy.cluster.running import RunningCluster
+from volsplat.deploy.doctor.doctor import Doctor
+from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.launchers.launcher import ServerState
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput
@@ -90,6 +92,29 @@ def logs(cluster: Path, server: str | None, lines: int) -> None:
             said = str(error)
         for line in said.splitlines():
             console.say(f"{one.started.name}: {line}")
+
+
+@deploy.command()
+@cluster_argument
+@click.argument("volume", required=False)
+def doctor(cluster: Path, volume: str | None) -> None:
+    """Look at each hop to the servers of CLUSTER, and say what is wrong and the cure. Status 2 if something is.
+
+    Servers that are not up are started for it, and ended after it. With VOLUME, as `render` takes it, it is also looked
+    at on every machine: whether it can be read, and is the same one.
+    """
+    console, progress = PlainConsole(), PlainConsole(stderr=True)
+    examined = Doctor(cluster, volume, lambda finding: console.say(told(finding)), lines_on(progress))
+    examined.examine()
+    wrong = sum(not finding.right for finding in examined.findings)
+    if wrong:
+        raise BadInput(f"{wrong} of {len(examined.findings)} hops are wrong; their lines say how to put them right")
+    console.say(f"all {len(examined.findings)} hops are right")
+
+
+def told(finding: Finding) -> str:
+    """One line on a hop."""
+    return f"{'ok' if finding.right else 'WRONG':5} {finding.place}: {finding.hop}: {finding.line}"
 
 
 def lines_on(console: PlainConsole) -> Callable[[str], None]:

@@ -2,12 +2,11 @@
 
 from collections import Counter
 from collections.abc import Iterable
-from ipaddress import ip_address
 
 from volsplat.client.coordinator.coordinator_events import Instruction, ReportProgress, Send, ServerJoined
 from volsplat.client.coordinator.servers import Servers
 from volsplat.protocol.messages.session_messages import ConnectToSplatServers, InviteWorkers, Route
-from volsplat.protocol.wire.addresses import Address
+from volsplat.protocol.wire.addresses import Address, is_loopback, reached_from
 
 
 class DataRoutes:
@@ -35,7 +34,7 @@ class DataRoutes:
                 "start the splat server with --listen 0.0.0.0:0, or --advertise HOST:PORT"
             )
             for splat in map(self._servers.joined.__getitem__, self._servers.splat_servers)
-            if _is_loopback(_reached(splat, here).host) and not _is_loopback(here.host)
+            if is_loopback(_reached(splat, here).host) and not is_loopback(here.host)
         ]
 
     def _connect(self, worker: int) -> Send:
@@ -60,18 +59,5 @@ class DataRoutes:
 
 
 def _reached(splat: ServerJoined, worker: ServerJoined) -> Address:
-    """Where a worker reaches a splat server.
-
-    One that the client sees on its own machine has no address of its own there: then a worker elsewhere reaches it as
-    it reaches the client.
-    """
-    if splat.data_anywhere and _is_loopback(splat.data.host) and not _is_loopback(worker.host) and worker.client_host:
-        return splat.data._replace(host=worker.client_host)
-    return splat.data
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ip_address(host).is_loopback
-    except ValueError:  # a name
-        return host == "localhost"
+    """Where a worker reaches a splat server."""
+    return reached_from(splat.data, splat.data_anywhere, worker.host, worker.client_host)

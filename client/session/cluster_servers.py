@@ -10,9 +10,8 @@ from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.launchers.launcher import ServerState
-from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.text.errors import BadInput, VolsplatError
-from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address, parse_address
+from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.tokens import Token
@@ -55,17 +54,10 @@ class ClusterServers:
 
     @property
     def listens_at(self) -> Address:
-        """Where the client listens: everywhere if servers of other machines dial in."""
-        dial_in = {one.machine for one in self._state.servers if not one.wait_at}
-        if not dial_in:
-            return Address(LOOPBACK, 0)
-        elsewhere = any(self.cluster.machines[number].launcher != "local" for number in dial_in)
-        return Address(EVERYWHERE if elsewhere else LOOPBACK, self._state.listen_port)
+        return self._running.listens_at(self._state)
 
     def volume(self, name: str) -> str:
-        """The name of a volume as the servers take it: a relative one lies below each machine's data-root."""
-        here = all(machine.launcher == "local" and machine.data_root is None for machine in self.cluster.machines)
-        return absolute_name(name) if here else name
+        return self._running.volume(name)
 
     def join(self, links: ServerLinks) -> None:
         """Take the servers into a session."""
@@ -161,7 +153,7 @@ class ClusterServers:
             return [
                 name
                 for name, one in self._known.items()
-                if name not in self._joined and not any(_is_process(process, one) for process in there)
+                if name not in self._joined and not any(map(one.is_process, there))
             ]
 
     def _look_after(self, missing: list[str], seen: set[str]) -> None:
@@ -193,9 +185,3 @@ class ClusterServers:
     def _reasons(self, missing: list[str]) -> str:
         with self._lock:
             return "; ".join(self._why.get(name, f"{name} has not joined") for name in missing)
-
-
-def _is_process(process: str, one: KnownServer) -> bool:
-    """Whether a server that names itself so is the one that was started as this."""
-    number = one.started.handle.get("process")
-    return number is not None and process.endswith(f", process {number}")

@@ -13,7 +13,9 @@ from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState
 from volsplat.deploy.launchers.table import launcher_of
+from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
 from volsplat.protocol.wire.tokens import Token
 
 Result = TypeVar("Result")
@@ -39,6 +41,19 @@ class RunningCluster:
     @property
     def token(self) -> Token:
         return self.folder.token(self.cluster.token_file)
+
+    def listens_at(self, state: ClusterState) -> Address:
+        """Where a client listens: everywhere if servers of other machines dial in."""
+        dial_in = {one.machine for one in state.servers if not one.wait_at}
+        if not dial_in:
+            return Address(LOOPBACK, 0)
+        elsewhere = any(self.cluster.machines[number].launcher != "local" for number in dial_in)
+        return Address(EVERYWHERE if elsewhere else LOOPBACK, state.listen_port)
+
+    def volume(self, name: str) -> str:
+        """The name of a volume as the servers take it: a relative one lies below each machine's data-root."""
+        here = all(machine.launcher == "local" and machine.data_root is None for machine in self.cluster.machines)
+        return absolute_name(name) if here else name
 
     def state(self) -> ClusterState | None:
         """None where it is not up. Raises BadInput where it was brought up by another file than it is now."""

@@ -22,6 +22,11 @@ class KnownServer(msgspec.Struct, frozen=True, kw_only=True):
     machine: int  # its place in the cluster file
     wait_at: str = ""  # HOST:PORT that clients dial; empty: it dials them
 
+    def is_process(self, name: str) -> bool:
+        """Whether a server that names its process so is the one that was started as this."""
+        number = self.started.handle.get("process")
+        return number is not None and name.endswith(f", process {number}")
+
 
 class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
     file: str  # the cluster file as of `up`

@@ -25,7 +25,7 @@ class SshLauncher:
     def __init__(self, machine: Machine, folder: Path) -> None:
         assert machine.host is not None
         self._machine, self._host = machine, machine.host
-        self._servers = ShellServers(self._run, machine.host, folder.name)
+        self._servers = ShellServers(self.run, machine.host, folder.name)
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         report(f"{self._host}: starting {len(orders)} servers by ssh")
@@ -41,7 +41,8 @@ class SshLauncher:
     def logs(self, server: StartedServer, lines: int) -> str:
         return self._servers.logs(server, lines)
 
-    def _run(self, script: str, given: str) -> str:
+    def run(self, script: str, given: str) -> str:
+        """What a script prints there, given its input. Raises BadInput with the reason."""
         command = ["ssh", *BATCH, *self._machine.ssh.options, "--", self._host, f"exec sh -c {shlex.quote(script)}"]
         try:
             ran = subprocess.run(command, input=given, capture_output=True, encoding="utf-8", timeout=SSH_SECONDS)
@@ -64,13 +65,19 @@ class SshLauncher:
 
 def host_name(machine: Machine) -> str:
     """The name or address that ssh dials for this machine: its config may know the host by another one."""
+    return ssh_config(machine)["hostname"]
+
+
+def ssh_config(machine: Machine) -> dict[str, str]:
+    """What ssh would do for this machine, by keyword in small letters. Raises BadInput."""
     assert machine.host is not None
     command = ["ssh", "-G", *machine.ssh.options, "--", machine.host]
     try:
         ran = subprocess.run(command, capture_output=True, encoding="utf-8", timeout=CONNECT_SECONDS)
     except (OSError, subprocess.TimeoutExpired) as error:
         raise BadInput(f"{machine.host}: ssh cannot be asked for its address: {error}") from error
-    names = [line.split()[1] for line in ran.stdout.splitlines() if line.startswith("hostname ")]
-    if ran.returncode or not names:
+    pairs = [line.partition(" ") for line in ran.stdout.splitlines()]
+    config = {keyword: value for keyword, _, value in reversed(pairs)}  # of several of a kind the first counts
+    if ran.returncode or "hostname" not in config:
         raise BadInput(f"{machine.host}: {one_line(ran.stderr) or 'ssh does not know it'}; check the cluster file")
-    return names[0]
+    return config

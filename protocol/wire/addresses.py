@@ -1,5 +1,6 @@
 """Where a program listens: host and port, and how a person writes them."""
 
+from ipaddress import ip_address
 from typing import NamedTuple
 
 from volsplat.protocol.text.errors import BadInput
@@ -23,3 +24,21 @@ def parse_address(text: str) -> Address:
     if not colon or not (port.isascii() and port.isdigit()) or int(port) > 65535 or (":" in host and not bracketed):
         raise BadInput(f"{text!r} is not an address; write HOST:PORT, such as {LOOPBACK}:7000 or [::1]:7000")
     return Address((host[1:-1] if bracketed else host) or LOOPBACK, int(port))
+
+
+def is_loopback(host: str) -> bool:
+    try:
+        return ip_address(host).is_loopback
+    except ValueError:  # a name
+        return host == "localhost"
+
+
+def reached_from(data: Address, anywhere: bool, worker: str, client: str) -> Address:
+    """Where a worker reaches a splat server that the client sees at `data`.
+
+    One that listens `anywhere` on the client's machine has no address of its own there: then a worker elsewhere, at
+    the host `worker`, reaches it as it reaches the client, at the host `client`.
+    """
+    if anywhere and is_loopback(data.host) and not is_loopback(worker) and client:
+        return data._replace(host=client)
+    return data

@@ -45,7 +45,7 @@ FLOORS = {
         "ui",
         "command .",
     ),
-    "deploy": (".", "launchers", "cluster"),
+    "deploy": (".", "launchers", "cluster", "doctor"),
     "bench": ("tables", ".", "scaling peers floors hosts", "commands"),
 }
 """The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""

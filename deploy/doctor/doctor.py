@@ -1,0 +1,102 @@
+"""Looks at a whole cluster: ways into its machines, its servers, their volume and the links between them."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+from volsplat.deploy.cluster.running import MOST_AT_ONCE, RunningCluster
+from volsplat.deploy.cluster.state import ClusterState, KnownServer
+from volsplat.deploy.cluster_file import Machine
+from volsplat.deploy.doctor import servers
+from volsplat.deploy.doctor.finding import Finding
+from volsplat.deploy.doctor.meeting import Meeting
+from volsplat.deploy.doctor.packet_links import packet_links
+from volsplat.deploy.doctor.way_in import way_in
+from volsplat.deploy.launchers.launcher import Report
+from volsplat.deploy.server_command import Program
+from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.wire.connection import Connection
+
+There = dict[str, tuple[KnownServer, Connection]]  # by name
+
+
+class Doctor:
+    """One examination. Servers of a cluster that is not up are started for it, and ended after it."""
+
+    def __init__(self, path: Path, volume: str | None, tell: Callable[[Finding], None], doing: Report) -> None:
+        """`tell` gets each finding as it is made, `doing` a line on what is waited for. Raises BadInput."""
+        self._running = RunningCluster(path)
+        self._volume = None if volume is None else self._running.volume(volume)
+        self._tell, self._doing = tell, doing
+        self.findings: list[Finding] = []
+
+    def examine(self) -> None:
+        """Raises BadInput where another client has the servers."""
+        self._ways_in()
+        state = self._running.state()
+        if state is not None:
+            self._of_servers(state)
+            return
+        try:
+            self._start()
+            if (state := self._running.state()) is not None:
+                self._of_servers(state)
+        finally:
+            self._running.down(self._doing)
+
+    def _find(self, finding: Finding) -> None:
+        self.findings.append(finding)
+        self._tell(finding)
+
+    def _ways_in(self) -> None:
+        machines = list({machine.title: machine for machine in self._running.cluster.machines}.values())
+        self._doing(f"looking at the ways into {len(machines)} machines")
+
+        def look(machine: Machine) -> list[Finding]:
+            return way_in(machine, self._running.folder.path)
+
+        with ThreadPoolExecutor(MOST_AT_ONCE, "way in") as pool:
+            for found in pool.map(look, machines):
+                for finding in found:
+                    self._find(finding)
+
+    def _start(self) -> None:
+        try:
+            self._running.up(self._doing)
+        except BadInput as error:
+            self._find(Finding(self._running.cluster.name, "start", False, str(error)))
+
+    def _of_servers(self, state: ClusterState) -> None:
+        meeting = Meeting(self._running, state)
+        try:
+            there = self._there(state, meeting)
+            self._volumes(there, meeting)
+            self._doing("having map/shade servers reach the splat servers")
+            for finding in packet_links(there, meeting):
+                self._find(finding)
+        finally:
+            meeting.close()
+
+    def _there(self, state: ClusterState, meeting: Meeting) -> There:
+        there: There = {}
+        for one in state.servers:
+            name = one.started.name
+            self._doing(f"waiting for {name}")
+            try:
+                there[name] = one, meeting.server(one)
+            except VolsplatError as error:
+                self._find(Finding(name, "link", False, str(error)))
+                continue
+            self._find(servers.joined(*there[name]))
+            self._find(servers.machine(*there[name], meeting))
+        return there
+
+    def _volumes(self, there: There, meeting: Meeting) -> None:
+        if self._volume is None:
+            return
+        seen: servers.Seen | None = None
+        for one, server in there.values():
+            if one.program is Program.MAPSHADE_SERVER:
+                self._doing(f"having {one.started.name} look at {self._volume}")
+                finding, seen = servers.volume(one, server, meeting, self._volume, seen)
+                self._find(finding)

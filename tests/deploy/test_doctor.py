@@ -1,0 +1,119 @@
+"""`volsplat deploy doctor` over real servers and a real sshd: what is right, what is wrong, and the cure."""
+
+import os
+import re
+import subprocess
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+
+import pytest
+
+from support.programs.clusters import cluster_file, sshd
+from support.programs.hand_started import free_port
+from support.programs.programs import Person
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+
+BOTH = "map-shade-servers = 1\nsplat-servers = 1\n"
+WORKER = "map-shade-servers = 1\n"
+
+
+@pytest.fixture
+def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    for n, name in enumerate(("there", "elsewhere")):
+        (tmp_path / name).mkdir()
+        write_volume(tmp_path / name / "head.nrrd", *make_phantom("head", size=(16, 16, 16 + n)))
+    return Person(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def ssh(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """A machine that ssh reaches, as a cluster file has it."""
+    with ExitStack() as ended:
+        yield ended.enter_context(sshd(tmp_path_factory.mktemp("ssh") / "sshd")) + "threads = 1\n"
+
+
+def looks(person: Person, *machines: str, volume: str | None = "head.nrrd") -> "subprocess.CompletedProcess[str]":
+    path = cluster_file(person.folder, f"doctor-{os.getpid()}", *machines)
+    return person.runs("deploy", "doctor", str(path), *([volume] if volume else []))
+
+
+def wrong(person: Person, *machines: str) -> str:
+    """What is said to be wrong."""
+    said = looks(person, *machines)
+    assert said.returncode == 2, said.stdout + said.stderr
+    assert re.search(r"\d+ of \d+ hops are wrong", said.stderr)
+    return "\n".join(line for line in said.stdout.splitlines() if line.startswith("WRONG"))
+
+
+def test_each_hop_of_a_cluster_that_is_right_is_said_to_be_and_nothing_stays_behind(person: Person, ssh: str) -> None:
+    said = looks(person, f'data-root = "{person.folder}/there"\nlisten = "127.0.0.1:{free_port()}"\n{BOTH}{ssh}')
+    assert said.returncode == 0, said.stdout + said.stderr
+    assert [line.split(": ")[1] for line in said.stdout.splitlines()[:-1]] == [
+        *("name", "port", "ssh", "clock", "version"),
+        *("link", "machine", "link", "machine", "volume", "packets"),
+    ]
+    assert all(line.startswith("ok") for line in said.stdout.splitlines()[:-1])
+    assert person.runs("deploy", "status", str(person.folder / "cluster.toml")).returncode == 2
+
+
+def test_servers_that_are_up_are_asked_and_stay_up(person: Person) -> None:
+    path = str(cluster_file(person.folder, f"doctor-{os.getpid()}", f'launcher = "local"\nthreads = 1\n{BOTH}'))
+    volume = str(person.folder / "there" / "head.nrrd")
+    assert person.runs("deploy", "up", path).returncode == 0
+    try:
+        for _ in range(2):
+            said = person.runs("deploy", "doctor", path, volume)
+            assert said.returncode == 0, said.stdout + said.stderr
+        status = person.runs("deploy", "status", path)
+        assert status.stdout.count("running") == 2, status.stdout
+    finally:
+        assert person.runs("deploy", "down", path).returncode == 0
+
+
+def test_a_volume_that_differs_from_machine_to_machine_is_named(person: Person, ssh: str) -> None:
+    local = f'launcher = "local"\nthreads = 1\ndata-root = "{person.folder}/there"\n{BOTH}'
+    lines = wrong(person, local, f'data-root = "{person.folder}/elsewhere"\n{WORKER}{ssh}')
+    assert re.fullmatch(r"WRONG 127.0.0.1 map/shade: volume: another one than local map/shade sees: .*; copy .*", lines)
+
+
+def test_a_volume_that_is_not_there_is_named(person: Person, ssh: str) -> None:
+    lines = wrong(person, f'data-root = "{person.folder}/state"\n{BOTH}{ssh}')
+    assert "127.0.0.1 map/shade: volume: " in lines and "head.nrrd" in lines
+
+
+def test_a_name_that_nobody_knows_and_a_port_where_nobody_listens_are_told_apart(person: Person, ssh: str) -> None:
+    local = f'launcher = "local"\nthreads = 1\ndata-root = "{person.folder}/there"\n{BOTH}'
+    unknown = f'{WORKER}launcher = "ssh"\nhost = "nowhere.invalid"\n'
+    options = ["-F", "none", "-p", str(free_port())]
+    refused = f'{WORKER}launcher = "ssh"\nhost = "localhost"\nssh.options = {options!r}\n'
+    lines = wrong(person, local, unknown, refused)
+    assert "nowhere.invalid: name: nowhere.invalid is unknown" in lines
+    assert "localhost: port: " in lines and "nobody listens there" in lines
+
+
+def test_another_version_and_no_volsplat_at_all_are_named(person: Person, ssh: str, tmp_path: Path) -> None:
+    command = re.search(r'command = "(.*)"', ssh)
+    assert command is not None
+    other = tmp_path / "volsplat"
+    other.write_text(f'#!/bin/sh\n[ "$1" = --version ] && echo "volsplat 0.0.1" && exit\nexec {command[1]} "$@"\n')
+    other.chmod(0o755)
+    told = f'data-root = "{person.folder}/there"\n{BOTH}' + ssh
+    assert "version: volsplat 0.0.1 there" in wrong(person, told.replace(command[1], str(other)))
+    assert "give command = " in wrong(person, told.replace(command[1], "/nowhere/volsplat"))
+
+
+def test_servers_of_another_token_are_named(person: Person) -> None:
+    machine = f'launcher = "local"\nthreads = 1\nlisten = "127.0.0.1:{free_port()}"\n{BOTH}'
+    path = cluster_file(person.folder, f"token-{os.getpid()}", machine)
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    (token,) = (person.folder / "state").glob("volsplat/clusters/*/token")
+    try:
+        token.write_text("another-token-than-the-servers-know\n", encoding="utf-8")
+        said = person.runs("deploy", "doctor", str(path))
+        assert said.returncode == 2
+        assert len(re.findall("WRONG .*: link: .*token", said.stdout)) == 2, said.stdout + said.stderr
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0
