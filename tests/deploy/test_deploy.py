@@ -209,3 +209,21 @@ def test_who_is_missing_is_named_with_the_reason(person: Person, monkeypatch: py
         with pytest.raises(PeerLost, match="servers of nobody are missing: .* nobody listens there"):
             session.default_scene()
     person.runs("deploy", "down", str(path))
+
+
+def test_silence_of_a_cluster_file_is_that_of_its_servers_and_clients(person: Person) -> None:
+    path = cluster_file(person.folder, f"silent-{os.getpid()}", f"{LOCAL}map-shade-servers = 2\nsplat-servers = 1\n")
+    path.write_text(f"silence = 1.25\n{path.read_text(encoding='utf-8')}", encoding="utf-8")
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    try:
+        servers = [psutil.Process(process) for process in processes(person)]
+        for server in servers:
+            words = server.cmdline()
+            assert words[words.index("--silence") + 1] == "1.25"
+        with Session(person.folder / "head.nrrd", cluster=path) as session:
+            session.finish(session.default_scene())
+            servers[1].suspend()
+            wait_until(lambda: any("has said nothing for 1.25 s" in one.cause for one in session.servers), "noticed")
+            servers[1].resume()
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0

@@ -1,0 +1,119 @@
+"""docs/lab.md, typed from top to bottom at a desk in a lab of four hosts in a box."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import signal
+import subprocess
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from support.checkout import ROOT
+from support.lab.box import Box, box, why_no_box
+from support.patience import PATIENCE, wait_until
+from support.programs.programs import VOLSPLAT
+from volsplat.program.exit_status import EXIT_INTERRUPTED
+
+WHY_NOT = why_no_box()
+pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
+
+PAGE = (ROOT / "docs" / "lab.md").read_text(encoding="utf-8")
+NODES = ("node1", "node2", "node3")
+NOT_RUN = ("make install", "pip wheel", "for node in")  # test_installation.py installs wheels
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Someone who types what the page says; `folder` stands for the disks of all hosts."""
+
+    box: Box
+    folder: Path
+
+    def on(self, text: str) -> str:
+        """As it is on these hosts, whose ssh has its configuration elsewhere, and volsplat its place."""
+        text = text.replace("~/volsplat/bin/volsplat", str(VOLSPLAT)).replace("/scratch/volumes", f"{self.folder}/v")
+        return text.replace('launcher = "ssh"', f'launcher = "ssh"\nssh.options = ["-F", "{self.box.ssh_config}"]')
+
+    def words(self, line: str) -> list[str]:
+        program, *rest = shlex.split(self.on(line))
+        inside = self.box.hosts["desk"].inside
+        if program == "volsplat":
+            return [*inside, str(VOLSPLAT), *rest, *(["--size", "24"] if rest[0] == "phantom" else [])]
+        return [*inside, program, "-F", str(self.box.ssh_config), *rest]
+
+    def starts(self, line: str) -> subprocess.Popen[str]:
+        environment = {**os.environ, "XDG_STATE_HOME": str(self.folder / "state")}
+        piped = subprocess.PIPE
+        return subprocess.Popen(
+            self.words(line), cwd=self.folder, env=environment, stdout=piped, stderr=piped, encoding="utf-8"
+        )
+
+    def types(self, line: str) -> str:
+        with self.starts(line) as typed:
+            out, errors = typed.communicate(timeout=PATIENCE)
+        assert typed.returncode == 0, f"{line}\n{out}{errors}"
+        return out
+
+    def views(self, line: str) -> None:
+        """Until the page is there; Ctrl-C then ends it."""
+        with self.starts(f"{line} --no-browser") as viewing:
+            assert viewing.stderr is not None
+            said = ""
+            for text in viewing.stderr:
+                said += text
+                if "http://" in text:
+                    viewing.send_signal(signal.SIGINT)
+        assert viewing.returncode == EXIT_INTERRUPTED, said
+
+
+@pytest.fixture
+def desk(tmp_path: Path) -> Iterator[Desk]:
+    (tmp_path / "v").mkdir()
+    with box(tmp_path, ("desk", *NODES)) as made:
+        yield Desk(made, tmp_path)
+
+
+def typed_lines() -> list[str]:
+    lines = re.findall(r"^ {4}(\S.*)$", PAGE, re.MULTILINE)
+    return [line for line in lines if not line.startswith(NOT_RUN) and line != "done"]
+
+
+def tables() -> list[str]:
+    return re.findall(r"^```toml\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def test_the_page_leads_from_bare_machines_to_a_picture(desk: Desk) -> None:
+    (desk.folder / "lab.toml").write_text(desk.on(tables()[0]), encoding="utf-8")
+    lines = typed_lines()
+    assert lines[-1].startswith("ssh -N")
+    for line in lines[:-1]:
+        if line.startswith("volsplat view"):
+            desk.views(line)
+        else:
+            out = desk.types(line)
+            assert "WRONG" not in out and (" doctor " not in line or out.count("volume: ") == len(NODES)), out
+    assert (desk.folder / "head.png").stat().st_size
+    wait_until(lambda: not any(map(desk.box.servers, NODES)), "without servers")
+
+
+def test_where_only_ssh_gets_through_it_carries_the_way_back(desk: Desk) -> None:
+    told, top = tables()
+    name, node1, node2, _ = told.split("[[machines]]")
+    address = desk.box.hosts["node1"].address  # in the box a host's name is ssh's alone
+    advertised = node1.replace("splat-servers = 1\n", f'splat-servers = 1\nadvertise = "{address}"\n', 1)
+    file = "[[machines]]".join([name + top, advertised, node2])
+    (desk.folder / "lab.toml").write_text(desk.on(file), encoding="utf-8")
+    desk.types("volsplat phantom head -o v/head.nrrd")
+    tunnel = typed_lines()[-1]
+    with desk.starts(tunnel) as first, desk.starts(tunnel.replace("node1", "node2")) as second:
+        try:
+            assert "without TLS" in desk.types("volsplat deploy doctor lab.toml head.nrrd")
+            desk.types("volsplat render head.nrrd --cluster lab.toml -o head.png")
+        finally:
+            first.terminate()
+            second.terminate()
