@@ -33,6 +33,7 @@ class DataLinks:
         self._encryption = encryption
         self._given_up = given_up
         self._links: dict[int, DataLink] = {}  # by splat server; replaced, never changed
+        self._wanted: Sequence[Route] | None = None  # of the newest request, which may still wait; None before any
 
     @property
     def of_servers(self) -> Mapping[int, DataLink]:
@@ -69,10 +70,14 @@ class DataLinks:
             Role.SPLAT_SERVER,
             server=route.server,
             encryption=self._encryption,
-            given_up=self._given_up,
+            handshake_seconds=CLIENT_FIRST * self._heartbeat.silence,  # one that is frozen takes what is dialled
+            given_up=lambda: self._given_up() or self._is_unwanted(route),
         )
         self._heartbeat.keep(connection, lambda: CLIENT_FIRST * self._heartbeat.silence)
         return DataLink(route, connection)
+
+    def _is_unwanted(self, route: Route) -> bool:
+        return self._wanted is not None and route not in self._wanted
 
     def begin_frame(self, frame: int, plan: FramePlan) -> memoryview:
         """The map of closed tiles of a frame's image, which every splat server has filled from now on for its lines."""
@@ -86,7 +91,8 @@ class DataLinks:
         self.interrupt_except(())
 
     def interrupt_except(self, routes: Sequence[Route]) -> None:
-        """Likewise, but for those to the ends of these routes."""
+        """Likewise, but for those to the ends of these routes; no other is dialled again."""
+        self._wanted = routes
         for link in self._links.values():
             if link.route not in routes:
                 link.interrupt()

@@ -1,5 +1,7 @@
 """A map/shade server whose walkers send to several splat servers, with the test as its client and as these."""
 
+import socket
+import threading
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -7,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
 from support.programs.mapshade_bench import KEY, SCENE, Bench, probe, render
 from support.scenes.arbitrary import plain_scene
@@ -17,8 +19,10 @@ from volsplat.mapshade_server.data_links import DataLinks
 from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
+from volsplat.protocol.messages.session_messages import LEAST_SILENCE
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.text.errors import PeerLost
+from volsplat.protocol.wire.addresses import LOOPBACK
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import Heartbeat
@@ -189,4 +193,22 @@ def test_a_splat_server_that_cannot_be_reached_is_done_without(bench: Bench) -> 
     with pytest.raises(PeerLost, match="nobody listens"):
         links.connect([nobody], 1)
     assert not links.of_servers
+    links.close()
+
+
+def test_a_frozen_splat_server_is_dialled_no_more_once_the_client_has_given_it_up(bench: Bench) -> None:
+    there = bench.splat_servers[0].address
+    living = messages.Route(2, there.host, there.port, KEY)
+    links = DataLinks(bench.token, lambda: False, Heartbeat(LEAST_SILENCE), Encryption.BETWEEN_MACHINES)
+    with socket.create_server((LOOPBACK, 0)) as frozen:  # the system takes what it never answers
+        silent = messages.Route(3, LOOPBACK, int(frozen.getsockname()[1]), KEY)
+        connecting = threading.Thread(target=links.connect, args=([silent, living], 1), daemon=True)
+        connecting.start()
+        with frozen.accept()[0]:
+            links.interrupt_except([living])
+            connecting.join(PATIENCE)
+        assert list(links.of_servers) == [2]
+        frozen.setblocking(False)
+        with pytest.raises(BlockingIOError):
+            frozen.accept()
     links.close()
