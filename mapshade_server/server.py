@@ -165,6 +165,10 @@ class MapShadeServer:
             messages.MachineDescribed(memory_bytes=available_memory() + self._held.packed_bytes, threads=self._threads)
         )
 
+    @takes(messages.MeasureLink)
+    def _measure_link(self, request: messages.MeasureLink) -> None:
+        self._client.send(messages.LinkMeasured(request.wanted), bytes(request.wanted))
+
     # -- frames
 
     @takes(messages.ConnectToSplatServers)

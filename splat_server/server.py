@@ -221,6 +221,10 @@ class SplatServer:
         spans = self._spans
         self._outbox.post_later(lambda: spans.told(request.frame))  # the image that goes before is in it
 
+    @takes(messages.MeasureLink)
+    def _measure_link(self, request: messages.MeasureLink) -> None:
+        self._client.send(messages.LinkMeasured(request.wanted), bytes(request.wanted))
+
     @takes(messages.RenderFrame)
     def _render_frame(self, request: messages.RenderFrame) -> None:
         try:

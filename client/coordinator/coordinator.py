@@ -40,6 +40,7 @@ from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
 from volsplat.protocol.messages.handlers import Handler, check_handlers, handlers, takes
+from volsplat.protocol.messages.link_messages import LinkMeasured
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.session_messages import (
@@ -338,6 +339,7 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
 OWNERS = (Coordinator, VolumeHolding, Frames, Probes)
 
 OF_TRACES = frozenset({ClockRead, FrameTraced})  # see client/trace
-TAKEN = taken_by(Role.CLIENT) - OF_TRACES | {*get_args(Event)}
+OF_DOCTOR = frozenset({LinkMeasured})  # see deploy/doctor
+TAKEN = taken_by(Role.CLIENT) - OF_TRACES - OF_DOCTOR | {*get_args(Event)}
 
 check_handlers(TAKEN, *OWNERS)

@@ -9,6 +9,7 @@ from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.doctor import servers
 from volsplat.deploy.doctor.finding import Finding
+from volsplat.deploy.doctor.link_speed import link_speed
 from volsplat.deploy.doctor.meeting import Meeting
 from volsplat.deploy.doctor.packet_links import packet_links
 from volsplat.deploy.doctor.way_in import way_in
@@ -89,6 +90,8 @@ class Doctor:
                 continue
             self._find(servers.joined(*there[name]))
             self._find(servers.machine(*there[name], meeting))
+            self._doing(f"measuring the link to {name}")
+            self._find(link_speed(*there[name], meeting))
         return there
 
     def _volumes(self, there: There, meeting: Meeting) -> None:

@@ -53,7 +53,8 @@ def test_each_hop_of_a_cluster_that_is_right_is_said_to_be_and_nothing_stays_beh
     assert said.returncode == 0, said.stdout + said.stderr
     assert [line.split(": ")[1] for line in said.stdout.splitlines()[:-1]] == [
         *("name", "port", "ssh", "clock", "version"),
-        *("link", "machine", "link", "machine", "volume", "packets"),
+        *("link", "machine", "speed") * 2,
+        *("volume", "packets"),
     ]
     assert all(line.startswith("ok") for line in said.stdout.splitlines()[:-1])
     assert person.runs("deploy", "status", str(person.folder / "cluster.toml")).returncode == 2

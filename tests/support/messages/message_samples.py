@@ -97,6 +97,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.DescribeMachine(), b""),
         (messages.Alive(2.0), b""),
         (messages.MachineDescribed(1 << 34, 8), b""),
+        (messages.MeasureLink(3, 5), b"any"),
+        (messages.LinkMeasured(5), b"bytes"),
         (messages.OpenPackets(2, "/data/head.zarr", [messages.LevelBoxes(1, BOXES[:1])], IDENTITY), b""),
         (messages.InviteWorkers({1: bytes(range(32)), 2: bytes(range(32, 64))}), b""),
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
@@ -302,6 +304,8 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
     messages.Alive: st.builds(messages.Alive, st.floats(0.5, 86400.0)),
     messages.MachineDescribed: st.builds(messages.MachineDescribed, counts, st.integers(1, messages.MOST_THREADS)),
+    messages.MeasureLink: st.builds(messages.MeasureLink, st.integers(0, 64), st.integers(0, 64)),
+    messages.LinkMeasured: st.builds(messages.LinkMeasured, st.integers(0, 64)),
     messages.OpenPackets: st.builds(
         messages.OpenPackets,
         ids,

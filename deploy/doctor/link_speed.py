@@ -1,0 +1,44 @@
+"""How fast the link to a server is: there and back for nothing, and by many bytes either way."""
+
+import time
+from collections.abc import Iterator
+
+from volsplat.deploy.cluster.state import KnownServer
+from volsplat.deploy.doctor.finding import Finding
+from volsplat.deploy.doctor.meeting import Meeting
+from volsplat.protocol.messages.link_messages import LARGEST_MEASURE, LinkMeasured, MeasureLink
+from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.wire.connection import Connection
+
+ROUNDS = 5  # of which the fastest counts: what else runs only makes them slower
+ENOUGH_SECONDS = 1.0  # for one way of a slow link, after its first round
+BITS = 8
+
+
+def link_speed(one: KnownServer, server: Connection, meeting: Meeting) -> Finding:
+    name = one.started.name
+    try:
+        nothing = min(_rounds(server, meeting, 0, 0))
+        there = min(_rounds(server, meeting, LARGEST_MEASURE, 0)) - nothing
+        back = min(_rounds(server, meeting, 0, LARGEST_MEASURE)) - nothing
+    except VolsplatError as error:
+        return Finding(name, "speed", False, str(error))
+    line = f"{nothing * 1e3:.2g} ms there and back, {_rate(there)} to it, {_rate(back)} from it"
+    return Finding(name, "speed", True, line)
+
+
+def _rounds(server: Connection, meeting: Meeting, sent: int, wanted: int) -> Iterator[float]:
+    """Seconds that each took."""
+    payload, began = bytes(sent), time.perf_counter()
+    for _ in range(ROUNDS):
+        asked = time.perf_counter()
+        meeting.ask(server, MeasureLink(sent=sent, wanted=wanted), LinkMeasured, payload)
+        yield time.perf_counter() - asked
+        if time.perf_counter() - began > ENOUGH_SECONDS:
+            return
+
+
+def _rate(seconds: float) -> str:
+    """Of so many seconds for the largest measure."""
+    bits = BITS * LARGEST_MEASURE / max(seconds, 1e-9)
+    return f"{bits / 1e9:.2g} Gbit/s" if bits >= 1e9 else f"{bits / 1e6:.3g} Mbit/s"
