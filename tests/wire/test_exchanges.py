@@ -56,7 +56,7 @@ def answers(way: Way) -> set[type[Message]]:
     return {answer for kind in EXCHANGES[way].values() for answer in kind.answers}
 
 
-UNANSWERED = (messages.InviteWorkers, messages.ImagesTaken, messages.Alive, messages.EndSession)
+UNANSWERED = (messages.NameSession, messages.InviteWorkers, messages.ImagesTaken, messages.Alive, messages.EndSession)
 
 
 @WAYS
