@@ -40,6 +40,7 @@ from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT
 from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.messages.vocabulary import MESSAGES
 from volsplat.protocol.rules.regions import Region
+from volsplat.protocol.text import rare_lines
 from volsplat.protocol.text.errors import BadInput, RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -238,9 +239,11 @@ def lasting(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Session,
     path = tmp_path_factory.mktemp("head") / "head.mha"
     write_volume(path, *make_phantom("head", size=SIZE))
     token = new_token()
-    with Session(path, workers=2, token=token) as session, SingleProcess(path) as single:
-        session.volume  # noqa: B018
-        yield session, single, token
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(rare_lines, "MOST_AT_ONCE", len(MESSAGES) + rare_lines.MOST_AT_ONCE)  # a line on each guest
+        with Session(path, workers=2, token=token) as session, SingleProcess(path) as single:
+            session.volume  # noqa: B018
+            yield session, single, token
 
 
 def lies(connection: Connection, message: Message, payload: bytes) -> None:
