@@ -25,7 +25,7 @@ struct OwnerSeconds {
 
 struct Stage {
     const char* name;
-    double OwnerSeconds::*seconds;
+    double OwnerSeconds::* seconds;
 };
 
 constexpr Stage kMerging{"merge", &OwnerSeconds::merge};
