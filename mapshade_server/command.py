@@ -19,6 +19,7 @@ from volsplat.program.server_process import (
     log_options,
     metrics_of,
     metrics_options,
+    name_option,
     sharing_option,
     silence_option,
     threads_of,
@@ -37,6 +38,7 @@ from volsplat.protocol.wire.tokens import need_token
 @click.option("--threads", type=THREADS, help="Threads that walk (cores).")
 @sharing_option
 @click.option("--data-root", type=click.Path(path_type=Path), help="Read nothing outside; relative names start there.")
+@name_option
 @tls_option
 @silence_option
 @metrics_options
@@ -51,6 +53,7 @@ def mapshade_server(
     threads: int | None,
     sharing: int,
     data_root: Path | None,
+    name: str,
     tls: bool | None,
     silence: float,
     metrics: Address | None,
@@ -70,7 +73,7 @@ def mapshade_server(
         stack.enter_context(closing(clients))
 
         def serve_one() -> None:
-            client = clients.next(new_hello(Role.MAPSHADE_SERVER, name=process_name()))
+            client = clients.next(new_hello(Role.MAPSHADE_SERVER, name=process_name(name)))
             try:
                 MapShadeServer(
                     client, token, threads_of(threads, sharing), held, silence, root, Encryption.of(tls), counts

@@ -92,6 +92,8 @@ silence_option = click.option(
     help=f"Seconds until a silent server counts as lost; a client, {AT_WORK:g} times as many ({SILENCE_SECONDS:g}).",
 )
 
+name_option = click.option("--name", default="", help="What the client calls it, beside its host and process.")
+
 _LOG_OPTIONS = (
     click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done."),
     click.option(

@@ -33,6 +33,6 @@ def _cpu_name() -> str:
     return names[0] if names else platform.machine()
 
 
-def process_name() -> str:
-    """What other processes call this one in messages: its host and process id."""
-    return f"{socket.gethostname()}, process {os.getpid()}"
+def process_name(name: str = "") -> str:
+    """What other processes call this one in messages: its host and process id, and the name that it was given."""
+    return f"{socket.gethostname()}, process {os.getpid()}" + (f", {name}" if name else "")

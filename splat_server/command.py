@@ -18,6 +18,7 @@ from volsplat.program.server_process import (
     log_options,
     metrics_of,
     metrics_options,
+    name_option,
     sharing_option,
     silence_option,
     threads_of,
@@ -53,6 +54,7 @@ ANY_PORT = f"{LOOPBACK}:0"
 )
 @click.option("--threads", type=THREADS, help="Threads that splat (cores).")
 @sharing_option
+@name_option
 @tls_option
 @silence_option
 @metrics_options
@@ -68,6 +70,7 @@ def splat_server(
     advertise: str | None,
     threads: int | None,
     sharing: int,
+    name: str,
     tls: bool | None,
     silence: float,
     metrics: Address | None,
@@ -96,7 +99,7 @@ def splat_server(
                 encryption=Encryption.of(tls),
             ) as data_links:
                 host, port = told_address(data_links.address, advertise)
-                hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name())
+                hello = new_hello(Role.SPLAT_SERVER, data_host=host, data_port=port, name=process_name(name))
                 client, owners = clients.next(hello), threads_of(threads, sharing)
                 SplatServer(client, data_links, invitations, owners, silence, counts).run()
 

@@ -47,7 +47,8 @@ def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_p
     ):
         for n in range(count):
             name = f"{title} {SHORT[program]}" + (f" {n + 1}" if count > 1 else "")
-            arguments = ["--resident", "--keep", f"{cluster.keep:g}", "--silence", f"{cluster.silence:g}"]
+            arguments = ["--name", name, "--resident"]
+            arguments += ["--keep", f"{cluster.keep:g}", "--silence", f"{cluster.silence:g}"]
             arguments += [] if cluster.tls else ["--no-tls"]
             if waits is None:
                 arguments += ["--connect", client_address(cluster, machine, listen_port)]

@@ -24,8 +24,7 @@ class KnownServer(msgspec.Struct, frozen=True, kw_only=True):
 
     def is_process(self, name: str) -> bool:
         """Whether a server that names its process so is the one that was started as this."""
-        number = self.started.handle.get("process")
-        return number is not None and name.endswith(f", process {number}")
+        return name.endswith(f", {self.started.name}")
 
 
 class ClusterState(msgspec.Struct, frozen=True, kw_only=True):
