@@ -62,15 +62,15 @@ PROPERTIES := $(addprefix tests/,$(addprefix exactness/test_,order_independence.
 	$(addprefix splat_server/test_,volume_edges.py closed_tiles.py splat_server.py) session/test_session.py)
 
 # The page is tested in a real browser, movies with ffmpeg, and machines of a lab with sshd, which package openssh-server
-# brings; where they cannot be installed, those tests say so.
-TOOLS := chromium ffmpeg sshd
+# brings, and with Slurm; where they cannot be installed, those tests say so.
+TOOLS := chromium ffmpeg sshd munged slurmctld slurmd
 .PHONY: tools
 tools:
 	@for tool in $(TOOLS); do PATH="$$PATH:/usr/sbin" command -v $$tool > /dev/null || missing="$$missing $$tool"; done; \
 	if [ -z "$$missing" ]; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
 		apt-get update -qq && apt-get install -qq -y --no-install-recommends \
-			$$(echo "$$missing" | sed 's/\bsshd\b/openssh-server/') > /dev/null; \
+			$$(echo "$$missing" | sed 's/\bsshd\b/openssh-server/; s/\bmunged\b/munge/') > /dev/null; \
 	else echo "not found:$$missing; tests that need them will be skipped"; fi
 
 CPP := $(foreach room,kernels */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))

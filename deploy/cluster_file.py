@@ -17,6 +17,7 @@ from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
 
 LauncherName = Literal["local", "ssh", "dask", "slurm", "kubernetes", "manual"]
+ENGINES = {"dask", "slurm", "kubernetes"}  # choose a place for each server, and give it cores of its own
 Count = Annotated[int, Meta(ge=0, le=1000)]
 Text = Annotated[str, Meta(min_length=1, max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
 Name = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"\A[A-Za-z0-9][A-Za-z0-9._-]*\Z")]
@@ -141,6 +142,11 @@ def _check(cluster: Cluster, name: str) -> None:
             if not 0 < first <= 65536 - max(servers, 1):
                 raise BadInput(
                     f"{place}.listen: port {first} leaves no room for {servers} servers; choose from 1024 on"
+                )
+            if machine.launcher in ENGINES and machine.host is None:
+                raise BadInput(
+                    f'{place}.listen: {machine.launcher} chooses where servers run; add host = "NAME", or leave '
+                    "listen out: then they dial the client"
                 )
         if machine.launcher == "ssh" and machine.host is None:
             raise BadInput(f'{place}.host: the launcher ssh needs to know where; add host = "NAME"')

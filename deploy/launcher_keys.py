@@ -17,7 +17,8 @@ class DaskKeys(LauncherKeys, frozen=True):
 
 
 class SlurmKeys(LauncherKeys, frozen=True):
-    options: tuple[str, ...] = ()  # for sbatch, as ["--partition", "short"]
+    options: tuple[str, ...] = ()  # for sbatch, of each server, as ["--partition=short", "--mem=16G"]
+    folder: str = ""  # that this machine and the nodes see, for logs and the token; empty: the cluster's own
 
 
 class KubernetesKeys(LauncherKeys, frozen=True):

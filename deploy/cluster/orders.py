@@ -4,9 +4,9 @@ import socket
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from volsplat.deploy.cluster_file import Cluster, Machine
+from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
 from volsplat.deploy.launchers.launcher import ServerOrder
-from volsplat.deploy.launchers.ssh import host_name
+from volsplat.deploy.launchers.table import host_name
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
@@ -57,7 +57,7 @@ def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_p
                 arguments += ["--wait-at", str(waits)]
                 dialled = waits._replace(host=_reached_at(machine, waits))
                 waits = waits._replace(port=waits.port + 1)
-            arguments += ["--sharing", str(count)] if machine.threads is None else ["--threads", str(machine.threads)]
+            arguments += _cores(machine, count)
             if program is Program.SPLAT_SERVER:
                 arguments += [] if alone else ["--listen", f"{EVERYWHERE}:0"]
                 arguments += ["--advertise", machine.advertise] if machine.advertise else []
@@ -66,15 +66,21 @@ def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_p
             yield Ordered(ServerOrder(name, program, tuple(arguments)), number, dialled)
 
 
+def _cores(machine: Machine, servers: int) -> list[str]:
+    if machine.threads is not None:
+        return ["--threads", str(machine.threads)]
+    return [] if machine.launcher in ENGINES else ["--sharing", str(servers)]
+
+
 def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
     """Where servers of this machine dial the client."""
     if machine.launcher == "local":
         return str(Address(LOOPBACK, listen_port))
     if cluster.client is not None:
         return cluster.client
-    if machine.launcher != "ssh":
-        raise BadInput(f'{machine.title}: its servers must know where to dial; add client = "HOST:PORT", or listen')
     there = host_name(machine)
+    if there is None:
+        raise BadInput(f'{machine.title}: its servers must know where to dial; add client = "HOST:PORT", or listen')
     try:
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
             asking.connect((there, DISCARD_PORT))
@@ -94,4 +100,4 @@ def _reached_at(machine: Machine, waits: Address) -> str:
         return machine.advertise.rpartition(":")[0] or machine.advertise
     if machine.launcher == "local":
         return LOOPBACK
-    return host_name(machine) if machine.launcher == "ssh" else machine.title
+    return host_name(machine) or machine.title

@@ -3,12 +3,12 @@
 No secret stands in a script: the token comes by its standard input, and goes on in the servers' environment.
 """
 
-import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 from volsplat.deploy.launchers.launcher import Said, Secrets, ServerOrder, ServerState, StartedServer
+from volsplat.deploy.launchers.log_files import file_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
@@ -83,7 +83,7 @@ def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequenc
         for command in dict.fromkeys(commands)
     ]
     for order, command in zip(orders, commands, strict=True):
-        log = re.sub(r"[^A-Za-z0-9._-]+", "-", order.name) + ".log"
+        log = file_name(order.name) + ".log"
         words = " ".join([command, *map(shlex.quote, order.arguments)])
         parts.append(
             f'setsid nohup {words} > "$d"/{log} 2>&1 < /dev/null &\n'

@@ -21,14 +21,29 @@ class Row(NamedTuple):
 LAUNCHERS = {
     "local": Row("processes of this machine", "volsplat.deploy.launchers.local", "LocalLauncher"),
     "ssh": Row("OpenSSH, with your own config and keys", "volsplat.deploy.launchers.ssh", "SshLauncher"),
+    "slurm": Row("jobs of a Slurm cluster", "volsplat.deploy.launchers.slurm", "SlurmLauncher"),
     "manual": Row("prints what to type on each machine", "volsplat.deploy.launchers.manual", "ManualLauncher"),
 }
 
 
 def launcher_of(machine: Machine, folder: Path) -> Launcher:
     """The launcher of a machine. `folder` (mode 0700) is for its logs, and for files that only its owner may read."""
+    row = _row(machine)
+    launcher: Launcher = getattr(import_module(row.module), row.name)(machine, folder)
+    return launcher
+
+
+def host_name(machine: Machine) -> str | None:
+    """A host on the network of a machine's servers, where they themselves are if its launcher knows that.
+
+    None where it knows neither. Raises BadInput.
+    """
+    found = getattr(import_module(_row(machine).module), "host_name", None)
+    return machine.host if found is None else found(machine)
+
+
+def _row(machine: Machine) -> Row:
     row = LAUNCHERS.get(machine.launcher)
     if row is None:
         raise BadInput(f"launcher {machine.launcher}: there is none yet; choose from {', '.join(LAUNCHERS)}")
-    launcher: Launcher = getattr(import_module(row.module), row.name)(machine, folder)
-    return launcher
+    return row
