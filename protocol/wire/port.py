@@ -26,7 +26,7 @@ from volsplat.protocol.wire.unix_socket import is_ours, opened_door
 
 HANDSHAKE_SECONDS = 5.0
 MOST_PENDING = 64  # handshakes at a time
-BACKLOG = 128
+BACKLOG = 1024  # callers that the system holds until they are taken; one too many tries again after a second, or later
 SHORTAGE_PAUSE_SECONDS = 0.1  # when the system has no socket left to give
 HERE = Address(LOOPBACK, 0)  # of callers that come by the Unix socket
 
