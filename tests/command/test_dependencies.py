@@ -37,7 +37,16 @@ DISTRIBUTIONS = {  # of modules: fsspec[http] brings aiohttp
     "prometheus_client": "prometheus-client",
 }
 IMPORTERS = {"library", "import_module"}  # functions that import what they are given by name
-OURS = {"volsplat", "support", "reference", "tolerances", "fuzz", "faults", "large_library"}  # and a test's own
+OURS = {
+    "volsplat",
+    "support",
+    "reference",
+    "tolerances",
+    "fuzz",
+    "faults",
+    "security",
+    "large_library",
+}  # and a test's own
 SOURCES = [path.relative_to(ROOT) for part in MAY_USE if "/" not in part for path in (ROOT / part).rglob("*.py")]
 
 

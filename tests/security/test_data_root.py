@@ -1,6 +1,5 @@
 """A map/shade server with --data-root, as a process of its own: nothing outside is read, whatever leads there."""
 
-import ctypes
 import os
 import subprocess
 import threading
@@ -11,10 +10,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from security.landlock import WITHOUT, has_landlock
 
 from support.patience import PATIENCE
 from volsplat.deploy.server_command import Program, server_command
-from volsplat.program.confinement import CREATE_RULESET
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.wire.connection import Connection
@@ -22,11 +21,8 @@ from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.tokens import new_token
 
 VOXELS = np.arange(8 * 8 * 8, dtype=np.uint8).reshape(8, 8, 8)
-WHICH_VERSION = 1  # of Landlock; negative where there is none
 
-pytestmark = pytest.mark.skipif(
-    ctypes.CDLL(None).syscall(CREATE_RULESET, None, 0, WHICH_VERSION) < 1, reason="this kernel has no Landlock"
-)
+pytestmark = pytest.mark.skipif(not has_landlock(), reason=WITHOUT)
 
 
 @pytest.fixture
