@@ -1,15 +1,17 @@
 """A map/shade server with --data-root, as a process of its own: nothing outside is read, whatever leads there."""
 
 import os
+import shutil
 import subprocess
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+import tifffile
 from security.landlock import WITHOUT, has_landlock
 
 from support.patience import PATIENCE
@@ -38,10 +40,8 @@ def root(tmp_path: Path) -> Path:
         file["v"] = VOXELS
     with h5py.File(inside / "external.h5", "w") as file:
         file["v"] = h5py.ExternalLink(str(outside / "secret.h5"), "/v")
-    nrrd = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 8\nspacings: 1 1 1\nencoding: raw\ndata file: "
-    (inside / "up.nhdr").write_text(f"{nrrd}../{outside.name}/secret.raw\n", encoding="ascii")
-    image = "ObjectType = Image\nNDims = 3\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = "
-    (inside / "absolute.mhd").write_text(f"{image}{outside}/secret.raw\n", encoding="ascii")
+    (inside / "up.nhdr").write_text(NRRD.format(f"../{outside.name}/secret.raw"), encoding="ascii")
+    (inside / "absolute.mhd").write_text(META_IMAGE.format(f"{outside}/secret.raw"), encoding="ascii")
     (inside / "link.npy").symlink_to(outside / "secret.npy")
     (inside / "folder").symlink_to(outside)
     zarr = inside / "linked.zarr"
@@ -93,6 +93,81 @@ def test_a_refusal_does_not_tell_whether_there_is_such_a_file(control: Connectio
         assert isinstance(refused, messages.Refused)
         causes.append(refused.cause.replace(str(name), "NAME"))
     assert causes[0] == causes[1]
+
+
+NRRD = "NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 8 8\nspacings: 1 1 1\nencoding: raw\ndata file: {}\n"
+META_IMAGE = "ObjectType = Image\nNDims = 3\nDimSize = 8 8 8\nElementType = MET_UCHAR\nElementDataFile = {}\n"
+
+
+def linked(path: Path, place: str) -> None:
+    with h5py.File(path, "w") as file:
+        file["v"] = h5py.ExternalLink(place, "/v")
+
+
+def linked_twice(path: Path, place: str) -> None:
+    between = path.with_name(f"between {path.name}")
+    linked(between, place)
+    linked(path, between.name)
+
+
+def virtual(path: Path, place: str) -> None:
+    layout = h5py.VirtualLayout(VOXELS.shape, np.uint8)
+    layout[:] = h5py.VirtualSource(place, "v", VOXELS.shape)
+    with h5py.File(path, "w") as file:
+        file.create_virtual_dataset("v", layout)
+
+
+def kept_elsewhere(path: Path, place: str) -> None:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("v", VOXELS.shape, np.uint8, external=[(place, 0, VOXELS.nbytes)])
+
+
+def ome_tiff(path: Path, place: str) -> None:
+    """Its voxels are said to lie in another file."""
+    told = (
+        '<OME xmlns="http://www.openmicroscopy.org/Schemas/OME/2016-06"><Image ID="Image:0"><Pixels ID="Pixels:0" '
+        'DimensionOrder="XYZCT" Type="uint8" SizeX="8" SizeY="8" SizeZ="8" SizeC="1" SizeT="1"><TiffData FirstZ="0" '
+        f'PlaneCount="8"><UUID FileName="{place}">urn:uuid:0</UUID></TiffData></Pixels></Image></OME>'
+    )
+    tifffile.imwrite(path, VOXELS, description=told, metadata=None)
+
+
+NAMING: dict[str, Callable[[Path, str], object]] = {
+    "one.nhdr": lambda path, place: path.write_text(NRRD.format(place), encoding="ascii"),
+    "one.mhd": lambda path, place: path.write_text(META_IMAGE.format(place), encoding="ascii"),
+    "linked.h5": linked,
+    "linked_twice.h5": linked_twice,
+    "virtual.h5": virtual,
+    "kept_elsewhere.h5": kept_elsewhere,
+    "one.ome.tif": ome_tiff,
+}
+
+
+def test_a_header_does_not_tell_whether_there_is_what_it_names(control: Connection, root: Path) -> None:
+    outside = Path("..", "root of others")
+    (root / outside / "short.raw").write_bytes(b"short")
+    for name, make in NAMING.items():
+        causes = set()
+        for place in ("secret.h5", "secret.raw", "short.raw", "absent.raw", "absent/absent.raw", "/etc/passwd"):
+            make(root / name, str(outside / place))
+            for part in ("", "#/v") if name.endswith(".h5") else ("",):
+                refused = described(control, f"{name}{part}")
+                assert isinstance(refused, messages.Refused)
+                causes.add(refused.cause.replace(str(outside / place), "PLACE"))
+        (cause,) = causes
+        assert "names PLACE, which does not lie below this server's --data-root" in cause
+
+
+def test_what_a_header_names_within_is_read(control: Connection, root: Path) -> None:
+    (root / "voxels.raw").write_bytes(VOXELS.tobytes())
+    shutil.copy(root.parent / "root of others" / "secret.h5", root / "voxels.h5")
+    tifffile.imwrite(root / "voxels.tif", VOXELS, metadata=None)
+    of_its_own = {"kept_elsewhere.h5": "voxels.raw", "one.ome.tif": "voxels.tif"}
+    for name, make in NAMING.items():
+        make(root / name, of_its_own.get(name, "voxels.h5" if name.endswith(".h5") else "voxels.raw"))
+        answer = described(control, f"{name}#/v" if name.endswith(".h5") else name)
+        assert isinstance(answer, messages.VolumeDescribed), name
+        assert answer.description.geometry.dims == VOXELS.shape
 
 
 def test_a_link_that_is_swapped_all_the_time_leads_nowhere_else(control: Connection, root: Path) -> None:

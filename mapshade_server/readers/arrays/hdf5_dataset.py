@@ -31,6 +31,7 @@ from volsplat.mapshade_server.readers.arrays.array_volume import (
 from volsplat.mapshade_server.readers.arrays.cf_coordinates import Coordinates, coordinates_of
 from volsplat.mapshade_server.readers.arrays.hdf5_chunks import read_selection
 from volsplat.mapshade_server.readers.arrays.hdf5_images import Hdf5Image, image_in
+from volsplat.mapshade_server.readers.arrays.hdf5_names import files_beside, refuse_outside
 from volsplat.mapshade_server.readers.reading import extra
 from volsplat.mapshade_server.readers.reading.bounded_unpacking import check_promise
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
@@ -61,6 +62,7 @@ def open_hdf5(path: Path, part: str) -> OpenedVolume:
     """The reader for a dataset. Raises BadInput if none is a volume, or the person must choose one."""
     chosen, h5py = array_part(path, part), _h5py()
     with _opened(h5py, path) as file:
+        refuse_outside(h5py, path)
         if (image := image_in(h5py, chosen, file)) is not None:
             return _image(h5py, chosen, image, file[image.path])
         dataset = _dataset(h5py, chosen, file)
@@ -209,8 +211,7 @@ def _check_readable(h5py: ModuleType, part: ArrayPart, dataset: Any) -> None:
 
 def _check_files_beside(part: ArrayPart, dataset: Any) -> None:
     """Raises BadInput if a file that holds its voxels is a FIFO, which HDF5 would wait for."""
-    virtual = [source.file_name for source in dataset.virtual_sources()] if dataset.is_virtual else []
-    for name in (*virtual, *(name for name, _, _ in dataset.external or ())):
+    for name in files_beside(dataset):
         beside = Path(part.place).parent / name
         if beside.exists():
             check_is_file(beside)

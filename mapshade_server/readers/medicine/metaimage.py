@@ -13,6 +13,7 @@ import numpy as np
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
 from volsplat.mapshade_server.readers.reading.length_units import length_unit
+from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, geometry_of, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels, numbered_names
@@ -151,7 +152,7 @@ def _integers(path: Path, fields: dict[str, str], name: str) -> tuple[int, ...]:
 
 def _stored(path: Path, fields: dict[str, str], end: int, dims: Index, compressed: bool) -> StoredVoxels:
     names = _data_files(path, fields)
-    paths = [path.parent / name for name in names] or [path]
+    paths = [named_file(path, name) for name in names] or [path]
     if dims[2] % len(paths):
         raise BadInput(f"{path}: the header names {len(paths)} files for {dims[2]} slices; correct the header")
     sheets = dims[2] // len(paths)

@@ -14,6 +14,7 @@ from volsplat.mapshade_server.readers.medicine.nrrd_header import NrrdHeader, he
 from volsplat.mapshade_server.readers.medicine.nrrd_kinds import kind_of, refuse_flat_colours
 from volsplat.mapshade_server.readers.medicine.nrrd_place import place_of
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.part_options import chosen_frame
 from volsplat.mapshade_server.readers.reading.simple_itk import extracted, header_of
 from volsplat.mapshade_server.readers.reading.stored_voxels import (
@@ -183,7 +184,7 @@ def _spatial(header: NrrdHeader, count: int) -> list[bool]:
 def _pieces(header: NrrdHeader, dims: Index, item_bytes: int, packing: Packing) -> tuple[Piece, ...]:
     """The files that hold the voxels, in the order of their sheets."""
     names = _data_files(header)
-    paths = [header.path.parent / name for name in names] or [header.path]
+    paths = [named_file(header.path, name) for name in names] or [header.path]
     if dims[2] % len(paths):
         raise header.wrong("data file", f"names {len(paths)} files for {dims[2]} slices")
     sheets = dims[2] // len(paths)

@@ -17,6 +17,7 @@ from volsplat.mapshade_server.readers.medicine.tiff_pages import MOST_GROWTH, Ti
 from volsplat.mapshade_server.readers.medicine.tiff_place import Place, placed, stated_place
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file
 from volsplat.mapshade_server.readers.reading.grids import refuse_other_dimensions, refuse_vectors
+from volsplat.mapshade_server.readers.reading.named_files import named_file
 from volsplat.mapshade_server.readers.reading.part_options import PartOptions, index_in, part_options
 from volsplat.mapshade_server.readers.reading.stored_voxels import Piece, StoredVoxels
 from volsplat.mapshade_server.readers.reading.volume_files import disk_files
@@ -89,7 +90,7 @@ def _check_ends(path: Path, file: Any) -> None:
 def _check_set(path: Path, file: Any) -> None:
     """Raises BadInput if a file that belongs to the same set is a FIFO, which tifffile would wait for."""
     told = ome_metadata(file.ome_metadata) if file.is_ome else OmeMetadata((), "")
-    named = [path.parent / name for image in told.images for name in (*image.files, told.kept_in) if name]
+    named = [named_file(path, name) for image in told.images for name in (*image.files, told.kept_in) if name]
     for other in (*named, *path.parent.glob("*.tif*")) if file.is_micromanager else named:
         if other.exists():
             check_is_file(other)

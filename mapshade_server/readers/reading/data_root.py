@@ -8,6 +8,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from urllib.parse import unquote
 
+from volsplat.mapshade_server.readers.reading.named_files import hold_names_to
 from volsplat.program.confinement import confine_reading
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
@@ -50,4 +51,5 @@ def held_to(folder: Path) -> Iterator[DataRoot]:
     with TemporaryDirectory(prefix="volsplat-") as scratch:  # what others put into the common one is not read
         tempfile.tempdir = scratch
         confine_reading((root.path, Path(scratch)))
+        hold_names_to(root.path)
         yield root
