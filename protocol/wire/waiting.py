@@ -69,11 +69,12 @@ class WaitingPort:
         with self._lock:
             hello = self._hello
         fresh = msgspec.structs.replace(hello or new_hello(self._role), nonce=secrets.token_bytes(NONCE_BYTES))
-        handshake = DiallerHandshake(self._token, fresh, Role.CLIENT, self._why_engaged)
+        handshake = DiallerHandshake(self._token, fresh, Role.CLIENT, lambda: self._why_engaged(hello))
         shake_hands(connection, handshake)
         peer = Peer(Role.CLIENT, address.host, address.port, version=handshake.version)
         connection.open(peer, fresh.role, handshake.id, self._allocate)
 
-    def _why_engaged(self) -> str:
+    def _why_engaged(self, hello: Hello | None) -> str:
+        """Empty for a client that has heard the hello of who still waits."""
         with self._lock:
-            return "" if self._hello is not None else self._engaged
+            return "" if hello is not None and self._hello is hello else self._engaged
