@@ -15,6 +15,11 @@ class Program(Enum):
         """The name that a person knows it by."""
         return {Program.MAPSHADE_SERVER: "map/shade server", Program.SPLAT_SERVER: "splat server"}[self]
 
+    @property
+    def command(self) -> str:
+        """The sub-command of `volsplat` that becomes it."""
+        return {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}[self]
+
 
 def server_command(program: Program, *options: str, python: str = sys.executable) -> list[str]:
     """The command that runs `program`. The token never stands on it: it goes through the environment."""

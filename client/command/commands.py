@@ -41,8 +41,10 @@ ENTRIES = {
         "Measure volsplat: its paper, its floors, its peers.", torch=True, module="volsplat.bench.commands.command"
     ),
     "deploy": Entry("Bring servers up on a lab's machines, ask after them, end them."),
-    "mapshade-server": Entry("Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER.value),
-    "splat-server": Entry("Run a splat server that joins a client.", program=Program.SPLAT_SERVER.value),
+    Program.MAPSHADE_SERVER.command: Entry(
+        "Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER.value
+    ),
+    Program.SPLAT_SERVER.command: Entry("Run a splat server that joins a client.", program=Program.SPLAT_SERVER.value),
 }
 
 

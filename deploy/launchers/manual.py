@@ -6,10 +6,8 @@ from pathlib import Path
 
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, ServerState, StartedServer
-from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 
-COMMANDS = {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}
 STARTED_BY_HAND = "started by hand; this machine cannot ask after it"
 
 
@@ -22,7 +20,7 @@ class ManualLauncher:
         where = self._machine.host or "the other machine"
         report(f"copy {self._token_file} to {where}, keep it from others' eyes (chmod 600), and type there:")
         for order in orders:
-            words = [COMMANDS[order.program], *order.arguments, "--token-file", "token"]
+            words = [order.program.command, *order.arguments, "--token-file", "token"]
             report(f"{self._machine.command} {shlex.join(words)}")
         return [StartedServer(order.name, where, {}) for order in orders]
 

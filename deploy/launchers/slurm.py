@@ -12,13 +12,11 @@ from typing import NamedTuple
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, ServerState, StartedServer
 from volsplat.deploy.launchers.log_files import file_name, last_line, last_lines
-from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
 
 SLURM_SECONDS = 60.0  # for one command: a controller that is busy lets them wait
-COMMANDS = {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}
 OWN_CORES = '--threads "$SLURM_CPUS_ON_NODE"'  # of the job, wherever it runs
 WAITING = {"PENDING", "CONFIGURING", "REQUEUED", "REQUEUE_HOLD", "RESV_DEL_HOLD", "SPECIAL_EXIT", "SUSPENDED"}
 AT_WORK = {"RUNNING", "RESIZING", "SIGNALING"}
@@ -100,7 +98,7 @@ class SlurmLauncher:
         return cores + ([] if machine.host is None else [f"--nodelist={machine.host}"])
 
     def _script(self, order: ServerOrder) -> str:
-        words = [COMMANDS[order.program], *order.arguments, "--token-file", str(self._token_file)]
+        words = [order.program.command, *order.arguments, "--token-file", str(self._token_file)]
         threads = [] if "--threads" in order.arguments else [OWN_CORES]
         return " ".join(["#!/bin/sh\nexec", self._machine.command, shlex.join(words), *threads]) + "\n"
 

@@ -8,14 +8,12 @@ from pathlib import Path
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, StartedServer
 from volsplat.deploy.launchers.shell import ShellServers
-from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import one_line
 
 SSH_SECONDS = 60.0  # for one script
 CONNECT_SECONDS = 10
 BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # nobody is there to be asked
-COMMANDS = {Program.MAPSHADE_SERVER: "mapshade-server", Program.SPLAT_SERVER: "splat-server"}
 NOT_REACHED = 255  # ssh's own status
 
 
@@ -29,7 +27,7 @@ class SshLauncher:
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         report(f"{self._host}: starting {len(orders)} servers by ssh")
-        commands = [f"{self._machine.command} {COMMANDS[order.program]}" for order in orders]
+        commands = [f"{self._machine.command} {order.program.command}" for order in orders]
         return self._servers.start(orders, commands, secrets)
 
     def states(self, servers: Sequence[StartedServer]) -> Mapping[str, Said]:
