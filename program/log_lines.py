@@ -6,6 +6,8 @@ import sys
 import time
 from enum import StrEnum
 
+import click
+
 from volsplat.program.this_machine import process_name
 from volsplat.protocol.text.printable import one_line
 
@@ -16,6 +18,15 @@ TOLD = ("session", "frame", "server")  # that an event may be about, by `extra`
 class LogForm(StrEnum):
     TEXT = "text"
     JSON = "json"
+
+
+log_format_option = click.option(
+    "--log-format",
+    type=click.Choice([form.value for form in LogForm]),
+    default=LogForm.TEXT.value,
+    envvar=FORM_VARIABLE,
+    help="Log for a person (text), or each event with time, session and frame as JSON.",
+)
 
 
 class _Lines(logging.Formatter):

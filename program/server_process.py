@@ -15,7 +15,7 @@ from volsplat.program.counts import Counts
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
-from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_to_stderr, say_last
+from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
 from volsplat.program.metrics_door import MetricsDoor, door_token
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
@@ -37,7 +37,19 @@ def address_option(context: click.Context, parameter: click.Parameter, value: st
     return None if value is None else parse_address(value)
 
 
-_CLIENT_OPTIONS = (
+def together(*options: Callable[[Command], Command]) -> Callable[[Command], Command]:
+    """One decorator for several options, which help lists in this order."""
+
+    def add(command: Command) -> Command:
+        for option in reversed(options):
+            command = option(command)
+        return command
+
+    return add
+
+
+# How a server finds its clients, for `clients_of`.
+client_options = together(
     click.option("--connect", metavar="HOST:PORT", callback=address_option, help="The client, which is dialled …"),
     click.option("--wait-at", metavar="HOST:PORT", callback=address_option, help="… or where clients dial."),
     click.option(
@@ -55,13 +67,6 @@ _CLIENT_OPTIONS = (
         help="End after so long without a client, if resident (600).",
     ),
 )
-
-
-def client_options(command: Command) -> Command:
-    """How a server finds its clients, for `clients_of`."""
-    for option in reversed(_CLIENT_OPTIONS):
-        command = option(command)
-    return command
 
 
 def clients_of(
@@ -94,19 +99,13 @@ silence_option = click.option(
 
 name_option = click.option("--name", default="", help="What the client calls it, beside its host and process.")
 
-_LOG_OPTIONS = (
-    click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done."),
-    click.option(
-        "--log-format",
-        type=click.Choice([form.value for form in LogForm]),
-        default=LogForm.TEXT.value,
-        envvar=FORM_VARIABLE,
-        help="Log for a person (text), or each event with time, session and frame as JSON.",
-    ),
+# How much is logged, and in which form, for `log_as_asked`.
+log_options = together(
+    click.option("-v", "--verbose", is_flag=True, help="Say on stderr what is done."), log_format_option
 )
 
-
-_METRICS_OPTIONS = (
+# Where metrics are handed out, for `metrics_of`.
+metrics_options = together(
     click.option(
         "--metrics",
         metavar="HOST:PORT",
@@ -117,13 +116,6 @@ _METRICS_OPTIONS = (
         "--metrics-token", type=click.Path(path_type=Path), help="File with their bearer token; made if missing."
     ),
 )
-
-
-def metrics_options(command: Command) -> Command:
-    """Where metrics are handed out, for `metrics_of`."""
-    for option in reversed(_METRICS_OPTIONS):
-        command = option(command)
-    return command
 
 
 def checked_metrics(address: Address | None, token_file: Path | None) -> Token | None:
@@ -148,13 +140,6 @@ def metrics_of(counts: Counts, address: Address | None, token: Token | None) -> 
         yield
     finally:
         door.close()
-
-
-def log_options(command: Command) -> Command:
-    """How much is logged, and in which form, for `log_as_asked`."""
-    for option in reversed(_LOG_OPTIONS):
-        command = option(command)
-    return command
 
 
 def log_as_asked(title: str, verbose: bool, log_format: str) -> None:

@@ -12,7 +12,7 @@ import click
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
-from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_to_stderr
+from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
 from volsplat.protocol.text.errors import BadInput
 
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
@@ -98,13 +98,7 @@ def _becoming(name: str, program: str) -> click.Command:
 @click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(package_name="volsplat", prog_name="volsplat")
 @click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for everything.")
-@click.option(
-    "--log-format",
-    type=click.Choice([form.value for form in LogForm]),
-    default=LogForm.TEXT.value,
-    envvar=FORM_VARIABLE,
-    help="Log for a person (text), or each event with time, session and frame as JSON.",
-)
+@log_format_option
 def volsplat(verbose: int, log_format: str) -> None:
     """Distributed, interactive volume rendering by splatting."""
     level = (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]

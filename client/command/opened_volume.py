@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from ipaddress import ip_address
 from pathlib import Path
-from typing import Any, TypeVar
 
 import click
 
@@ -19,7 +18,7 @@ from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.deploy.cluster_file import read_cluster
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.server_process import THREADS, silence_option, tls_option
+from volsplat.program.server_process import THREADS, silence_option, tls_option, together
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume_name import check_is_there
 from volsplat.protocol.text.byte_sizes import bytes_from_option
@@ -28,8 +27,6 @@ from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE, Token, find_token, new_token
-
-Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
@@ -50,7 +47,8 @@ class Servers:
 
 
 COUNT = click.IntRange(min=1)
-_SERVER_OPTIONS = (
+# How many servers there are, and what those started here may use.
+server_options = together(
     click.option("--workers", type=COUNT, default=usable_cores(), help="Map/shade servers (cores)."),
     click.option("--splat-servers", type=COUNT, default=1, help="Splat servers, which share the image (1)."),
     click.option(
@@ -67,13 +65,6 @@ _SERVER_OPTIONS = (
         help="Use the servers of this cluster file instead; brought up for this if they are not.",
     ),
 )
-
-
-def server_options(command: Command) -> Command:
-    """How many servers there are, and what those started here may use."""
-    for option in reversed(_SERVER_OPTIONS):
-        command = option(command)
-    return command
 
 
 memory_option = click.option(
