@@ -16,7 +16,6 @@ from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTER
 from volsplat.program.extras import need
 from volsplat.program.load_failures import load_failure
 from volsplat.program.log_lines import LogForm, log_format_option, log_to_stderr, say_last
-from volsplat.program.metrics_door import MetricsDoor, door_token
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.roles import Role
@@ -125,6 +124,8 @@ def checked_metrics(address: Address | None, token_file: Path | None) -> Token |
     need("prometheus_client", "--metrics", "metrics")
     if token_file is None:
         raise BadInput("--metrics needs --metrics-token FILE: a token that whoever reads metrics must show")
+    from volsplat.program.metrics_door import door_token
+
     return door_token(token_file)
 
 
@@ -134,6 +135,8 @@ def metrics_of(counts: Counts, address: Address | None, token: Token | None) -> 
     if address is None or token is None:
         yield
         return
+    from volsplat.program.metrics_door import MetricsDoor  # brings an HTTP server, which few ask for
+
     door = MetricsDoor(address, token, counts)
     try:
         log.warning("metrics are at http://%s/metrics", door.address)
