@@ -157,7 +157,6 @@ class MapShadeServer:
     @takes(messages.NameSession)
     def _name_session(self, request: messages.NameSession) -> None:
         name_session(request.session)
-        log.info("serving session %s", request.session, extra={"event": "session_begun"})
 
     @takes(messages.DescribeMachine)
     def _describe_machine(self, request: messages.DescribeMachine) -> None:

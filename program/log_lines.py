@@ -11,6 +11,8 @@ import click
 from volsplat.program.this_machine import process_name
 from volsplat.protocol.text.printable import one_line
 
+log = logging.getLogger(__name__)
+
 FORM_VARIABLE = "VOLSPLAT_LOG_FORMAT"  # in which servers of this machine hear of it
 TOLD = ("session", "frame", "server")  # that an event may be about, by `extra`
 
@@ -73,9 +75,10 @@ def log_to_stderr(title: str, level: int, form: LogForm = LogForm.TEXT) -> None:
 
 
 def name_session(session: str) -> None:
-    """What comes is of this session: for processes that have one at a time."""
+    """Log that this session is served, and all that comes as its: for processes that have one at a time."""
     for formatter in _json_formatters():
         formatter.session = session
+    log.info("serving session %s", session, extra={"event": "session_begun"})
 
 
 def say_last(title: str, line: str) -> None:
