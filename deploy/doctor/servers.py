@@ -5,7 +5,7 @@ from typing import NamedTuple
 from volsplat.deploy.cluster.state import KnownServer
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.meeting import Meeting
-from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.session_messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.volume_messages import DescribeVolume, VolumeDescribed
 from volsplat.protocol.text.errors import VolsplatError
@@ -19,11 +19,7 @@ class Seen(NamedTuple):
     """A volume as the first server sees it that could be asked."""
 
     by: str
-    described: VolumeDescribed
-
-    @property
-    def description(self) -> VolumeDescription:
-        return self.described.description
+    identity: VolumeIdentity
 
 
 def joined(one: KnownServer, server: Connection) -> Finding:
@@ -51,9 +47,9 @@ def volume(
         told = meeting.ask(server, DescribeVolume(path), VolumeDescribed)
     except VolsplatError as error:
         return Finding(name, "volume", False, str(error)), seen
-    if seen is not None and (difference := told.identity.difference(seen.described.identity)):
+    if seen is not None and (difference := told.identity.difference(seen.identity)):
         line = f"another one than {seen.by} sees: {difference}; copy the same files to both machines"
         return Finding(name, "volume", False, line), seen
     line = f"{told.identity.size} bytes, sample's checksum {told.identity.contents[:SHOWN]}"
     same = "" if seen is None else f", as {seen.by} sees it"
-    return Finding(name, "volume", True, line + same), seen or Seen(name, told)
+    return Finding(name, "volume", True, line + same), seen or Seen(name, told.identity)
