@@ -15,6 +15,7 @@ from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILE
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
+from volsplat.protocol.wire.encryption import Encryption
 
 LauncherName = Literal["local", "ssh", "dask", "slurm", "kubernetes", "manual"]
 ENGINES = {"dask", "slurm", "kubernetes"}  # choose a place for each server, and give it cores of its own
@@ -84,6 +85,10 @@ class Cluster(Table, frozen=True, kw_only=True):
         """That each map/shade server may hold: the least that any machine has; None where none says."""
         said = [bytes_from_option("memory", machine.memory) for machine in self.machines if machine.memory is not None]
         return min(said, default=None)
+
+    @property
+    def encryption(self) -> Encryption:
+        return Encryption.of(None if self.tls else False)
 
     @property
     def splat_servers(self) -> int:

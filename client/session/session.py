@@ -140,7 +140,7 @@ class Session:
             name, token, listen = self._cluster.volume(name), self._cluster.token, self._cluster.listens_at
             workers, splat_servers, silence = of.map_shade_servers, of.splat_servers, of.silence
             memory = memory or of.memory_bytes
-            encryption = Encryption.of(None if of.tls else False)
+            encryption = of.encryption
         self._tracer = None if trace is None else FrameTracer(Path(trace))
         self._on_progress = on_progress
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()

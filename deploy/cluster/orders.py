@@ -49,7 +49,7 @@ def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_p
             name = f"{title} {SHORT[program]}" + (f" {n + 1}" if count > 1 else "")
             arguments = ["--name", name, "--resident"]
             arguments += ["--keep", f"{cluster.keep:g}", "--silence", f"{cluster.silence:g}"]
-            arguments += [] if cluster.tls else ["--no-tls"]
+            arguments += cluster.encryption.options
             if waits is None:
                 arguments += ["--connect", client_address(cluster, machine, listen_port)]
                 dialled = None

@@ -17,7 +17,6 @@ from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import parse_address
 from volsplat.protocol.wire.calling import call
 from volsplat.protocol.wire.connection import Connection
-from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import Heartbeat, patience_with_server
 from volsplat.protocol.wire.listener import Listener
 
@@ -35,7 +34,7 @@ class Meeting:
     def __init__(self, running: RunningCluster, state: ClusterState) -> None:
         """Raises BadInput where another client of this machine takes them."""
         self._running, self._state = running, state
-        self._encryption = Encryption.of(None if running.cluster.tls else False)
+        self._encryption = running.cluster.encryption
         self._came = threading.Condition()  # guards what follows
         self._there: dict[str, Connection] = {}
         self._why: dict[str, str] = {}  # each that is dialled is not there
