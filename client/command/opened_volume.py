@@ -14,6 +14,7 @@ from pathlib import Path
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.render_outputs import check_file_writable
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.deploy.cluster_file import read_cluster
@@ -92,8 +93,8 @@ def servers_from_options(
     trace: Path | None = None,
 ) -> Servers:
     """What `server_options`, --listen, --token-file, --single and --memory ask for. Raises BadInput."""
-    if trace is not None and (trace.is_dir() or not os.access(trace.parent, os.W_OK)):
-        raise BadInput(f"{trace}: cannot write this file; name another with --trace")
+    if trace is not None:
+        check_file_writable("--trace", trace)
     if cluster is not None:
         if single or listen:
             raise BadInput("--cluster says where the servers are; leave out --single and --listen")

@@ -35,8 +35,7 @@ class Outputs:
             _check_folder(self.steps_dir)
         if self.report is not None:
             _refuse_volume(self.report, volume)
-            if self.report.is_dir() or not os.access(self.report.parent, os.W_OK):
-                raise BadInput(f"{self.report}: cannot write this file; name another with --report")
+            check_file_writable("--report", self.report)
 
     def make_folder(self) -> None:
         """Make the folder of the steps. Raises BadInput."""
@@ -45,6 +44,12 @@ class Outputs:
                 self.steps_dir.mkdir(parents=True, exist_ok=True)
             except OSError as error:
                 raise BadInput(f"{self.steps_dir}: cannot make this folder: {error.strerror}") from error
+
+
+def check_file_writable(option: str, path: Path) -> None:
+    """Raises BadInput for a file that an option names and that could not be written."""
+    if path.is_dir() or not os.access(path.parent, os.W_OK):
+        raise BadInput(f"{path}: cannot write this file; name another with {option}")
 
 
 def _check_folder(folder: Path) -> None:
