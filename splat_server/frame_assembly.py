@@ -104,6 +104,8 @@ class FrameAssembly:
 
     def note_owners(self, spans: FrameSpans, began: float) -> None:
         """Note what each owner was at since the frame `began`, and that else it waited. Once it is complete."""
+        if not spans.wanted:
+            return
         now = clock()
         for number, owned in enumerate(self.splat.spans):
             row, free = f"owner {number}", began
