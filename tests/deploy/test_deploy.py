@@ -9,13 +9,12 @@ from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
-import msgspec
 import psutil
 import pytest
 import torch
 
 from support.patience import PATIENCE, wait_until
-from support.programs.clusters import cluster_file, sshd
+from support.programs.clusters import cluster_file, drawn, handles, sshd
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.client import Session
@@ -52,16 +51,7 @@ def cluster(request: pytest.FixtureRequest, person: Person) -> Iterator[Path]:
 
 
 def processes(person: Person) -> list[int]:
-    (state,) = (person.folder / "state").glob("volsplat/clusters/*/state.json")
-    return [int(one["started"]["handle"]["process"]) for one in msgspec.json.decode(state.read_bytes())["servers"]]
-
-
-def drawn(person: Person, *options: str) -> bytes:
-    image = person.folder / "image.png"
-    image.unlink(missing_ok=True)
-    ran = person.runs("render", "head.nrrd", "-o", str(image), "--size", "48x48", *options)
-    assert ran.returncode == 0, ran.stderr
-    return image.read_bytes()
+    return [int(handle["process"]) for handle in handles(person)]
 
 
 def test_resident_servers_serve_one_client_after_the_other(person: Person, cluster: Path) -> None:

@@ -5,12 +5,11 @@ import subprocess
 from collections.abc import Iterator
 from pathlib import Path
 
-import msgspec
 import pytest
 
 from support.engines.slurm import CORES, slurm, why_no_slurm
 from support.patience import PATIENCE, wait_until
-from support.programs.clusters import cluster_file
+from support.programs.clusters import cluster_file, drawn, handles
 from support.programs.programs import VOLSPLAT, Person
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
@@ -64,19 +63,6 @@ def asked(*command: str) -> str:
 
 def jobs_left() -> list[str]:
     return asked("squeue", "--noheader", "--format=%A").split()
-
-
-def handles(person: Person) -> list[dict[str, str]]:
-    (state,) = (person.folder / "state").glob("volsplat/clusters/*/state.json")
-    return [one["started"]["handle"] for one in msgspec.json.decode(state.read_bytes())["servers"]]
-
-
-def drawn(person: Person, *options: str) -> bytes:
-    image = person.folder / "image.png"
-    image.unlink(missing_ok=True)
-    ran = person.runs("render", "head.nrrd", "-o", str(image), "--size", "48x48", *options)
-    assert ran.returncode == 0, ran.stderr
-    return image.read_bytes()
 
 
 def status(person: Person, cluster: Path) -> str:

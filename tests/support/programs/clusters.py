@@ -8,10 +8,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
+from support.programs.programs import Person
 
 SSHD = shutil.which("sshd") or "/usr/sbin/sshd"
 
@@ -21,6 +23,21 @@ def cluster_file(folder: Path, name: str, *machines: str, keep: int = 600) -> Pa
     tables = "\n".join(f"[[machines]]\n{machine}" for machine in machines)
     path.write_text(f'name = "{name}"\nkeep = {keep}\n{tables}\n', encoding="utf-8")
     return path
+
+
+def handles(person: Person) -> list[dict[str, str]]:
+    """By which the launcher of the only cluster that is up knows its servers."""
+    (state,) = (person.folder / "state").glob("volsplat/clusters/*/state.json")
+    return [one["started"]["handle"] for one in msgspec.json.decode(state.read_bytes())["servers"]]
+
+
+def drawn(person: Person, *options: str) -> bytes:
+    """The file that comes of head.nrrd."""
+    image = person.folder / "image.png"
+    image.unlink(missing_ok=True)
+    ran = person.runs("render", "head.nrrd", "-o", str(image), "--size", "48x48", *options)
+    assert ran.returncode == 0, ran.stderr
+    return image.read_bytes()
 
 
 @contextmanager
