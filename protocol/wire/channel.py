@@ -9,6 +9,12 @@ from volsplat.protocol.wire.descriptors import ReceivedDescriptors, passing
 class Channel(Protocol):
     """One thread receives while another sends. The socket's timeout holds for both."""
 
+    came: int  # bytes that the socket has given, of which some may wait here for what belongs to them
+
+    @property
+    def holds_unread(self) -> bool:
+        """Whether receive_into() would give something that the socket has not any more."""
+
     def receive_into(self, wanted: memoryview) -> int:
         """As recv_into: how many bytes have come, 0 at the stream's end."""
 
@@ -20,24 +26,34 @@ class Channel(Protocol):
 
 
 class TcpChannel:
+    holds_unread = False
+
     def __init__(self, connected: socket.socket) -> None:
         self._socket = connected
+        self.came = 0
 
     def receive_into(self, wanted: memoryview) -> int:
-        return self._socket.recv_into(wanted)
+        count = self._socket.recv_into(wanted)
+        self.came += count
+        return count
 
     def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
         return self._socket.sendmsg(buffers, [], flags)
 
 
 class UnixChannel:
+    holds_unread = False
+
     def __init__(self, connected: socket.socket, descriptors: ReceivedDescriptors) -> None:
         """`descriptors` takes those that come."""
         self._socket = connected
         self._descriptors = descriptors
+        self.came = 0
 
     def receive_into(self, wanted: memoryview) -> int:
-        return self._descriptors.receive_into(wanted, self._socket)
+        count = self._descriptors.receive_into(wanted, self._socket)
+        self.came += count
+        return count
 
     def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
         return self._socket.sendmsg(buffers, passing(descriptor), flags)

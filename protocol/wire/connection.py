@@ -176,7 +176,12 @@ class Connection:
     @property
     def unread(self) -> bool:
         """Whether something has come that receive() has not taken yet."""
-        return self._ready(select.POLLIN)
+        return self._channel.holds_unread or self._ready(select.POLLIN)
+
+    @property
+    def came(self) -> int:
+        """Bytes that have come, of messages and of what carries them, though there may be no whole message yet."""
+        return self._channel.came
 
     def receive(self) -> Received | None:
         """The next message, or None once this side has called close(). One thread only.

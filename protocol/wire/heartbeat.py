@@ -36,7 +36,7 @@ class _Pulse:
     quiet: float = 0.0  # seconds since this side has said anything
 
     def __post_init__(self) -> None:
-        self.heard = self.connection.counters.bytes_in
+        self.heard = self.connection.came
 
     def beat(self, seconds: float, own_silence: float) -> None:
         """So much time has passed."""
@@ -53,7 +53,7 @@ class _Pulse:
             self.connection.say_alive(own_silence)
 
     def _listen(self, seconds: float, patience: float) -> None:
-        if (heard := self.connection.counters.bytes_in) != self.heard or self.connection.unread:
+        if (heard := self.connection.came) != self.heard or self.connection.unread:
             self.heard, self.silent = heard, 0.0
             return
         self.silent += seconds / patience

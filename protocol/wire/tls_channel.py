@@ -39,6 +39,8 @@ class TlsChannel:
         self._tls = context.wrap_bio(self._incoming, self._outgoing, server_side=accepts)
         self._lock = threading.Lock()  # guards the three above
         self._raw = memoryview(bytearray(PIECE))  # the receiving thread's
+        self._waits = False  # the receiving thread, for the socket: all that is here is the beginning of a record
+        self.came = 0
         self._unsent = memoryview(b"")  # encrypted, the sending thread's
         self._taken = 0  # bytes of the caller's that are in it
 
@@ -77,14 +79,20 @@ class TlsChannel:
                 try:
                     return _read(self._tls, wanted)
                 except ssl.SSLWantReadError:
-                    pass
+                    self._waits = True
                 except ssl.SSLZeroReturnError:
                     return 0
             count = self._receive_raw()
             if count == 0:
                 return 0
             with self._lock:
+                self._waits = False
                 self._incoming.write(self._raw[:count])
+
+    @property
+    def holds_unread(self) -> bool:
+        with self._lock:
+            return not self._waits and bool(self._incoming.pending or self._tls.pending())
 
     def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
         """As Channel has it; what was encrypted goes first."""
@@ -107,7 +115,9 @@ class TlsChannel:
 
     def _receive_raw(self) -> int:
         self._keep_deadline()
-        return self._socket.recv_into(self._raw)
+        count = self._socket.recv_into(self._raw)
+        self.came += count
+        return count
 
     def _flush(self) -> None:
         if self._outgoing.pending:

@@ -17,6 +17,7 @@ from volsplat.protocol.messages.speech import Speech
 from volsplat.protocol.text.errors import BadInput, PeerLost
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
+from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import encode
 from volsplat.protocol.wire.handshake import new_hello
 from volsplat.protocol.wire.heartbeat import (
@@ -27,19 +28,28 @@ from volsplat.protocol.wire.heartbeat import (
     patience_with_server,
 )
 from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tls_channel import TlsChannel
 from volsplat.protocol.wire.tokens import new_token
 
 ALIVE_BYTES = len(b"".join(encode(messages.Alive(2.0), speech=Speech(CLIENT_TO_MAPSHADE))))
 HOSTS = ("127.0.0.1", "127.0.0.2") if sys.platform == "linux" else ("127.0.0.1",)  # by the door, by the port
+WAYS = [(host, Encryption.BETWEEN_MACHINES) for host in HOSTS] + [(HOSTS[-1], Encryption.ALWAYS)]
 BOX = Box((0, 0, 0), (1 << 20, 4, 1))
 
 
-@pytest.fixture(params=HOSTS)
+@pytest.fixture(params=WAYS, ids=str)
 def ends(request: pytest.FixtureRequest) -> Iterator[tuple[Connection, Connection]]:
     """A client's connection to a map/shade server, and the server's."""
+    with linked(*request.param) as ends:
+        yield ends
+
+
+@contextmanager
+def linked(host: str, encryption: Encryption) -> Iterator[tuple[Connection, Connection]]:
     token = new_token()
-    with Listener(Role.CLIENT, token, host=request.param) as listener:
-        server = connect(listener.address, new_hello(Role.MAPSHADE_SERVER), token, Role.CLIENT)
+    with Listener(Role.CLIENT, token, host=host, encryption=encryption) as listener:
+        hello = new_hello(Role.MAPSHADE_SERVER)
+        server = connect(listener.address, hello, token, Role.CLIENT, encryption=encryption)
         client = listener.accept(PATIENCE)
         assert client is not None
         with client, server:
@@ -129,6 +139,51 @@ def test_what_has_come_and_is_not_read_yet_counts_as_heard(ends: tuple[Connectio
         assert not client.closed
         received(client)
         wait_until(lambda: client.closed, "is it given up once nothing more comes")
+
+
+def test_a_record_of_tls_that_comes_in_more_slowly_than_silence_lasts_is_heard_while_it_comes() -> None:
+    """Nothing of it can be decrypted before its last byte is here."""
+    with linked(HOSTS[-1], Encryption.ALWAYS) as (client, server), beating() as heartbeat:
+        rest = memoryview(encrypted(client, messages.AbortFrame(1)))
+        looks = 0
+
+        def patience() -> float:
+            nonlocal rest, looks
+            looks += 1
+            if looks <= 3 * STEPS:
+                came = server.came
+                client._socket.sendall(rest[:1])
+                rest = rest[1:]
+                wait_until(lambda: server.came > came, "did it come")
+            return LEAST_SILENCE
+
+        received(server)
+        heartbeat.keep(server, patience)
+        wait_until(lambda: server.closed, "is it given up once nothing more comes")
+        assert looks > 3 * STEPS and rest
+
+
+def encrypted(connection: Connection, message: messages.Message) -> bytes:
+    """What it would send."""
+    channel = connection._channel
+    assert isinstance(channel, TlsChannel)
+    channel._tls.write(b"".join(encode(message, speech=connection._outgoing)))
+    return channel._outgoing.read()
+
+
+def test_what_was_decrypted_and_is_not_taken_yet_is_unread() -> None:
+    with linked(HOSTS[-1], Encryption.ALWAYS) as (client, server):
+        one, other, more = (encrypted(client, messages.AbortFrame(frame)) for frame in (1, 2, 3))
+        client._socket.sendall(one + other)
+        wait_until(lambda: server.unread, "has it come")
+        for left in (True, False):
+            assert server.receive() is not None
+            assert server.unread == left
+        came, receiver = server.came, received(server)
+        client._socket.sendall(more[: len(more) // 2])
+        wait_until(lambda: server.came > came and not server.unread, "is half a record nothing to be read")
+        server.close()
+        receiver.join(PATIENCE)
 
 
 def test_whoever_was_held_up_itself_counts_little_of_that_as_silence(ends: tuple[Connection, Connection]) -> None:

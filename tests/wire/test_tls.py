@@ -178,13 +178,14 @@ class Relay:
 
     def _take(self) -> None:
         caller, _ = self._port.accept()
+        accepting_context.cache_clear()  # as a process of its own has another certificate
+        near = TlsChannel(caller, lambda: None, accepts=True)
+        accepting_context.cache_clear()  # before the listener makes one
         behind = socket.create_connection(self._behind)
         self._ends.enter_context(caller)
         self._ends.enter_context(behind)
-        accepting_context.cache_clear()  # as a process of its own has another certificate
-        near, far = TlsChannel(caller, lambda: None, accepts=True), TlsChannel(behind, lambda: None, accepts=False)
+        far = TlsChannel(behind, lambda: None, accepts=False)
         near.shake_hands()
-        accepting_context.cache_clear()
         far.shake_hands()
         for here, there, end in ((near, far, behind), (far, near, caller)):
             self._threads.append(threading.Thread(target=self._pass_on, args=(here, there, end), daemon=True))
