@@ -6,6 +6,7 @@ until all are there; then they take their names.
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import subprocess
@@ -103,7 +104,10 @@ def _images(folder: Path, description: VolumeDescription) -> Iterator[Put]:
 
     def put(image: Pixels, scene: Scene) -> None:
         images.append(frame_image_path(hidden, len(images) + 1))
-        write_image(images[-1], image, scene, image_properties(description, scene))
+        try:
+            write_image(images[-1], image, scene, image_properties(description, scene))
+        except BadInput as error:
+            raise BadInput(str(error).replace(str(hidden), str(folder))) from error
 
     try:
         hidden.mkdir(parents=True)
@@ -151,7 +155,8 @@ def _video(
             _await_end(ffmpeg, cancelled)
             if refused or ffmpeg.returncode != 0:
                 said = _read_complaints(complaints).replace(str(temporary), path.name)
-                raise VolsplatError(f"{path}: ffmpeg could not write the movie: {said}")
+                failure = BadInput if os.strerror(errno.ENOSPC) in said else VolsplatError
+                raise failure(f"{path}: ffmpeg could not write the movie: {said}")
             os.replace(temporary, target)
         finally:
             with interrupts_held():

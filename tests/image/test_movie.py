@@ -18,6 +18,7 @@ from torch import Tensor
 
 from support.files.images import over_background, read_image
 from support.files.prepared import prepare_small
+from support.files.small_disks import small_disk
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import Person
 from support.scenes.arbitrary import plain_scene
@@ -37,6 +38,8 @@ from volsplat.protocol.text.errors import BadInput, VolsplatError
 FRAMES = 6
 INTERRUPTED = 130
 KINDS = ["folder", *VIDEO_ENCODERS]
+
+__all__ = ["small_disk"]
 
 needs_ffmpeg = pytest.mark.skipif(
     shutil.which("ffmpeg") is None or shutil.which("ffprobe") is None,
@@ -385,6 +388,17 @@ def test_a_bad_option_is_one_clear_line_and_status_2(person: Person, head: Path,
     assert (done.returncode, named in one_line(done)) == (2, True), done.stderr
     assert sorted(os.listdir(person.folder)) == ["k.toml", "large.toml"]
     assert person.servers() == []
+
+
+@kinds
+def test_a_full_disk_is_one_line_and_status_2_and_leaves_nothing(head: Path, small_disk: Path, kind: str) -> None:
+    person = Person(small_disk)
+    output = target(small_disk, kind).name
+    done = person.runs("movie", str(head), "-o", output, "--frames", "12", "--size", "1024x1024", "--workers", "1")
+    line = one_line(done)
+    assert done.returncode == 2 and "No space left on device" in line and ".volsplat" not in line
+    assert line.startswith(f"volsplat: {output}")
+    assert os.listdir(small_disk) == [] and person.servers() == []
 
 
 @kinds
