@@ -1,7 +1,7 @@
 """A small lab on one machine: hosts as network namespaces, joined by a bridge over links of one rate (Linux, root).
 
-Processor and memory are shared; only the network is each host's own. The calling process is a host as well, behind a
-link of its own, so that what a client receives is as slow as what servers do.
+Processor and memory are shared; only the network is each host's own. The calling thread is a host as well, behind a
+link of its own, so that what a client receives is as slow as what servers do; it sees the lab alone meanwhile.
 """
 
 from __future__ import annotations
@@ -12,25 +12,26 @@ import subprocess
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from secrets import token_hex
 
+from volsplat.bench.hosts.own_network import own_network
 from volsplat.protocol.text.errors import BadInput
 
-NETWORK = "10.213.{lab}.{host}"
+NETWORK = "10.213.0.{host}"
+BRIDGE = "bridge"
 BURST_SECONDS = 0.005  # of data that leaves at once: timers are no finer
 QUEUED_SECONDS = 0.05  # of data that waits in the link, as in a switch
 LEAST_BURST = 16 << 10  # bytes, some packets
-LABS = 250  # on one machine
-CLIENT = 1  # the host that this process is
+CLIENT = 1  # the host that this thread is
 
 
 @dataclass(frozen=True)
 class Host:
-    """A namespace; or, with none, this process behind its own link."""
+    """A namespace; or, with none, this thread behind its own link."""
 
     address: str
     namespace: str | None
     port: str  # of the bridge, where its link ends
-    bridge: str
 
     @property
     def inside(self) -> list[str]:
@@ -43,7 +44,7 @@ class Host:
 
     def processes(self) -> list[int]:
         """The ids of those in its namespace."""
-        assert self.namespace is not None, "this process's own host is not told apart from the machine"
+        assert self.namespace is not None, "this thread's own host is not told apart from its process"
         listed = _call("ip", "netns", "pids", self.namespace).stdout
         return [int(line) for line in listed.split()]
 
@@ -63,51 +64,37 @@ def why_no_lab() -> str:
 
 @contextmanager
 def lab(hosts: int, bits_per_second: float) -> Iterator[list[Host]]:
-    """So many hosts, the first of which is this process. Raises BadInput where there can be none."""
+    """So many hosts, the first of which is this thread. Raises BadInput where there can be none."""
     if why := why_no_lab():
         raise BadInput(why)
     with ExitStack() as undone:
-        number, bridge = _new_bridge()
-        undone.callback(_call, "ip", "link", "delete", bridge)
-        do("ip", "link", "set", bridge, "up")
-        found = []
-        for n in range(CLIENT, hosts + 1):
-            address = NETWORK.format(lab=number, host=n)
-            found.append(_host(undone, bridge, f"vs{number}h{n}", address, own=n == CLIENT, rate=bits_per_second))
-        yield found
+        undone.enter_context(own_network())
+        undone.callback(_call, "ip", "link", "delete", BRIDGE)
+        do("ip", "link", "set", "lo", "up")
+        do("ip", "link", "add", BRIDGE, "type", "bridge")
+        do("ip", "link", "set", BRIDGE, "up")
+        yield [_host(undone, n, bits_per_second) for n in range(CLIENT, hosts + 1)]
 
 
-def _new_bridge() -> tuple[int, str]:
-    """The number of a lab that there is not yet, and its bridge."""
-    for tried in range(LABS):
-        number = (os.getpid() + tried) % LABS + 1
-        bridge = f"vs{number}br"
-        done = _call("ip", "link", "add", bridge, "type", "bridge")
-        if done.returncode == 0:
-            return number, bridge
-        if "File exists" not in done.stderr:
-            raise BadInput(f"ip link add {bridge}: {done.stderr.strip()}")
-    raise BadInput(f"{LABS} labs are on this machine; end some (ip link delete vs1br)")
-
-
-def _host(undone: ExitStack, bridge: str, name: str, address: str, own: bool, rate: float) -> Host:
+def _host(undone: ExitStack, number: int, rate: float) -> Host:
     """One more host at the bridge; its link is as slow in both directions."""
-    port = f"{name}p"
+    name, port, address = f"host{number}", f"port{number}", NETWORK.format(host=number)
+    namespace = None if number == CLIENT else f"volsplat-{token_hex(4)}-{name}"
     inside: tuple[str, ...] = ()
     do("ip", "link", "add", name, "type", "veth", "peer", "name", port)
     undone.callback(_call, "ip", "link", "delete", port)
-    if not own:
-        do("ip", "netns", "add", name)
-        undone.callback(_call, "ip", "netns", "delete", name)
-        do("ip", "link", "set", name, "netns", name)
-        inside = ("ip", "netns", "exec", name)
+    if namespace is not None:
+        do("ip", "netns", "add", namespace)
+        undone.callback(_call, "ip", "netns", "delete", namespace)
+        do("ip", "link", "set", name, "netns", namespace)
+        inside = ("ip", "netns", "exec", namespace)
         do(*inside, "ip", "link", "set", "lo", "up")
-    do("ip", "link", "set", port, "master", bridge, "up")
+    do("ip", "link", "set", port, "master", BRIDGE, "up")
     do(*inside, "ip", "address", "add", f"{address}/24", "dev", name)
     do(*inside, "ip", "link", "set", name, "up")
     do("tc", "qdisc", "add", "dev", port, "root", *_shape(rate))
     do(*inside, "tc", "qdisc", "add", "dev", name, "root", *_shape(rate))
-    return Host(address, None if own else name, port, bridge)
+    return Host(address, namespace, port)
 
 
 def _shape(bits_per_second: float) -> tuple[str, ...]:

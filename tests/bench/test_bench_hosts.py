@@ -1,5 +1,6 @@
 """A small lab on one machine: its links are as slow as they should be, and nothing of it stays behind."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -11,7 +12,7 @@ import pytest
 
 from support.patience import PATIENCE
 from support.programs.programs import Person
-from volsplat.bench.hosts.namespaces import Host, lab, why_no_lab
+from volsplat.bench.hosts.namespaces import BRIDGE, Host, lab, why_no_lab
 from volsplat.protocol.text.errors import BadInput
 
 WHY_NOT = why_no_lab()
@@ -36,6 +37,12 @@ def person(tmp_path: Path) -> Person:
 def hosts() -> Iterator[list[Host]]:
     with lab(2, RATE) as made:
         yield made
+
+
+def interfaces(process: str) -> set[str]:
+    """The names of those that a process sees."""
+    lines = Path(process, "net", "dev").read_text(encoding="utf-8").splitlines()[2:]
+    return {line.split(":")[0].strip() for line in lines}
 
 
 def connected(host: Host) -> socket.socket:
@@ -68,6 +75,12 @@ def test_hosts_do_not_see_one_anothers_loopback(hosts: list[Host]) -> None:
         with pytest.raises(OSError):
             socket.create_connection(("127.0.0.1", 5000), timeout=PATIENCE)
         alone.kill()
+
+
+@needs_lab
+def test_other_programs_of_the_machine_see_nothing_of_a_lab(hosts: list[Host]) -> None:
+    assert interfaces("/proc/thread-self") >= {BRIDGE, *(host.port for host in hosts)}
+    assert BRIDGE not in interfaces(f"/proc/{os.getppid()}")
 
 
 @needs_lab
