@@ -5,11 +5,11 @@ import socket
 import subprocess
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 
 from volsplat.deploy.process_end import told_end
+from volsplat.deploy.restart_limit import RestartLimit
 from volsplat.deploy.server_command import Program, server_command
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
@@ -17,8 +17,6 @@ from volsplat.protocol.wire.tokens import Token
 
 PATIENCE_SECONDS = 1  # that a server just started tries to reach its client, which listens before it starts any
 REAPED_SECONDS = 1.0  # until it is known how a process ended whose connections are gone, on a busy machine
-MOST_RESTARTS = 3  # in the place of one server, within …
-RESTARTS_SECONDS = 60.0
 BAD_INPUT = 2  # the status of a server that ends since a person must act: another one would, too
 GRACE_SECONDS = 0.5  # that servers have to end by themselves before they are terminated, and again before a kill
 
@@ -30,15 +28,7 @@ class _Place:
     program: Program
     command: list[str]
     environment: dict[str, str]
-    restarts: deque[float] = field(default_factory=lambda: deque(maxlen=MOST_RESTARTS))  # when, time.monotonic()
-
-    def may_restart(self) -> bool:
-        """Not too often; counts as one more if it may."""
-        now = time.monotonic()
-        if len(self.restarts) == MOST_RESTARTS and now - self.restarts[0] < RESTARTS_SECONDS:
-            return False
-        self.restarts.append(now)
-        return True
+    restarts: RestartLimit = field(default_factory=RestartLimit)
 
 
 class LocalServers:
@@ -98,7 +88,7 @@ class LocalServers:
 
     def _started_again(self, place: _Place, status: int) -> bool:
         with self._lock:
-            if self._ending or status == BAD_INPUT or not place.may_restart():
+            if self._ending or status == BAD_INPUT or not place.restarts.may_restart():
                 return False
             try:
                 self._start(place)

@@ -2,6 +2,7 @@
 
 import threading
 import time
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -10,6 +11,7 @@ from volsplat.client.session.server_links import ServerLinks
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.launchers.launcher import ServerState
+from volsplat.deploy.restart_limit import RestartLimit
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.calling import call
@@ -19,7 +21,6 @@ from volsplat.protocol.wire.tokens import Token
 MISSING_SECONDS = 60.0  # after which a server that has not joined is waited for no more, not counted while it is queued
 FROZEN_SECONDS = 4.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
 LOOK_SECONDS = 2.0  # between two looks at servers that are missing
-MOST_STARTS = 3  # of one server in a session, so that one that cannot live is not started for ever
 CALL_SECONDS = 1e9  # a caller tries until it is told to stop
 
 
@@ -31,14 +32,13 @@ class ClusterServers:
         self._running, self._report = RunningCluster(path), report
         self.cluster = self._running.cluster
         self._missing_since: dict[str, float] = {}  # time.monotonic(); the watching thread's
+        self._restarts = defaultdict[str, RestartLimit](RestartLimit)  # likewise
         state = self._running.state()
         self._brought_up = state is None
         self._state = state or self._bring_up()
         self._known = {one.started.name: one for one in self._state.servers}
         self._lock = threading.Lock()  # guards what follows
-        self._joined: set[str] = set()  # of those that are dialled
         self._why: dict[str, str] = {}  # each is not there
-        self._starts: dict[str, int] = {}
         self._closed = threading.Event()
 
     def _bring_up(self) -> ClusterState:
@@ -101,11 +101,8 @@ class ClusterServers:
                 self._closed.wait(LOOK_SECONDS)
                 continue
             with self._lock:
-                self._joined.add(name)
                 self._why.pop(name, None)
             links.serve(connection)
-            with self._lock:
-                self._joined.discard(name)
 
     def _connected(self, name: str, address: Address, links: ServerLinks) -> Connection:
         return call(
@@ -130,7 +127,7 @@ class ClusterServers:
     def _watch(self, links: ServerLinks) -> None:
         """Start those anew that have ended or are frozen; say of those that do not come that nobody waits for them."""
         began, seen = time.monotonic(), set[str]()
-        while not self._closed.wait(LOOK_SECONDS):
+        while self._looks_again(links):
             missing = self._missing(links)
             seen |= self._known.keys() - missing
             self._missing_since = {name: self._missing_since.get(name, began) for name in missing}
@@ -143,18 +140,18 @@ class ClusterServers:
                 links.give_up(f"servers of {self.cluster.name} are missing: {self._reasons(missing)}")
             began = time.monotonic()
 
+    def _looks_again(self, links: ServerLinks) -> bool:
+        """Whether the session goes on, as soon as a server is lost or a while later."""
+        links.wait_for_a_loss(LOOK_SECONDS)
+        return not self._closed.is_set()
+
     def _missing_for(self, seconds: float) -> set[str]:
         now = time.monotonic()
         return {name for name, since in self._missing_since.items() if now - since > seconds}
 
     def _missing(self, links: ServerLinks) -> list[str]:
         there = links.present()
-        with self._lock:
-            return [
-                name
-                for name, one in self._known.items()
-                if name not in self._joined and not any(map(one.is_process, there))
-            ]
+        return [name for name, one in self._known.items() if not any(map(one.is_process, there))]
 
     def _look_after(self, missing: list[str], seen: set[str]) -> None:
         """Those that have ended are started anew, and those that were `seen` in the session and do not come again."""
@@ -174,11 +171,9 @@ class ClusterServers:
                 self._note(name, f"{name} runs and does not join again; another one is started in its place")
             elif not one.wait_at:  # else whoever dials it knows better
                 self._note(name, f"{name} has not joined yet" + (f": {said.reason}" if said.reason else ""))
-        again = [name for name in ended if self._starts.get(name, 0) < MOST_STARTS]
+        again = [name for name in ended if self._restarts[name].may_restart()]
         if again:
-            for name in again:
-                self._starts[name] = self._starts.get(name, 0) + 1
-                seen.discard(name)
+            seen.difference_update(again)
             state = self._running.up(self._report, anew=again)
             self._known = {one.started.name: one for one in state.servers}
 

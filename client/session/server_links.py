@@ -114,6 +114,11 @@ class ServerLinks:
         with self._lock:
             return {connection.peer.name for connection in self._connections.values()}
 
+    def wait_for_a_loss(self, seconds: float) -> None:
+        """Of any server, but no longer than so long."""
+        with self._left:
+            self._left.wait(seconds)
+
     @property
     def accepter(self) -> Accepter:
         """Shakes hands with servers that are dialled instead, for `serve`."""

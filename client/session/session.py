@@ -348,11 +348,11 @@ class Session:
                 self._close()
 
     def _close(self) -> None:
+        if self._cluster is not None:
+            self._cluster.close()
         self._links.take_no_more()  # resident servers look for the next client at once
         self._events.put(None)
         self._coordinator_thread.join()
-        if self._cluster is not None:
-            self._cluster.close()
         self._links.close()
         if self._cluster is not None:
             self._cluster.release()

@@ -11,7 +11,7 @@ from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
-from volsplat.deploy.local import MOST_RESTARTS
+from volsplat.deploy.restart_limit import MOST_RESTARTS
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import PeerLost
 
