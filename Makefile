@@ -62,15 +62,15 @@ PROPERTIES := $(addprefix tests/,$(addprefix exactness/test_,order_independence.
 	$(addprefix splat_server/test_,volume_edges.py closed_tiles.py splat_server.py) session/test_session.py)
 
 # The page is tested in a real browser, movies with ffmpeg, machines of a lab with sshd, which package openssh-server
-# brings, and clusters with Slurm; where they cannot be installed, those tests say so.
-TOOLS := chromium ffmpeg sshd
+# brings, their networks with nft of nftables, and clusters with Slurm; where they cannot be installed, those tests say so.
+TOOLS := chromium ffmpeg sshd nft
 ENGINES := munged slurmctld slurmd
 # Of the programs that are its argument, those that are missing.
 INSTALL = for tool in $(1); do PATH="$$PATH:/usr/sbin" command -v $$tool > /dev/null || missing="$$missing $$tool"; done; \
 	if [ -z "$$missing" ]; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get > /dev/null; then \
 		apt-get update -qq && apt-get install -qq -y --no-install-recommends \
-			$$(echo "$$missing" | sed 's/\bsshd\b/openssh-server/; s/\bmunged\b/munge/') > /dev/null; \
+			$$(echo "$$missing" | sed 's/\bsshd\b/openssh-server/; s/\bnft\b/nftables/; s/\bmunged\b/munge/') > /dev/null; \
 	else echo "not found:$$missing; tests that need them will be skipped"; fi
 .PHONY: tools
 tools:

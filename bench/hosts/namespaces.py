@@ -31,12 +31,20 @@ class Host:
 
     address: str
     namespace: str | None
-    port: str  # of the bridge, where its link ends
+    interface: str  # there, where its link begins
+    port: str  # of the bridge, where it ends
 
     @property
     def inside(self) -> list[str]:
         """What stands before a command that runs there."""
         return ["ip", "netns", "exec", self.namespace] if self.namespace else []
+
+    def shape(self, bits_per_second: float) -> None:
+        """Make its link so slow, in both directions."""
+        burst = max(LEAST_BURST, round(bits_per_second / 8 * BURST_SECONDS))
+        limits = ("rate", f"{bits_per_second:.0f}bit", "burst", f"{burst}b", "latency", f"{QUEUED_SECONDS * 1e3:.0f}ms")
+        do("tc", "qdisc", "replace", "dev", self.port, "root", "tbf", *limits)
+        do(*self.inside, "tc", "qdisc", "replace", "dev", self.interface, "root", "tbf", *limits)
 
     def start(self, command: Sequence[str], environment: Mapping[str, str] | None = None) -> subprocess.Popen[bytes]:
         """A program there. Whoever starts it ends it."""
@@ -92,28 +100,17 @@ def _host(undone: ExitStack, number: int, rate: float) -> Host:
     do("ip", "link", "set", port, "master", BRIDGE, "up")
     do(*inside, "ip", "address", "add", f"{address}/24", "dev", name)
     do(*inside, "ip", "link", "set", name, "up")
-    do("tc", "qdisc", "add", "dev", port, "root", *_shape(rate))
-    do(*inside, "tc", "qdisc", "add", "dev", name, "root", *_shape(rate))
-    return Host(address, namespace, port)
+    host = Host(address, namespace, name, port)
+    host.shape(rate)
+    return host
 
 
-def _shape(bits_per_second: float) -> tuple[str, ...]:
-    burst = max(LEAST_BURST, round(bits_per_second / 8 * BURST_SECONDS))
-    return (
-        "tbf",
-        "rate",
-        f"{bits_per_second:.0f}bit",
-        "burst",
-        f"{burst}b",
-        "latency",
-        f"{QUEUED_SECONDS * 1e3:.0f}ms",
-    )
-
-
-def do(*command: str) -> None:
+def do(*command: str) -> str:
+    """What it prints. Raises BadInput with the reason."""
     done = _call(*command)
     if done.returncode:
         raise BadInput(f"{' '.join(command)}: {done.stderr.strip()}")
+    return done.stdout
 
 
 def _call(*command: str) -> subprocess.CompletedProcess[str]:
