@@ -1,6 +1,6 @@
 """Faults of servers at random moments, under a seed: what becomes of the frames.
 
-    cd tests && ../.venv/bin/python -m faults.fault_runs --count 500 --seed 1 --write
+    cd tests && ../.venv/bin/python -m faults.fault_runs --count 500 --seed 1 --write [--box]
 
 prints a line for each fault, and with --write puts the table into docs/reliability.md.
 """
@@ -14,19 +14,22 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import click
 import psutil
+import pytest
 import torch
 from faults.fault_table import written
-from faults.kinds_of_fault import FAULTS, Fault
-from faults.servers_at_hand import HarmedServer, ServersAtHand
+from faults.kinds_of_fault import LINK_DOWN, Fault, HarmedServer
+from faults.servers_at_hand import ServersAtHand
+from faults.servers_in_box import HOSTS, ServersInBox
 
 from support.files.head_volume import skin
+from support.lab.box import box
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -35,7 +38,6 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.text.errors import VolsplatError
-from volsplat.protocol.wire.tokens import new_token
 
 SIZE = (48, 56, 50)  # voxels
 IMAGE = Image(width=320, height=280)
@@ -85,28 +87,46 @@ class Head(NamedTuple):
     image: torch.Tensor
 
 
-class Bench:
-    """A session with servers at hand, of which one after the other is harmed."""
+class Servers(Protocol):
+    """A session, and its servers, which can be harmed."""
 
-    def __init__(self, head: Head, chance: random.Random, workers: int, splat_servers: int) -> None:
-        self._head, self._random = head, chance
-        self.workers, self.splat_servers = workers, splat_servers
-        token = new_token()
-        self.session = Session(
-            head.volume, workers=self.workers, splat_servers=self.splat_servers, spawn=False, token=token
-        )
-        self._servers = ServersAtHand(self.session, token, self.workers, self.splat_servers, chance.randrange(1 << 30))
+    session: Session
+    workers: int
+    splat_servers: int
+
+    @property
+    def faults(self) -> Sequence[Fault]: ...
+    @property
+    def most_losses(self) -> int: ...  # of servers in one session
+    @property
+    def living(self) -> Sequence[HarmedServer]: ...
+    def replace(self, number: int) -> None: ...
+    def joined(self) -> bool: ...
+    def close(self) -> None: ...
+
+
+class Bench:
+    """A session of which one server after the other is harmed."""
+
+    def __init__(self, head: Head, chance: random.Random, servers: Servers) -> None:
+        self._head, self._random, self._servers = head, chance, servers
+        self.session = servers.session
+        self._healing: threading.Timer | None = None
+        self._losses = 0
         self.session.render(head.scene)
 
     def close(self) -> None:
-        self.session.close()
+        if self._healing is not None:
+            self._healing.join()
         self._servers.close()
 
     def suffers(self, fault: Fault, of: Collection[Program] = tuple(Program)) -> Aftermath:
         """Draw on and on, harm a server meanwhile, and draw until a frame that was begun after that is whole."""
-        harmed = self._random.choice([server for server in self._servers.living if server.program in of])
-        after = Aftermath(fault, harmed.program, self.workers, self.splat_servers)
-        harm = threading.Timer(self._random.uniform(0, LONGEST_MOMENT), lambda: self._harm(after, harmed))
+        living = self._servers.living
+        number = self._random.choice([n for n, server in enumerate(living) if server.program in of])
+        after = Aftermath(fault, living[number].program, self._servers.workers, self._servers.splat_servers)
+        moment = self._random.uniform(0, LONGEST_MOMENT)
+        harm = threading.Timer(moment, lambda: self._harm(after, living[number], number))
         drawing = threading.Thread(target=self._draw, args=(after,), daemon=True)
         drawing.start()
         harm.start()
@@ -115,27 +135,32 @@ class Bench:
         if drawing.is_alive():
             after.hung = True
             faulthandler.dump_traceback()
-        if fault.lasting:
-            harmed.end()
+        self._losses += fault.lasting or fault is LINK_DOWN
         return after
+
+    def random_fault(self) -> Fault:
+        return self._random.choice(self._servers.faults)
 
     def processes(self, program: Program) -> list[psutil.Process]:
         return [server.process for server in self._servers.living if server.program is program]
 
-    def settled(self) -> bool:
+    def goes_on(self) -> bool:
         """Whether all servers are there again, as they must be for the next fault."""
+        if self._healing is not None:
+            self._healing.join()
         until = time.monotonic() + LONGEST_WAIT
         while not self._servers.joined() and time.monotonic() < until:
             time.sleep(0.02)
-        return self._servers.joined()
+        return self._servers.joined() and self._losses < self._servers.most_losses
 
-    def _harm(self, after: Aftermath, harmed: HarmedServer) -> None:
-        after.harmed_at = time.perf_counter()
+    def _harm(self, after: Aftermath, harmed: HarmedServer, number: int) -> None:
         after.fault.harms(harmed)
+        after.harmed_at = time.perf_counter()
         if after.fault.heals is None:
-            self._servers.replace(harmed)
+            self._servers.replace(number)
         else:
-            threading.Timer(after.fault.seconds, after.fault.heals, [harmed]).start()
+            self._healing = threading.Timer(after.fault.seconds, after.fault.heals, [harmed])
+            self._healing.start()
 
     def _draw(self, after: Aftermath) -> None:
         try:
@@ -158,18 +183,37 @@ def drawn_head() -> Iterator[Head]:
         yield Head(volume, scene, image)
 
 
-def fault_runs(seed: int, goes_on: Callable[[int], bool], say: Callable[[str], None]) -> list[Aftermath]:
+def at_hand(head: Head, chance: random.Random) -> Servers:
+    return ServersAtHand(head.volume, chance, chance.randint(1, 4), chance.randint(1, 2))
+
+
+@contextlib.contextmanager
+def in_box() -> Iterator[Callable[[Head, random.Random], Servers]]:
+    """Opens sessions in a lab of its own."""
+    with tempfile.TemporaryDirectory() as name, pytest.MonkeyPatch.context() as changed:
+        folder = Path(name)
+        changed.setenv("XDG_STATE_HOME", str(folder / "state"))
+        with box(folder, HOSTS) as lab:
+            yield lambda head, chance: ServersInBox(lab, folder, head.volume, chance)
+
+
+def fault_runs(
+    seed: int,
+    goes_on: Callable[[int], bool],
+    say: Callable[[str], None],
+    opened: Callable[[Head, random.Random], Servers] = at_hand,
+) -> list[Aftermath]:
     """Faults one after the other while it `goes_on`, given how many there were, in sessions of other sizes."""
     chance, seen = random.Random(seed), list[Aftermath]()
     with drawn_head() as head:
         bench: Bench | None = None
         try:
             while goes_on(len(seen)):
-                bench = bench or Bench(head, chance, chance.randint(1, 4), chance.randint(1, 2))
-                after = bench.suffers(chance.choice(FAULTS))
+                bench = bench or Bench(head, chance, opened(head, chance))
+                after = bench.suffers(bench.random_fault())
                 seen.append(after)
                 say(f"{len(seen)}: {after}")
-                if after.ended or after.hung or chance.random() < 0.1 or not bench.settled():
+                if after.ended or after.hung or chance.random() < 0.1 or not bench.goes_on():
                     bench.close()
                     bench = None
         finally:
@@ -191,17 +235,19 @@ def summary(seen: list[Aftermath]) -> str:
 @click.option("--count", default=100, help="Faults (100).")
 @click.option("--minutes", type=float, default=math.inf, help="But no longer than this.")
 @click.option("--seed", type=int, help="What decides them (drawn, and printed).")
+@click.option("--box", "boxed", is_flag=True, help="In a lab in a box, by the launcher ssh (Linux, root).")
 @click.option("--write", is_flag=True, help="Put the table into docs/reliability.md.")
-def main(count: int, minutes: float, seed: int | None, write: bool) -> None:
+def main(count: int, minutes: float, seed: int | None, boxed: bool, write: bool) -> None:
     seed = random.randrange(1 << 30) if seed is None else seed
     print(f"seed {seed}", flush=True)
     until = time.monotonic() + 60 * minutes
-    seen = fault_runs(
-        seed, lambda done: done < count and time.monotonic() < until, lambda line: print(line, flush=True)
-    )
+    with in_box() if boxed else contextlib.nullcontext(at_hand) as opened:
+        seen = fault_runs(
+            seed, lambda done: done < count and time.monotonic() < until, lambda line: print(line, flush=True), opened
+        )
     print(summary(seen))
     if write:
-        written(seen, seed)
+        written(seen, seed, boxed)
     sys.exit(any(after.wrong or after.hung for after in seen))
 
 

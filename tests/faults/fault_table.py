@@ -11,17 +11,18 @@ if TYPE_CHECKING:
     from faults.fault_runs import Aftermath
 
 PAGE = ROOT / "docs" / "reliability.md"
-TABLE = re.compile(r"(?<=<!-- fault runs -->\n).*?(?=<!-- end -->)", re.DOTALL)
 HEAD = (
     "| what happens | to | faults | whole frames | marked incomplete | wrong | hangs | sessions ended "
     "| median until whole | longest |\n|---|---|---|---|---|---|---|---|---|---|\n"
 )
 
 
-def written(seen: "Sequence[Aftermath]", seed: int) -> None:
+def written(seen: "Sequence[Aftermath]", seed: int, boxed: bool) -> None:
+    title, option = ("fault runs in a box", " --box") if boxed else ("fault runs", "")
+    place = re.compile(rf"(?<=<!-- {title} -->\n).*?(?=<!-- end -->)", re.DOTALL)
     page = PAGE.read_text(encoding="utf-8")
-    told = f"`python -m faults.fault_runs --count {len(seen)} --seed {seed}`:\n\n"
-    PAGE.write_text(TABLE.sub(lambda _: told + table(seen), page), encoding="utf-8")
+    told = f"`python -m faults.fault_runs --count {len(seen)} --seed {seed}{option}`:\n\n"
+    PAGE.write_text(place.sub(lambda _: told + table(seen), page), encoding="utf-8")
 
 
 def table(seen: "Sequence[Aftermath]") -> str:

@@ -3,13 +3,37 @@
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
-from faults.servers_at_hand import HarmedServer
+import psutil
+
+from volsplat.deploy.server_command import Program
+
+
+class Network(Protocol):
+    """A server's way to the others."""
+
+    def go_down(self) -> None: ...
+    def cut(self) -> None: ...
+    def swallow(self) -> None: ...
+    def slow_down(self, bytes_a_second: float) -> None: ...
+    def delay(self, seconds: float) -> None: ...
+    def lose(self, part: float) -> None: ...
+    def heal(self) -> None: ...
+
+
+class HarmedServer(Protocol):
+    @property
+    def program(self) -> Program: ...
+    @property
+    def process(self) -> psutil.Process: ...
+    @property
+    def network(self) -> Network: ...
 
 
 @dataclass(frozen=True)
 class Fault:
-    """`harms` a server; one that is not `lasting` is undone by `heals` after some time, and the server must live."""
+    """`harms` a server; one that is not `lasting` is undone by `heals` after some time."""
 
     name: str
     harms: Callable[[HarmedServer], None]
@@ -20,6 +44,10 @@ class Fault:
     @property
     def lasting(self) -> bool:
         return self.heals is None
+
+
+def _link_down(server: HarmedServer) -> None:
+    server.network.go_down()
 
 
 def _killed(server: HarmedServer) -> None:
@@ -34,37 +62,19 @@ def _goes_on(server: HarmedServer) -> None:
     server.process.send_signal(signal.SIGCONT)
 
 
-def _cut(server: HarmedServer) -> None:
-    server.relay.cut()
-
-
-def _half_open(server: HarmedServer) -> None:
-    server.relay.swallows = True
-
-
-def _slow(server: HarmedServer) -> None:
-    server.relay.bytes_a_second = 1e6
-
-
-def _delayed(server: HarmedServer) -> None:
-    server.relay.delay = 0.2
-
-
-def _lossy(server: HarmedServer) -> None:
-    server.relay.loss = 0.05
-
-
-def _relay_healed(server: HarmedServer) -> None:
-    server.relay.heal()
+def _network_healed(server: HarmedServer) -> None:
+    server.network.heal()
 
 
 FAULTS = (
     Fault("killed (kill -9)", _killed),
     Fault("frozen for good (SIGSTOP)", _stopped, silent=True),
     Fault("stopped for 0.7 s (SIGSTOP, SIGCONT)", _stopped, _goes_on, 0.7),
-    Fault("connection cut", _cut),
-    Fault("half-open connection (all is swallowed)", _half_open, silent=True),
-    Fault("connection of 1 MB/s for 2 s", _slow, _relay_healed, 2.0),
-    Fault("200 ms of delay for 2 s", _delayed, _relay_healed, 2.0),
-    Fault("5 % of the segments lost for 2 s", _lossy, _relay_healed, 2.0),
+    Fault("link down for 0.7 s", _link_down, _network_healed, 0.7),
+    Fault("connection cut", lambda server: server.network.cut()),
+    Fault("half-open connection (all is swallowed)", lambda server: server.network.swallow(), silent=True),
+    Fault("connection of 1 MB/s for 2 s", lambda server: server.network.slow_down(1e6), _network_healed, 2.0),
+    Fault("200 ms of delay for 2 s", lambda server: server.network.delay(0.2), _network_healed, 2.0),
+    Fault("5 % of the segments lost for 2 s", lambda server: server.network.lose(0.05), _network_healed, 2.0),
 )
+LINK_DOWN = Fault("link down for 5 s", _link_down, _network_healed, 5.0)  # by which a server is lost, and comes again

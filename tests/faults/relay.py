@@ -20,18 +20,38 @@ class Relay:
         self._listening = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._listening.getsockname()[1]}"
         self._ends: list[socket.socket] = []
-        self.swallows = False
-        self.bytes_a_second = 0.0  # 0: as many as come
-        self.delay = 0.0  # seconds
-        self.loss = 0.0  # part of the segments
+        self._swallows = False
+        self._bytes_a_second = 0.0  # 0: as many as come
+        self._delay = 0.0  # seconds
+        self._loss = 0.0  # part of the segments
+        self._up = threading.Event()
+        self._up.set()
         threading.Thread(target=self._accept, name="relay", daemon=True).start()
+
+    def go_down(self) -> None:
+        """Hold all that comes, until it heals."""
+        self._up.clear()
+
+    def swallow(self) -> None:
+        self._swallows = True
+
+    def slow_down(self, bytes_a_second: float) -> None:
+        self._bytes_a_second = bytes_a_second
+
+    def delay(self, seconds: float) -> None:
+        self._delay = seconds
+
+    def lose(self, part: float) -> None:
+        self._loss = part
 
     def heal(self) -> None:
         """Pass on all that comes from now on, at once; but what swallows goes on so: no stream of TCP has a hole."""
-        self.bytes_a_second, self.delay, self.loss = 0.0, 0.0, 0.0
+        self._bytes_a_second, self._delay, self._loss = 0.0, 0.0, 0.0
+        self._up.set()
 
     def cut(self) -> None:
         """Close both connections, and take no other."""
+        self._up.set()
         for end in (self._listening, *self._ends):
             with suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
@@ -50,7 +70,7 @@ class Relay:
     def _pass_on(self, source: socket.socket, target: socket.socket) -> None:
         with suppress(OSError):
             while data := source.recv(CHUNK):
-                if self.swallows:
+                if self._swallows:
                     continue
                 self._hold_up(len(data))
                 target.sendall(data)
@@ -58,9 +78,10 @@ class Relay:
 
     def _hold_up(self, nbytes: int) -> None:
         """A loss holds up all that comes after it, as TCP's does."""
-        seconds = self.delay + (nbytes / self.bytes_a_second if self.bytes_a_second else 0.0)
+        seconds = self._delay + (nbytes / self._bytes_a_second if self._bytes_a_second else 0.0)
         segments = -(-nbytes // SEGMENT)
-        if self.loss and self._random.random() > (1 - self.loss) ** segments:
+        if self._loss and self._random.random() > (1 - self._loss) ** segments:
             seconds += STALL_SECONDS
         if seconds:
             time.sleep(seconds)
+        self._up.wait()

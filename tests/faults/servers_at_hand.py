@@ -1,27 +1,31 @@
 """Servers as processes of this machine, each behind a relay of its own, that can be harmed and replaced."""
 
+import random
 import subprocess
 import sys
+from collections.abc import Sequence
 from itertools import count
+from pathlib import Path
 
 import psutil
+from faults.kinds_of_fault import FAULTS, Fault
 from faults.relay import Relay
 
 from volsplat.client import Session
 from volsplat.deploy.server_command import Program
-from volsplat.protocol.wire.tokens import Token
+from volsplat.protocol.wire.tokens import Token, new_token
 
 MODULES = {Program.MAPSHADE_SERVER: "volsplat.mapshade_server", Program.SPLAT_SERVER: "volsplat.splat_server"}
 
 
-class HarmedServer:
+class RelayedServer:
     """One process, and its way to the client."""
 
     def __init__(self, program: Program, session: Session, token: Token, seed: int) -> None:
         self.program = program
-        self.relay = Relay((session.address.host, session.address.port), seed)
+        self.network = Relay((session.address.host, session.address.port), seed)
         self._process = subprocess.Popen(
-            [sys.executable, "-m", MODULES[program], "--connect", self.relay.address, "--threads", "1"],
+            [sys.executable, "-m", MODULES[program], "--connect", self.network.address, "--threads", "1"],
             env=token.added_to({}),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
@@ -32,32 +36,42 @@ class HarmedServer:
     def end(self) -> None:
         self._process.kill()
         self._process.wait()
-        self.relay.cut()
+        self.network.cut()
 
 
 class ServersAtHand:
     """The servers of one session, kept as many as they were at first."""
 
-    def __init__(self, session: Session, token: Token, workers: int, splat_servers: int, seed: int) -> None:
-        self._session, self._token = session, token
-        self._seeds = count(seed)
-        self.living: list[HarmedServer] = []
+    faults: Sequence[Fault] = FAULTS
+    most_losses = sys.maxsize  # of servers in one session
+
+    def __init__(self, volume: Path, chance: random.Random, workers: int, splat_servers: int) -> None:
+        self._token = new_token()
+        self.workers, self.splat_servers = workers, splat_servers
+        self.session = Session(volume, workers=workers, splat_servers=splat_servers, spawn=False, token=self._token)
+        self._seeds = count(chance.randrange(1 << 30))
+        self.living: list[RelayedServer] = []
+        self._replaced: list[RelayedServer] = []
         for program, many in ((Program.SPLAT_SERVER, splat_servers), (Program.MAPSHADE_SERVER, workers)):
             for _ in range(many):
-                self.start(program)
+                self._start(program)
 
-    def start(self, program: Program) -> None:
-        self.living.append(HarmedServer(program, self._session, self._token, next(self._seeds)))
-
-    def replace(self, harmed: HarmedServer) -> None:
-        """As a launcher does that has heard of its end."""
-        self.living.remove(harmed)
-        self.start(harmed.program)
+    def replace(self, number: int) -> None:
+        """As a launcher does that has heard of the end of one of the living."""
+        harmed = self.living.pop(number)
+        self._replaced.append(harmed)
+        self._start(harmed.program)
 
     def joined(self) -> bool:
-        """Whether all that live have joined."""
-        return sum(not server.lost for server in self._session.servers) >= len(self.living)
+        """Whether all that live have joined, and none else is left."""
+        while self._replaced:
+            self._replaced.pop().end()
+        return sum(not server.lost for server in self.session.servers) >= len(self.living)
 
     def close(self) -> None:
-        for server in self.living:
+        self.session.close()
+        for server in self.living + self._replaced:
             server.end()
+
+    def _start(self, program: Program) -> None:
+        self.living.append(RelayedServer(program, self.session, self._token, next(self._seeds)))

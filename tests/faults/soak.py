@@ -16,6 +16,7 @@ import msgspec
 import psutil
 from faults.fault_runs import Bench, drawn_head
 from faults.kinds_of_fault import FAULTS
+from faults.servers_at_hand import ServersAtHand
 
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.description.scene import Scene
@@ -64,7 +65,7 @@ def soak(seed: int, seconds: float, kill_every: float, say: Callable[[str], None
     early: Held | None = None
     frames = kills = 0
     with drawn_head() as head:
-        bench = Bench(head, chance, workers=2, splat_servers=1)
+        bench = Bench(head, chance, ServersAtHand(head.volume, chance, workers=2, splat_servers=1))
         try:
             while (now := time.monotonic()) - began < seconds:
                 bench.session.render(turned(head.scene, chance))
@@ -75,7 +76,7 @@ def soak(seed: int, seconds: float, kill_every: float, say: Callable[[str], None
                 if now - killed > kill_every:
                     after = bench.suffers(KILLED, of=[Program.MAPSHADE_SERVER])
                     assert after.seconds and not after.wrong, after
-                    assert bench.settled(), "no server took the place of the one that was killed"
+                    assert bench.goes_on(), "no server took the place of the one that was killed"
                     killed, kills = now, kills + 1
             late = held(bench)
             say(f"after {frames} frames, {kills} kills: {late}")

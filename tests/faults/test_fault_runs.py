@@ -6,6 +6,7 @@ import time
 import pytest
 from faults.fault_runs import Bench, drawn_head, fault_runs, summary
 from faults.kinds_of_fault import FAULTS, Fault
+from faults.servers_at_hand import ServersAtHand
 
 from volsplat.deploy.server_command import Program
 
@@ -24,7 +25,8 @@ def test_no_fault_makes_a_wrong_image_or_a_hang() -> None:
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.silent], ids=lambda fault: fault.name)
 def test_what_the_only_map_shade_server_held_goes_to_one_that_came_before_its_loss_was_noticed(fault: Fault) -> None:
     with drawn_head() as head:
-        bench = Bench(head, random.Random(1), workers=1, splat_servers=1)
+        chance = random.Random(1)
+        bench = Bench(head, chance, ServersAtHand(head.volume, chance, workers=1, splat_servers=1))
         try:
             after = bench.suffers(fault, of=[Program.MAPSHADE_SERVER])
         finally:

@@ -69,8 +69,8 @@ def echo(small: Box) -> Iterator[Echo]:
 
 
 @pytest.fixture
-def network(small: Box) -> Iterator[HostNetwork]:
-    network = HostNetwork(small.hosts["worker-1"], GIGABIT)
+def network(small: Box, echo: Echo) -> Iterator[HostNetwork]:
+    network = HostNetwork(small.hosts["worker-1"], echo.process, GIGABIT)
     yield network
     network.heal()
 
@@ -89,7 +89,7 @@ def test_lost_packets_come_later(echo: Echo, network: HostNetwork) -> None:
 
 
 def test_a_swallowed_connection_is_silent_while_another_one_is_not(echo: Echo, network: HostNetwork) -> None:
-    network.swallow(echo.process)
+    network.swallow()
     echo.link.settimeout(SHORT)
     with pytest.raises(TimeoutError):
         echo.seconds()
@@ -99,7 +99,7 @@ def test_a_swallowed_connection_is_silent_while_another_one_is_not(echo: Echo, n
 
 
 def test_a_cut_connection_is_known_as_such_at_once(echo: Echo, network: HostNetwork) -> None:
-    network.cut(echo.process)
+    network.cut()
     with pytest.raises(ConnectionError):
         echo.seconds()
 

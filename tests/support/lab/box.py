@@ -33,6 +33,7 @@ StrictModes no
 PermitRootLogin prohibit-password
 PasswordAuthentication no
 MaxStartups 100
+LogLevel ERROR
 Subsystem sftp internal-sftp
 """
 _SSH_CONFIG = """\

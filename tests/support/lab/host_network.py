@@ -21,22 +21,24 @@ def why_unharmed() -> str:
 
 
 class HostNetwork:
-    def __init__(self, host: Host, rate: float) -> None:
+    """Of a process there, where it is about connections."""
+
+    def __init__(self, host: Host, process: psutil.Process, rate: float) -> None:
         """`rate` in bits a second, that it has in health."""
-        self._host, self._rate = host, rate
+        self._host, self._process, self._rate = host, process, rate
         self._slow: DelayLine | None = None
 
     def go_down(self) -> None:
         do("ip", "link", "set", self._host.port, "down")
 
-    def cut(self, process: psutil.Process) -> None:
-        """Reset each connection of a process, at both ends."""
-        for own, peer in self._ports(process):
+    def cut(self) -> None:
+        """Reset each connection of the process, at both ends."""
+        for own, peer in self._ports():
             self._do("ss", "--kill", f"sport = :{own} and dport = :{peer}")
 
-    def swallow(self, process: psutil.Process) -> None:
-        """Nothing passes any more on the connections that a process has; others can be made."""
-        ports = self._ports(process)
+    def swallow(self) -> None:
+        """Nothing passes any more on the connections that the process has; others can be made."""
+        ports = self._ports()
         self._filter(
             {
                 chain: [f"tcp {own_port} {own} tcp {peer_port} {peer} drop" for own, peer in ports]
@@ -78,10 +80,10 @@ class HostNetwork:
             hook = f"type filter hook {chain} priority 0;"
             self._do("nft", "\n".join([f"table {TABLE} {{", f"chain {chain} {{", hook, *told, "}", "}"]))
 
-    def _ports(self, process: psutil.Process) -> list[tuple[str, str]]:
+    def _ports(self) -> list[tuple[str, str]]:
         """Its own and its peer's, of each connection: those of Unix sockets are not the network's."""
         lines = self._do("ss", "-Htnp", "state", "established").splitlines()
-        ends = [line.split()[2:4] for line in lines if f"pid={process.pid}," in line]
+        ends = [line.split()[2:4] for line in lines if f"pid={self._process.pid}," in line]
         return [(own.rpartition(":")[2], peer.rpartition(":")[2]) for own, peer in ends]
 
     def _do(self, *command: str) -> str:
