@@ -1,5 +1,6 @@
 """One frame on its way: each walker, in a thread of its own, sends every splat server what reaches its regions."""
 
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 
@@ -9,8 +10,10 @@ from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.program.frame_spans import UNTRACED, FrameSpans
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.regions import Region
-from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError, VolsplatError
+from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError
 from volsplat.protocol.wire.connection import ConnectionClosed
+
+log = logging.getLogger(__name__)
 
 LOSSES = (PeerLost, ConnectionClosed, RemoteProtocolError)
 LEAST_SPAN = 1e-5  # seconds: what is shorter, where nothing may have been done, is not traced
@@ -42,19 +45,12 @@ class FrameDelivery:
         self._spans = spans
         self._parts = _parts_of(regions)
         self._ended = False
-        self._lost: dict[int, VolsplatError] = {
-            server: PeerLost(f"splat server {server} was not named") for server in self._parts if server not in links
-        }
+        self._lost = self._parts.keys() - links.keys()
 
     @property
     def lost(self) -> list[int]:
         """Splat servers that did not get all."""
         return sorted(self._lost)
-
-    def check(self) -> None:
-        """Raises what one of the splat servers was lost by, where no other is left."""
-        if len(self._lost) == len(self._parts):
-            raise next(iter(self._lost.values()))
 
     def end(self) -> None:
         """Have the walkers stop before their next batches."""
@@ -85,7 +81,8 @@ class FrameDelivery:
         try:
             sent = outlet.send(self._frame, self._worker, walker, batch, tally)
         except LOSSES as loss:
-            self._lost.setdefault(outlet.server, loss)
+            log.info("frame %d: %s", self._frame, loss)
+            self._lost.add(outlet.server)
         else:
             self._note(_row(walker), outlet.server, began, sent)
 

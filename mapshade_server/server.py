@@ -211,7 +211,6 @@ class MapShadeServer:
         )
         tally = FrameTally.of_walkers(self._delivered(delivery, len(walk.walkers)))
         if self._newest_frame <= request.frame:
-            delivery.check()
             self._note_frame(spans, came, started, planned)
             stats = replace(tally, planning_seconds=planned - started).stats()
             log.info(

@@ -19,7 +19,7 @@ from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.tokens import Token
 
 MISSING_SECONDS = 60.0  # after which a server that has not joined is waited for no more, not counted while it is queued
-FROZEN_SECONDS = 4.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
+FROZEN_SECONDS = 2.0  # likewise, after which one that had joined is started anew though it runs: it would dial at once
 LOOK_SECONDS = 2.0  # between two looks at servers that are missing
 CALL_SECONDS = 1e9  # a caller tries until it is told to stop
 

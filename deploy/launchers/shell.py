@@ -63,7 +63,10 @@ class ShellServers(NamedTuple):
 
     def stop(self, servers: Sequence[StartedServer]) -> None:
         every = [(process, began) for process, began, _ in map(_quoted, servers)]
-        ends = [f"if runs {process} {began}; then kill {process}; fi\n" for process, began in every]
+        # One that was stopped by a signal goes on, to end.
+        ends = [
+            f"if runs {process} {began}; then kill {process}; kill -CONT {process}; fi\n" for process, began in every
+        ]
         waits = [
             f"n=0; while runs {process} {began} && [ $n -lt {GRACE_TENTHS} ]; do sleep 0.1; n=$((n+1)); done\n"
             f"if runs {process} {began}; then kill -9 {process}; fi\n"
