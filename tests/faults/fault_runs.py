@@ -105,6 +105,9 @@ class Servers(Protocol):
     def close(self) -> None: ...
 
 
+Opened = Callable[[Head, random.Random], Servers]  # a session anew, of a size by chance
+
+
 class Bench:
     """A session of which one server after the other is harmed."""
 
@@ -188,7 +191,7 @@ def at_hand(head: Head, chance: random.Random) -> Servers:
 
 
 @contextlib.contextmanager
-def in_box() -> Iterator[Callable[[Head, random.Random], Servers]]:
+def in_box() -> Iterator[Opened]:
     """Opens sessions in a lab of its own."""
     with tempfile.TemporaryDirectory() as name, pytest.MonkeyPatch.context() as changed:
         folder = Path(name)
@@ -201,7 +204,7 @@ def fault_runs(
     seed: int,
     goes_on: Callable[[int], bool],
     say: Callable[[str], None],
-    opened: Callable[[Head, random.Random], Servers] = at_hand,
+    opened: Opened,
 ) -> list[Aftermath]:
     """Faults one after the other while it `goes_on`, given how many there were, in sessions of other sizes."""
     chance, seen = random.Random(seed), list[Aftermath]()

@@ -22,7 +22,9 @@ def written(seen: "Sequence[Aftermath]", seed: int, boxed: bool) -> None:
     place = re.compile(rf"(?<=<!-- {title} -->\n).*?(?=<!-- end -->)", re.DOTALL)
     page = PAGE.read_text(encoding="utf-8")
     told = f"`python -m faults.fault_runs --count {len(seen)} --seed {seed}{option}`:\n\n"
-    PAGE.write_text(place.sub(lambda _: told + table(seen), page), encoding="utf-8")
+    changed, places = place.subn(lambda _: told + table(seen), page)
+    assert places == 1, f"{PAGE} has no place for {title}"
+    PAGE.write_text(changed, encoding="utf-8")
 
 
 def table(seen: "Sequence[Aftermath]") -> str:

@@ -4,22 +4,35 @@ import random
 import time
 
 import pytest
-from faults.fault_runs import Bench, drawn_head, fault_runs, summary
+from faults.fault_runs import Aftermath, Bench, Opened, at_hand, drawn_head, fault_runs, in_box, summary
 from faults.kinds_of_fault import FAULTS, Fault
 from faults.servers_at_hand import ServersAtHand
 
+from support.lab.box import why_no_box
+from support.lab.host_network import why_unharmed
 from volsplat.deploy.server_command import Program
 
-SECONDS = 60.0  # of faults; `python -m faults.fault_runs` does hundreds
+SECONDS = 30.0  # of faults; `python -m faults.fault_runs` does hundreds
+WHY_NO_BOX = why_no_box() or why_unharmed()
 
 
-def test_no_fault_makes_a_wrong_image_or_a_hang() -> None:
+def seen_for_a_while(opened: Opened) -> list[Aftermath]:
     seed = random.randrange(1 << 30)
     print(f"seed {seed}")
     until = time.monotonic() + SECONDS
-    seen = fault_runs(seed, lambda done: not done or time.monotonic() < until, print)
+    seen = fault_runs(seed, lambda done: not done or time.monotonic() < until, print, opened)
     print(summary(seen))
-    assert not any(after.wrong or after.hung for after in seen)
+    return seen
+
+
+def test_no_fault_makes_a_wrong_image_or_a_hang() -> None:
+    assert not any(after.wrong or after.hung for after in seen_for_a_while(at_hand))
+
+
+@pytest.mark.skipif(bool(WHY_NO_BOX), reason=WHY_NO_BOX)
+def test_nor_does_one_in_a_box_or_end_a_session() -> None:
+    with in_box() as opened:
+        assert not any(after.wrong or after.hung or after.ended for after in seen_for_a_while(opened))
 
 
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.silent], ids=lambda fault: fault.name)
