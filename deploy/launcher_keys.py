@@ -14,6 +14,7 @@ class SshKeys(LauncherKeys, frozen=True):
 class DaskKeys(LauncherKeys, frozen=True):
     scheduler: str = ""  # its address
     scheduler_file: str = ""  # or a file that holds it
+    resources: dict[str, float] = {}  # that each server takes of its worker, as {volsplat = 1}
 
 
 class SlurmKeys(LauncherKeys, frozen=True):

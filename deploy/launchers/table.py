@@ -21,6 +21,7 @@ class Row(NamedTuple):
 LAUNCHERS = {
     "local": Row("processes of this machine", "volsplat.deploy.launchers.local", "LocalLauncher"),
     "ssh": Row("OpenSSH, with your own config and keys", "volsplat.deploy.launchers.ssh", "SshLauncher"),
+    "dask": Row("tasks of a Dask cluster", "volsplat.deploy.launchers.dask", "DaskLauncher"),
     "slurm": Row("jobs of a Slurm cluster", "volsplat.deploy.launchers.slurm", "SlurmLauncher"),
     "manual": Row("prints what to type on each machine", "volsplat.deploy.launchers.manual", "ManualLauncher"),
 }

@@ -19,6 +19,8 @@ MAY_USE = {
     "protocol": {"msgspec", "cryptography"},
     "program": {"click", "rich", "metrics"},
     "deploy": {"msgspec"},
+    "deploy/launchers/dask.py": {"msgspec", "dask"},
+    "deploy/launchers/dask_task.py": {"dask"},
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from support.checkout import ROOT
+from support.engines.dask import dask_cluster
 from support.files.head_volume import head
 from support.files.images import read_image
 from support.lab.box import NAMES, Box, box, why_no_box
@@ -24,6 +25,7 @@ pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 CT_HEAD = ROOT.parent / "shared" / "data" / "ct_head" / "ct_head_96x128x113.nrrd"
 PICTURE = ("--size", "160x160", "--preset", "ct-skin")
 WORKERS = [name for name in NAMES if name.startswith("worker")]
+SERVING = [name for name in NAMES if name != "client"]
 
 
 @pytest.fixture(scope="module")
@@ -62,21 +64,45 @@ def runs(box: Box, folder: Path, *words: str) -> str:
     return done.stdout
 
 
+@pytest.fixture
+def dask(whole: Box, tmp_path: Path) -> Iterator[Path]:
+    """A cluster file for a scheduler on one of the hosts, and a worker on each that serves."""
+    with dask_cluster(tmp_path, whole.hosts["splat"]) as engine:
+        for name in SERVING:
+            engine.worker(host=whole.hosts[name])
+        path = tmp_path / "dask.toml"
+        path.write_text(
+            'name = "dask-in-a-box"\n[[machines]]\nlauncher = "dask"\n'
+            f'dask.scheduler-file = "{engine.scheduler_file}"\n'
+            f"splat-servers = 1\nmap-shade-servers = {len(WORKERS)}\nthreads = 1\n",
+            encoding="utf-8",
+        )
+        yield path
+
+
+def assert_drawn_alike(whole: Box, volume: Path, cluster: Path) -> None:
+    """By a cluster with a server on each host but the client's, twice, and by a single process."""
+    folder = cluster.parent
+    runs(whole, folder, "deploy", "up", cluster.name)
+    try:
+        wait_until(lambda: all(map(whole.servers, SERVING)), "with a server on each host")
+        assert not whole.servers("client")
+        for image in ("first.exr", "second.exr"):  # the servers outlive their client
+            runs(whole, folder, "render", str(volume), "--cluster", cluster.name, *PICTURE, "--output", image)
+    finally:
+        runs(whole, folder, "deploy", "down", cluster.name)
+    wait_until(lambda: not any(map(whole.servers, whole.hosts)), "without servers")
+    runs(whole, folder, "render", str(volume), "--single", *PICTURE, "--output", "alone.exr")
+    alone = read_image(folder / "alone.exr")
+    assert alone.any()
+    assert all(read_image(folder / image).equal(alone) for image in ("first.exr", "second.exr"))
+
+
 def test_a_cluster_brought_up_through_ssh_draws_each_bit_as_a_single_process(
     whole: Box, volume: Path, tmp_path: Path
 ) -> None:
-    cluster = cluster_file(whole, tmp_path)
-    runs(whole, tmp_path, "deploy", "up", cluster.name)
-    try:
-        serving = [name for name in NAMES if name != "client"]
-        wait_until(lambda: all(len(whole.servers(name)) == 1 for name in serving), "with one server on each host")
-        assert not whole.servers("client")
-        for image in ("first.exr", "second.exr"):  # the servers outlive their client
-            runs(whole, tmp_path, "render", str(volume), "--cluster", cluster.name, *PICTURE, "--output", image)
-    finally:
-        runs(whole, tmp_path, "deploy", "down", cluster.name)
-    wait_until(lambda: not any(map(whole.servers, whole.hosts)), "without servers")
-    runs(whole, tmp_path, "render", str(volume), "--single", *PICTURE, "--output", "alone.exr")
-    alone = read_image(tmp_path / "alone.exr")
-    assert alone.any()
-    assert all(read_image(tmp_path / image).equal(alone) for image in ("first.exr", "second.exr"))
+    assert_drawn_alike(whole, volume, cluster_file(whole, tmp_path))
+
+
+def test_so_does_one_whose_servers_are_tasks_of_dask(whole: Box, volume: Path, dask: Path) -> None:
+    assert_drawn_alike(whole, volume, dask)

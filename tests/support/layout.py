@@ -15,7 +15,7 @@ MAY_IMPORT = {
     "program": {"protocol"},
     "mapshade_server": {"protocol", "program"},
     "splat_server": {"protocol", "program"},
-    "deploy": {"protocol"},
+    "deploy": {"protocol", "program"},
     "client": {"protocol", "program", "deploy"},
     "bench": {"client", "protocol", "program", "deploy", "mapshade_server", "splat_server"},  # and nobody imports it
 }
