@@ -40,6 +40,7 @@ class ClusterServers:
         self._lock = threading.Lock()  # guards what follows
         self._why: dict[str, str] = {}  # each is not there
         self._closed = threading.Event()
+        self._watching: threading.Thread | None = None
 
     def _bring_up(self) -> ClusterState:
         try:
@@ -65,7 +66,8 @@ class ClusterServers:
             if one.wait_at:
                 name = f"call {one.started.name}"
                 threading.Thread(target=self._call, args=(one, links), name=name, daemon=True).start()
-        threading.Thread(target=self._watch, args=(links,), name="watch the cluster", daemon=True).start()
+        self._watching = threading.Thread(target=self._watch, args=(links,), name="watch the cluster", daemon=True)
+        self._watching.start()
 
     @contextmanager
     def beginning(self) -> Iterator[None]:
@@ -85,7 +87,12 @@ class ClusterServers:
         self._closed.set()
 
     def release(self) -> None:
-        """The session has ended: bring the cluster down if it was brought up for it."""
+        """The session has ended: bring the cluster down if it was brought up for it.
+
+        Waits until a server that is being started anew is: nobody would know of it.
+        """
+        if self._watching is not None:
+            self._watching.join()
         if self._brought_up:
             self._running.down(self._report)
 

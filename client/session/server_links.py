@@ -170,6 +170,7 @@ class ServerLinks:
             posts.flush(until)
         with self._left:  # servers hang up: if this side did, they would not hear that the session is over
             self._left.wait_for(lambda: not self._connections, max(0.0, until - time.monotonic()))
+            self._left.notify_all()  # nobody need wait for a loss any more
         for connection in connections:
             connection.close()
         self._local.stop()

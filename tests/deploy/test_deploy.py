@@ -54,6 +54,15 @@ def processes(person: Person) -> list[int]:
     return [int(handle["process"]) for handle in handles(person)]
 
 
+def is_server_of(person: Person, process: psutil.Process) -> bool:
+    """Whether it was started here, with where this person's state lies."""
+    try:
+        there = process.environ().get("XDG_STATE_HOME") == str(person.folder / "state")
+        return there and "_server" in " ".join(process.cmdline()) and process.status() != psutil.STATUS_ZOMBIE
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
+        return False
+
+
 def test_resident_servers_serve_one_client_after_the_other(person: Person, cluster: Path) -> None:
     alone = drawn(person, "--single")
     up = person.runs("deploy", "up", str(cluster))
@@ -99,6 +108,17 @@ def test_in_the_place_of_the_only_splat_server_another_is_started(
         wait_until(lambda: any(server.lost for server in session.servers), "is it noticed")
         assert torch.equal(session.render(scene), expected)
         assert splat.pid not in processes(person) and len(set(before) & set(processes(person))) == 2
+
+
+@pytest.mark.parametrize("cluster", ["local"], indirect=True)
+def test_a_session_that_ends_while_a_server_is_started_anew_leaves_nothing(person: Person, cluster: Path) -> None:
+    said = list[str]()
+    with Session(person.folder / "head.nrrd", cluster=cluster, on_progress=said.append) as session:
+        session.default_scene()  # all have joined
+        os.kill(processes(person)[1], signal.SIGKILL)
+        wait_until(lambda: any("has ended" in line for line in said), "noticed")
+    assert "is not up" in person.runs("deploy", "status", str(cluster)).stderr
+    assert not [one.pid for one in psutil.process_iter() if is_server_of(person, one)]
 
 
 def test_a_cluster_is_brought_up_for_one_picture_and_down_after_it(person: Person, cluster: Path) -> None:
