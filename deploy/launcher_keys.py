@@ -24,4 +24,6 @@ class SlurmKeys(LauncherKeys, frozen=True):
 
 class KubernetesKeys(LauncherKeys, frozen=True):
     namespace: str = "default"
-    image: str = ""
+    image: str = ""  # with volsplat in it
+    claim: str = ""  # a PersistentVolumeClaim with the volumes, mounted at data-root
+    resources: dict[str, str] = {}  # of each server, as {memory = "16Gi"}; threads are its cpu

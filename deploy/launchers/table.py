@@ -6,7 +6,6 @@ from typing import NamedTuple
 
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers.launcher import Launcher
-from volsplat.protocol.text.errors import BadInput
 
 
 class Row(NamedTuple):
@@ -23,13 +22,14 @@ LAUNCHERS = {
     "ssh": Row("OpenSSH, with your own config and keys", "volsplat.deploy.launchers.ssh", "SshLauncher"),
     "dask": Row("tasks of a Dask cluster", "volsplat.deploy.launchers.dask", "DaskLauncher"),
     "slurm": Row("jobs of a Slurm cluster", "volsplat.deploy.launchers.slurm", "SlurmLauncher"),
+    "kubernetes": Row("manifests to apply", "volsplat.deploy.launchers.kubernetes", "KubernetesLauncher"),
     "manual": Row("prints what to type on each machine", "volsplat.deploy.launchers.manual", "ManualLauncher"),
 }
 
 
 def launcher_of(machine: Machine, folder: Path) -> Launcher:
     """The launcher of a machine. `folder` (mode 0700) is for its logs, and for files that only its owner may read."""
-    row = _row(machine)
+    row = LAUNCHERS[machine.launcher]
     launcher: Launcher = getattr(import_module(row.module), row.name)(machine, folder)
     return launcher
 
@@ -39,12 +39,5 @@ def host_name(machine: Machine) -> str | None:
 
     None where it knows neither. Raises BadInput.
     """
-    found = getattr(import_module(_row(machine).module), "host_name", None)
+    found = getattr(import_module(LAUNCHERS[machine.launcher].module), "host_name", None)
     return machine.host if found is None else found(machine)
-
-
-def _row(machine: Machine) -> Row:
-    row = LAUNCHERS.get(machine.launcher)
-    if row is None:
-        raise BadInput(f"launcher {machine.launcher}: there is none yet; choose from {', '.join(LAUNCHERS)}")
-    return row

@@ -36,6 +36,7 @@ DISTRIBUTIONS = {  # of modules: fsspec[http] brings aiohttp
     "PIL": "pillow",
     "vtkmodules": "vtk",
     "aiohttp": "fsspec",
+    "kubernetes_validate": "kubernetes-validate",
     "prometheus_client": "prometheus-client",
 }
 IMPORTERS = {"library", "import_module"}  # functions that import what they are given by name
