@@ -7,9 +7,12 @@ from pathlib import Path
 
 import click
 
-from volsplat.bench.commands.option_lists import whole_numbers
-from volsplat.bench.renderers import SINGLE, Row, opened_rows, servers_words
-from volsplat.bench.subject import shares, subject_of, subject_options, volume_file, volume_words
+from volsplat.bench.clusters.cluster_sizes import groups_of
+from volsplat.bench.clusters.cluster_table import cluster_facts, cluster_table, links_table
+from volsplat.bench.commands.drawers import cluster_option, drawers_from_options
+from volsplat.bench.renderers import SINGLE, Row
+from volsplat.bench.scaling.scaling_cases import Case, Taken, frames_of
+from volsplat.bench.subject import Shares, shares, subject_of, subject_options, volume_file, volume_words
 from volsplat.bench.tables.outputs import Outputs, machine_words, output_options
 from volsplat.bench.tables.plot import Panel
 from volsplat.bench.tables.progress import shown_progress
@@ -25,6 +28,7 @@ from volsplat.protocol.description.scene import Scene, Step
 
 # Rows of the paper whose ratio says what more machines brought: above, below.
 PAPER_SPEED_UPS = (("4 Sun-3", "1 Sun-3"), ("4 Sun-4", "1 Sun-4"), ("TAAC-1", "1 Sun-3"))
+USUAL_WORKERS = "1,2,4"
 CAPTION = (
     "Seconds from asking for a step's image to having it, each image by itself and none added up; so are the paper's "
     "(its E follows its D by less than any whole image takes). The paper's volume is a CT of 96 x 128 x 113 voxels. "
@@ -37,7 +41,8 @@ Seconds = Mapping[tuple[str, Step], list[float]]
 @click.command()
 @subject_options
 @click.option("--size", default="512x512", metavar="WxH", help="Image size in pixels (512x512).")
-@click.option("--workers", default="1,2,4", help="Numbers of map/shade servers (1,2,4).")
+@click.option("--workers", help="Numbers of map/shade servers (1,2,4; of a cluster those of 1, 2, 3 … machines).")
+@cluster_option
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views; each step is drawn once in each (7).")
 @output_options(plot=True)
 def paper(
@@ -47,7 +52,8 @@ def paper(
     scene: Path | None,
     preset: str | None,
     size: str,
-    workers: str,
+    workers: str | None,
+    cluster: Path | None,
     repeats: int,
     json: Path | None,
     markdown: Path | None,
@@ -55,23 +61,29 @@ def paper(
 ) -> None:
     """Print the paper's timing table with rows of this machine: the single process and several numbers of servers.
 
-    Every repeat is another view, in which the steps A to F are drawn one after the other.
+    Every repeat is another view, in which the steps A to F are drawn one after the other. With --cluster the rows are
+    of its first machine, of the first two and so on, each brought up for its row; another table has bytes and limits.
     """
-    subject = subject_of(volume, phantom, tables, scene, preset)
-    pixels, counts = size_from_option(size), whole_numbers("--workers", workers, most=256)
+    subject = subject_of(volume, phantom, tables, scene, preset, here=cluster is None)
+    pixels, drawers = size_from_option(size), drawers_from_options(cluster, workers, USUAL_WORKERS)
     outputs = Outputs(json, markdown, plot)
     outputs.check()
     console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
-        with opened_rows(path, counts, status.update) as rows:
+        names, seconds, taken, scenes = list[str](), dict[tuple[str, Step], list[float]](), list[Taken](), list[Scene]()
+        seen_shares: Shares | None = None
+        for rows in groups_of(drawers, path, None, status.update):
             status.stop()
             known = rows[0].renderer.volume
-            shown = subject.scene_of(known)
-            geometry = known.description.geometry
-            scenes = [seen(shown, geometry, turned, pixels) for turned in around(repeats)]
-            seconds = step_seconds(rows, scenes)
-            seen_shares = shares(rows[0].renderer, scenes[0])
-    names = [row.name for row in rows]
+            shown, geometry = subject.scene_of(known), known.description.geometry
+            scenes = scenes or [seen(shown, geometry, turned, pixels) for turned in around(repeats)]
+            seen_shares = seen_shares or shares(rows[0].renderer, scenes[0])
+            seconds |= step_seconds(rows, scenes)
+            names += [row.name for row in rows]
+            if cluster is not None:
+                taken += frames_of([row for row in rows if row.workers], [Case("pixels", 1.0, scenes)])
+            status.start()
+        status.stop()
     facts = {
         "volume": volume_words(known),
         "tables": subject.tables.value,
@@ -79,7 +91,10 @@ def paper(
         "shares": str(seen_shares),
     }
     figures = [figure(f"{name}, step {step}", "s", values) for (name, step), values in seconds.items()]
-    shown_tables = [timing_table(names, figures), speed_up_table(counts, figures)]
+    shown_tables = [timing_table(names, figures), speed_up_table(names, figures)]
+    if taken:
+        shown_tables += [cluster_table(taken, f"{pixels[0]} x {pixels[1]}"), links_table(taken)]
+        facts |= cluster_facts(taken)
     outputs.deliver(record("paper", facts, figures), shown_tables, [panel(names, figures)])
 
 
@@ -119,15 +134,15 @@ def timing_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
     return table
 
 
-def speed_up_table(workers: Sequence[int], figures: Sequence[Figure]) -> TextTable:
+def speed_up_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
     """How many times faster several machines were than one, and several servers here."""
     table = TextTable("Speed-ups", ("", *_headings()), "Medians over medians. 'over' is: how many times faster than.")
     for above, below in PAPER_SPEED_UPS:
         values = (b / a for a, b in zip(PAPER_SECONDS[above], PAPER_SECONDS[below], strict=True))
         table.add(f"1989, {above} over {below}", *(significant(value) for value in values))
     table.add()
-    one = servers_words(min(workers))
-    for above in (*(servers_words(count) for count in workers if servers_words(count) != one), SINGLE):
+    one, *others = [name for name in names if name != SINGLE]
+    for above in (*others, *(name for name in names if name == SINGLE)):
         values = (_of(figures, one, step).median / _of(figures, above, step).median for step in Step)
         table.add(f"{above} over {one}", *(significant(value) for value in values))
     return table

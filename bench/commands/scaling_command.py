@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import click
 
+from volsplat.bench.clusters.cluster_sizes import MeasuredCluster, groups_of
+from volsplat.bench.clusters.cluster_table import cluster_table, links_table
+from volsplat.bench.commands.drawers import cluster_option, drawers_from_options
 from volsplat.bench.commands.option_lists import fractions, whole_numbers
 from volsplat.bench.renderers import Row, opened_rows
 from volsplat.bench.scaling.model_table import model_table
-from volsplat.bench.scaling.scaling_cases import Case, frames_of, visible_cases, voxel_cases
+from volsplat.bench.scaling.scaling_cases import Case, Taken, frames_of, visible_cases, voxel_cases
 from volsplat.bench.scaling.scaling_tables import (
     figures_of,
     growth_table,
@@ -35,14 +37,18 @@ from volsplat.client.session.bottleneck import bottleneck
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 
 PACKED_VOXEL_BYTES = 4
+USUAL_WORKERS = "1,2,4,8"
 
 
 @click.command()
 @subject_options
-@click.option("--workers", default="1,2,4,8", help="Numbers of map/shade servers (1,2,4,8).")
+@click.option("--workers", help="Numbers of map/shade servers (1,2,4,8; of a cluster those of 1, 2, 3 … machines).")
+@cluster_option
 @click.option("--threads", metavar="1,2,4", help="Numbers of threads of the single process, to see what each does.")
 @click.option("--sizes", default="0.125,0.25,0.5,1", help="Shares of the volume's voxels, drawn by bounds.")
 @click.option("--images", default="256,512,1024", help="Sides of the square images, pixels (256,512,1024).")
@@ -58,7 +64,8 @@ def scaling(
     tables: str | None,
     scene: Path | None,
     preset: str | None,
-    workers: str,
+    workers: str | None,
+    cluster: Path | None,
     threads: str | None,
     sizes: str,
     images: str,
@@ -73,49 +80,50 @@ def scaling(
 ) -> None:
     """Measure how a frame's time grows with servers, pixels, voxels and visible voxels, and name what limits it.
 
-    With --listen it measures a cluster that is already up: --workers is then the number of its map/shade servers, and
-    the single process is measured as well where this machine sees the volume. With --threads it also counts what each
-    thread of the single process takes of a frame, in the largest image.
+    With --cluster it measures the first machine of a cluster file, the first two and so on, each brought up for its
+    turn. With --listen it measures servers that are already up: --workers is then the number of map/shade servers. With
+    either, the single process is measured as well if this machine sees the volume. With --threads it also counts what
+    each thread of the single process takes of a frame, in the largest image.
     """
-    spawns = spawn == "local" or (spawn is None and listen is None)
-    if not spawns and listen is None:
+    if cluster is not None and (listen is not None or spawn is not None):
+        raise BadInput("--cluster says where the servers are; leave out --listen and --spawn")
+    spawns = cluster is None and (spawn == "local" or (spawn is None and listen is None))
+    joins = cluster is None and not spawns
+    if joins and listen is None:
         raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
     subject = subject_of(volume, phantom, tables, scene, preset, here=spawns)
-    counts = whole_numbers("--workers", workers, most=256)
+    drawers = drawers_from_options(cluster, workers, USUAL_WORKERS)
     shares_drawn, sides = fractions("--sizes", sizes), whole_numbers("--images", images)
-    if not spawns and len(counts) != 1:
+    if joins and (workers is None or isinstance(drawers, MeasuredCluster) or len(drawers) != 1):
         raise BadInput(f"--workers {workers}: a cluster has one number of map/shade servers; give it")
     thread_counts = whole_numbers("--threads", threads, most=256) if threads else []
     if thread_counts and not spawns:
         raise BadInput("--threads measures the single process of this machine; leave it out with a cluster")
     if thread_counts:
         check_threads_are_seen()
-    servers = servers_from_options(counts[0], 1, usable_cores(), listen, token_file, memory=memory)
+    memory_bytes = bytes_from_option("--memory", memory) if memory else None
     outputs = Outputs(json, markdown, plot)
     outputs.check()
     console = PlainConsole(stderr=True)
     with console.status("starting") as status, volume_file(subject, status.update) as path:
-        if spawns:
-            source = opened_rows(path, counts, status.update, servers.memory)
-        else:
+        middle = sides[len(sides) // 2]
+        cases, taken, found = list[Case](), list[Taken](), ""
+        if joins:
+            assert isinstance(drawers, list)
             status.stop()
-            source = opened_cluster(path, servers, console)
-        with source as rows:
+            groups = joined(
+                path, servers_from_options(drawers[0], 1, usable_cores(), listen, token_file, memory=memory), console
+            )
+        else:
+            groups = groups_of(drawers, path, memory_bytes, status.update)
+        for rows in groups:
             status.stop()
             known = rows[0].renderer.volume
             shown, geometry = subject.scene_of(known), known.description.geometry
-            rotations = around(repeats)
-
-            def views(changed: Scene, side: int) -> list[Scene]:
-                return [seen(changed, geometry, turned, (side, side)) for turned in rotations]
-
-            middle = sides[len(sides) // 2]
-            cases = [Case("pixels", side * side / 1e6, views(shown, side)) for side in sides]
-            cases += voxel_cases(shown, geometry, shares_drawn, lambda changed: views(changed, middle))
-            cases += visible_cases(shown, lambda changed: views(changed, middle))
-            taken = frames_of(rows, cases)
-            found = str(shares(rows[0].renderer, cases[0].scenes[0]))
-        by_threads = shares_of_threads(path, thread_counts, views(shown, sides[-1]))
+            cases = cases or cases_of(shown, geometry, shares_drawn, sides, repeats)
+            found = found or str(shares(rows[0].renderer, cases[0].scenes[0]))
+            taken += frames_of(rows, cases)
+        by_threads = shares_of_threads(path, thread_counts, cases[len(sides) - 1].scenes)
     at_middle = [one for one in taken if one.case.group == "pixels" and one.case.value == middle * middle / 1e6]
     tables_shown = [servers_table(at_middle, middle), growth_table(taken)]
     if spawns:
@@ -123,6 +131,8 @@ def scaling(
     if by_threads:
         tables_shown.append(threads_table(by_threads, sides[-1]))
     by_servers = [one for one in at_middle if one.row.workers]
+    if cluster is not None:
+        tables_shown += [cluster_table(by_servers, f"{middle} x {middle}"), links_table(by_servers)]
     facts = {
         "volume": volume_words(known),
         "tables": subject.tables.value,
@@ -137,9 +147,24 @@ def scaling(
     outputs.deliver(record("scaling", facts, figures), tables_shown, panels(taken, at_middle))
 
 
-@contextmanager
-def opened_cluster(path: str, servers: Servers, console: PlainConsole) -> Iterator[list[Row]]:
-    """The cluster whose servers join; and the single process, where the volume is seen from here."""
+def cases_of(
+    shown: Scene, geometry: Geometry, shares_drawn: Sequence[float], sides: Sequence[int], repeats: int
+) -> list[Case]:
+    """Those of the images' sides first."""
+    middle, rotations = sides[len(sides) // 2], around(repeats)
+
+    def views(changed: Scene, side: int = middle) -> list[Scene]:
+        return [seen(changed, geometry, turned, (side, side)) for turned in rotations]
+
+    return [
+        *(Case("pixels", side * side / 1e6, views(shown, side)) for side in sides),
+        *voxel_cases(shown, geometry, shares_drawn, views),
+        *visible_cases(shown, views),
+    ]
+
+
+def joined(path: str, servers: Servers, console: PlainConsole) -> Iterator[list[Row]]:
+    """Servers that join; and the single process, if the volume is seen from here."""
     with opened(path, servers, False, console) as cluster:
         assert cluster.volume, "wait until its servers have read the volume"
         rows = [Row(servers.workers, cluster)]

@@ -46,7 +46,7 @@ FLOORS = {
         "command .",
     ),
     "deploy": (".", "launchers", "cluster", "doctor"),
-    "bench": ("tables", ".", "scaling peers floors hosts", "commands"),
+    "bench": ("tables", ".", "scaling peers floors hosts", "clusters", "commands"),
 }
 """The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""
 AT_LAST = {(Path("client/session/session.py"), "ui")}  # who asks a session for its widget loads the page's modules

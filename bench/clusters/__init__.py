@@ -1,0 +1,1 @@
+"""A lab's cluster, measured with one, two, three … of its machines."""
