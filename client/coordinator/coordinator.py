@@ -329,6 +329,9 @@ class Coordinator:
         assert self.holding.boxes.keys() <= self.servers.joined.keys(), "a server that is gone holds a part"
         if self.holding.volume is not None:
             assert self._all_is_held() or not self.holding.settled, "the sub-cubes do not make up the volume"
+            may_read = self.servers.idle() and self.frames.idle and self.holding.assignments.may_move
+            rests = self.holding.settled and not self.holding.boxes
+            assert not (rests and may_read), "nobody reads what all have lost"
 
 
 def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:

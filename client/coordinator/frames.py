@@ -120,7 +120,8 @@ class Frames:
     @property
     def may_be_whole(self) -> bool:
         """What is missing may be read before the next frame is drawn: its asker waits, or has seen what is left."""
-        return not self._owed or (self.frame is not None and self.frame.require_complete)
+        waits = self.frame is not None and self.frame.require_complete
+        return waits or not (self._owed and self._holding.boxes)
 
     def current(self, frame: int) -> RunningFrame | None:
         """The running frame if it has this id; messages of older frames are of no use any more."""

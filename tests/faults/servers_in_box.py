@@ -1,5 +1,6 @@
 """Servers on the hosts of a lab in a box, which the launcher `ssh` starts, and starts anew if they are lost."""
 
+import os
 import random
 from collections.abc import Sequence
 from pathlib import Path
@@ -42,7 +43,7 @@ class ServersInBox:
         self._hosts |= {name: Program.MAPSHADE_SERVER for name in WORKERS[: self.workers]}
         cluster = folder / "cluster.toml"
         machines = (self._machine(name, program) for name, program in self._hosts.items())
-        cluster.write_text('name = "faults"\n' + "".join(machines), encoding="utf-8")
+        cluster.write_text(f'name = "faults-{os.getpid()}"\n' + "".join(machines), encoding="utf-8")
         self.session = Session(volume, cluster=cluster, on_progress=lambda line: None)
 
     def _machine(self, name: str, program: Program) -> str:

@@ -418,6 +418,19 @@ def test_one_that_held_nothing_yet_takes_the_place_of_all_others() -> None:
     assert coordinator.holding.boxes == {LATE.server: [ALL]}
 
 
+@pytest.mark.parametrize("first", [SPLAT, FIRST, SECOND])
+def test_after_the_loss_of_all_those_who_join_in_their_places_draw(first: int) -> None:
+    coordinator = shown()
+    joined = coordinator.servers.joined
+    joined.update({server: replace(one, restarts=True) for server, one in joined.items()})
+    for server in (first, *(one for one in (SPLAT, FIRST, SECOND) if one != first)):
+        coordinator.handle(ServerLost(server, GONE))
+    coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
+    for event in joins(LATE, ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", "node9", DATA)):
+        coordinator.handle(event)
+    assert coordinator.holding.boxes == {LATE.server: [ALL]}
+
+
 def test_a_splat_server_that_joins_late_draws_from_the_next_frame_on() -> None:
     coordinator = drawing()
     late = ServerJoined(9, Role.SPLAT_SERVER, "splat server 9", "node9", DATA)
