@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from volsplat.program.departure import Departure
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError
@@ -48,13 +49,18 @@ class Clients:
         wait_at: Address | None,
         encryption: Encryption = Encryption.BETWEEN_MACHINES,
     ) -> None:
-        """One of both: `dialled` is the client, at `wait_at` clients dial. Raises BadInput where it cannot be had."""
+        """One of both: `dialled` is the client, at `wait_at` clients dial. For the main thread.
+
+        Raises BadInput where it cannot be had.
+        """
         self._token, self._life, self._dialled = token, life, dialled
         self._encryption = encryption
         self._allocate: Allocate = BufferPool() if role is Role.MAPSHADE_SERVER else new_buffer
         self._port = WaitingPort(role, wait_at, token, self._allocate, encryption) if wait_at is not None else None
         self._lost = False  # the client before; or nobody came
         self._found = False
+        self._departure = Departure()
+        self._departure.watch()
         if self._port is not None:
             log.warning("waiting for clients at %s", self._port.address)
 
@@ -83,13 +89,14 @@ class Clients:
                 ),
             )
         self._found = True
+        self._departure.attend(client)
         return client
 
     def serve(self, one: Callable[[], None]) -> None:
         """Serve one client after the other by `one`, which finds it by next().
 
-        Ends where a client has ended its session, unless the server is resident; then where none comes. Raises what
-        says why there was none, or why it was lost.
+        Ends where a client has ended its session, unless the server is resident; then where none comes; and by SIGTERM
+        (see departure). Raises what says why there was none, or why it was lost.
         """
         lost: PeerLost | RemoteProtocolError | None = None
         short = 0
@@ -108,7 +115,8 @@ class Clients:
                 if not self._life.resident:
                     raise
                 lost = PeerLost(str(error))
-            if lost is None and not self._life.resident:
+            self._departure.attend(None)
+            if self._departure.begun or (lost is None and not self._life.resident):
                 return
             self._lost = lost is not None
             if lost is not None:

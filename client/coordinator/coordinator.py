@@ -48,6 +48,7 @@ from volsplat.protocol.messages.session_messages import (
     ConnectToSplatServers,
     DescribeMachine,
     EndSession,
+    LeaveSession,
     MachineDescribed,
     Refused,
 )
@@ -100,13 +101,15 @@ class Coordinator:
     def _go_on(self) -> list[Instruction]:
         """Begin the frame that waits and send the probes that do, if the servers are ready for them.
 
-        Before that sub-cubes may change hands, unless a frame is being drawn.
+        Before that servers may leave, and sub-cubes change hands, unless a frame is being drawn.
         """
         if self.failure is not None:
             return []
-        shared = self._share() if self.frames.idle and self.holding.settled else []
+        resting = self.frames.idle and (self.holding.settled or self.holding.phase is Phase.GATHERING)
+        left = self._let_go() if resting else []
+        shared = self._share() if resting and self.failure is None else []
         self.servers.hold(self.holding.boxes)
-        return [*shared, *self.frames.begin(), *self.probes.send()]
+        return [*left, *shared, *self.frames.begin(), *self.probes.send()]
 
     def _share(self) -> list[Instruction]:
         """Have what was lost taken over, newcomers get a part, or sub-cubes change hands where that pays."""
@@ -187,6 +190,21 @@ class Coordinator:
         ended = self.frames.end(ImageIncomplete(told))
         self.probes.lost(number)
         return [ReportProgress(told), *invited, *ended, *held]
+
+    @takes(LeaveSession)
+    def _leave(self, message: LeaveSession, event: MessageReceived) -> list[Instruction]:
+        """It serves on until nothing that it does is under way."""
+        servers = self.servers
+        servers.leaving = list(dict.fromkeys([*servers.leaving, event.server]))
+        return [ReportProgress(f"{servers.name(event.server)} was told to end and leaves")]
+
+    def _let_go(self) -> list[Instruction]:
+        """Go on without the servers that leave; as they are between two frames, none is incomplete for it."""
+        told: list[Instruction] = []
+        for server in self.servers.leaving:
+            cause = f"{self.servers.name(server)} left: it was told to end"
+            told += [Send(server, EndSession()), *self._lose(server, cause)]
+        return told
 
     def _is_replaced(self, joined: ServerJoined) -> bool:
         """Whether another one is started in its place."""

@@ -19,6 +19,7 @@ class Servers:
         self.states: dict[int, ServerState] = {}  # replaced whole, for other threads
         self.workers: list[int] = []  # those that were chosen to hold the volume's sub-cubes
         self._handing_over: list[int] = []  # lost servers whose parts were handed over last
+        self.leaving: list[int] = []  # those that were told to end, and are still there
         self.splat_servers: list[int] = []  # those that draw, as long as they are there
 
     @property
@@ -75,6 +76,7 @@ class Servers:
         if self.joined.pop(server, None) is None:
             return None
         self.machines.pop(server, None)
+        self.leaving = [n for n in self.leaving if n != server]
         if server not in (*self.splat_servers, *self.workers):
             self.states = {n: state for n, state in self.states.items() if n != server}
             return None
@@ -89,4 +91,5 @@ class Servers:
         assert present == self.joined.keys(), "the states are not those of the servers that are there"
         assert self.machines.keys() <= present, "a machine is known whose server is gone"
         assert set(self.splat_servers) <= self.machines.keys(), "a splat server draws that is gone, or unknown"
+        assert set(self.leaving) <= present, "a server is to be let go that is gone"
         assert all(state.lost == bool(state.cause) for state in self.states.values()), "a loss without a cause"

@@ -81,6 +81,7 @@ class ServerLinks:
         self._allocate = BufferPool()
         self._heartbeat = Heartbeat(silence)
         self._peers: dict[int, Peer] = {}  # all that ever joined; each is added by its receiving thread
+        self._leaving: set[int] = set()  # those who were told to end; each is added by its receiving thread
         self._listener = Listener(
             Role.CLIENT,
             token,
@@ -226,7 +227,8 @@ class ServerLinks:
             self._tracer.joined(peer.id, str(peer), outgoing.post)
         self._heartbeat.keep(connection, patience_with_server(connection, self._heartbeat.silence))
         cause = self._heard_until_lost(connection)
-        self._local.end(peer.name)
+        if peer.id not in self._leaving:  # who leaves ends by itself
+            self._local.end(peer.name)
         with self._lock:
             del self._connections[peer.id], self._outgoing[peer.id]
             self._images.pop(peer.id, None)
@@ -235,7 +237,7 @@ class ServerLinks:
         if self._tracer is not None:
             self._tracer.lost(peer.id)
         self._log("server_left", cause, peer)
-        if not self._closing:
+        if not (self._closing or peer.id in self._leaving):
             self._counts.add("losses", of=str(peer.role))
         self._on_event(ServerLost(peer.id, cause))
 
@@ -251,6 +253,8 @@ class ServerLinks:
                 message, payload = received
                 if self._tracer is not None and self._tracer.take(peer.id, message, at):
                     continue
+                if isinstance(message, messages.LeaveSession):
+                    self._leaving.add(peer.id)
                 self._report_ends(message)
                 self._note(f"from {_brief(peer)}", message, at - connection.counters.seconds_in_message, at)
                 if isinstance(message, messages.ImageRead):

@@ -1,8 +1,9 @@
 """What may be said in an open connection between the client and a server, and when.
 
-The client asks, a server answers: each request opens an exchange, and a server says nothing outside of one. Requests
-declare theirs (see message); the table in docs/protocol.md is drawn from that. Both ends keep the exchanges of their
-connection, so that a message out of turn ends that connection (see connection) and reaches nobody.
+The client asks, a server answers: each request opens an exchange, and outside of one a server says no more than that it
+is there, or leaves. Requests declare theirs (see message); the table in docs/protocol.md is drawn from that. Both ends
+keep the exchanges of their connection, so that a message out of turn ends that connection (see connection) and reaches
+nobody.
 
 A server works through its requests in order (probes aside). So what it answers of one frame, or of one assignment of
 sub-cubes, ends all exchanges about older ones.
@@ -26,6 +27,11 @@ RISING = ("frame", "assignment")  # ids that order what they name
 EXCHANGES: dict[Way, dict[type[Message], Exchange]] = {
     way: {kind: kind.exchanges[way] for kind in MESSAGES if way in kind.exchanges}
     for way in (CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT)
+}
+
+ANSWERS: dict[Way, frozenset[type[Message]]] = {  # what is said in an exchange alone
+    way: frozenset([Refused, *(answer for exchange in kinds.values() for answer in exchange.answers)])
+    for way, kinds in EXCHANGES.items()
 }
 
 
@@ -60,7 +66,7 @@ class Exchanges:
         with self._lock:
             if type(message) in self._kinds:
                 self._check_request(message)
-            elif self._asking not in message.ways:
+            elif type(message) in ANSWERS[self._asking]:
                 self._find(message)
                 if isinstance(message, ImageRead):
                     self._check_size(message)
@@ -76,7 +82,7 @@ class Exchanges:
                     waiting.popleft()
                 if isinstance(message, RenderFrame):
                     self._note_size(message)
-            elif self._asking not in message.ways:
+            elif type(message) in ANSWERS[self._asking]:
                 self._answered(message)
 
     def _check_request(self, request: Message) -> None:

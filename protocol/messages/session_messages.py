@@ -71,6 +71,14 @@ class Alive(Message, frozen=True):
     at_work: bool = False
 
 
+@says(CLIENT_TO_MAPSHADE.back, CLIENT_TO_SPLAT.back)
+class LeaveSession(Message, frozen=True):
+    """Map/shade server or splat server to client: I was told to end; let me go once others can do what I do.
+
+    It serves on until EndSession comes, or for as long as it can wait.
+    """
+
+
 class Route(Detail, frozen=True):
     """Where a splat server takes data links, and the key that proves which worker the link is of."""
 

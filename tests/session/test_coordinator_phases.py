@@ -134,5 +134,6 @@ def test_every_message_that_a_server_may_say_at_any_time_is_no_answer_about_the_
     assert free - STATES.keys() == {
         messages.MachineDescribed,
         messages.ConnectedToSplatServers,
+        messages.LeaveSession,
         messages.Refused,
     }

@@ -1,0 +1,186 @@
+"""Servers that are ended by SIGTERM: others take over between two frames, so that none is incomplete."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Thread
+
+import pytest
+import torch
+
+from support.files.head_volume import head, scene, single
+from support.patience import PATIENCE, wait_until
+from support.programs.hand_started import free_port
+from volsplat.client import Session
+from volsplat.client.session.renderer import Refinement
+from volsplat.client.session.single import SingleProcess
+from volsplat.program.exit_status import EXIT_TERMINATED
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.messages.message import Message
+from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.messages.session_messages import (
+    DescribeMachine,
+    EndSession,
+    LeaveSession,
+    MachineDescribed,
+)
+from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.listener import Listener
+from volsplat.protocol.wire.tokens import new_token
+
+__all__ = ["head", "scene", "single"]
+
+MAPSHADE, SPLAT = "mapshade_server", "splat_server"
+ROLES = {MAPSHADE: "map/shade server", SPLAT: "splat server"}
+
+
+class Servers:
+    """The processes of a session, by program."""
+
+    def __init__(self, session: Session, environment: dict[str, str], directory: Path) -> None:
+        self.session = session
+        self.of: dict[str, list[subprocess.Popen[bytes]]] = {MAPSHADE: [], SPLAT: []}
+        self._environment, self._directory = environment, directory
+
+    def join(self, program: str) -> None:
+        joined = len(self.session.servers)
+        command = [sys.executable, "-m", f"volsplat.{program}", "--connect", str(self.session.address), "--resident"]
+        self.of[program].append(subprocess.Popen(command, cwd=self._directory, env=self._environment))
+        wait_until(lambda: len(self.session.servers) > joined, "joined")
+
+    def end(self) -> None:
+        for process in (*self.of[MAPSHADE], *self.of[SPLAT]):
+            process.kill()
+            process.wait()
+
+
+@contextmanager
+def opened(head: Path, workers: int, splat_servers: int) -> Iterator[Servers]:
+    token = new_token()
+    with Session(head, workers=workers, splat_servers=splat_servers, spawn=False, token=token) as session:
+        servers = Servers(session, {"VOLSPLAT_TOKEN": token.key.decode()}, head.parent)
+        try:
+            for program, count in ((SPLAT, splat_servers), (MAPSHADE, workers)):
+                for _ in range(count):
+                    servers.join(program)
+            yield servers
+        finally:
+            servers.end()
+
+
+def refined(session: Session, scene: Scene) -> list[Refinement]:
+    return [refinement for refinement in session.refine(scene) if refinement.complete]
+
+
+def check_whole(refinements: list[Refinement], single: SingleProcess, scene: Scene) -> None:
+    for refinement in refinements:
+        assert refinement.outcome is not None and refinement.outcome.servers.missing == ()
+        assert torch.equal(refinement.image, single.render(scene, refinement.step))
+
+
+def ends_by_sigterm(process: "subprocess.Popen[bytes]") -> None:
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(PATIENCE) == 0
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_while_frames_are_drawn_the_others_take_over_and_none_is_incomplete(
+    head: Path, single: SingleProcess, scene: Scene, program: str
+) -> None:
+    with opened(head, workers=2, splat_servers=2) as servers:
+        check_whole(refined(servers.session, scene), single, scene)
+        leaving = Thread(target=ends_by_sigterm, args=(servers.of[program][0],))
+        leaving.start()
+        while leaving.is_alive():
+            check_whole(refined(servers.session, scene), single, scene)
+        leaving.join()
+        assert servers.of[program][0].returncode == 0
+        check_whole(refined(servers.session, scene), single, scene)
+        (lost,) = [server for server in servers.session.servers if server.lost]
+        assert lost.cause.startswith(ROLES[program]) and lost.cause.endswith("left: it was told to end")
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_one_that_joins_takes_the_place_of_the_only_one(
+    head: Path, single: SingleProcess, scene: Scene, program: str
+) -> None:
+    with opened(head, workers=1, splat_servers=1) as servers:
+        check_whole(refined(servers.session, scene), single, scene)
+        servers.join(program)
+        ends_by_sigterm(servers.of[program][0])
+        check_whole(refined(servers.session, scene), single, scene)
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_in_the_place_of_the_only_one_the_client_starts_another(
+    head: Path, single: SingleProcess, scene: Scene, program: str
+) -> None:
+    with Session(head, workers=1) as session:
+        check_whole(refined(session, scene), single, scene)
+        for pid in session.server_processes:
+            if f"volsplat.{program}" in Path(f"/proc/{pid}/cmdline").read_text().split("\0"):
+                os.kill(pid, signal.SIGTERM)
+        wait_until(lambda: any(server.lost for server in session.servers), "gone")
+        check_whole(refined(session, scene), single, scene)
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_without_a_client_it_ends_at_once(program: str, tmp_path: Path) -> None:
+    address = f"127.0.0.1:{free_port()}"
+    command = [sys.executable, "-m", f"volsplat.{program}", "--wait-at", address, "--resident"]
+    environment = {"VOLSPLAT_TOKEN": new_token().key.decode()}
+    with subprocess.Popen(command, cwd=tmp_path, env=environment, stderr=subprocess.PIPE) as process:
+        assert process.stderr is not None and b"waiting for clients" in process.stderr.readline()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE) == 0
+
+
+def said_by(server: Connection) -> Message:
+    received = server.receive()
+    assert received is not None
+    return received.message
+
+
+@contextmanager
+def client_that_keeps(program: str, begin: str = "") -> Iterator[tuple["subprocess.Popen[bytes]", Connection]]:
+    """A server after its first SIGTERM, which its client has heard of. The server's process runs `begin` first."""
+    token = new_token()
+    with Listener(Role.CLIENT, token) as listener:
+        run = f"from volsplat.program.server_process import run_server; run_server('volsplat.{program}.command', "
+        run = f"{begin}\n{run}'{program}', '{program}')"
+        arguments = ["--connect", str(listener.address)]
+        environment = {"VOLSPLAT_TOKEN": token.key.decode()}
+        with subprocess.Popen([sys.executable, "-c", run, *arguments], env=environment) as process:
+            client = listener.accept()
+            assert client is not None
+            with client:
+                client.send(DescribeMachine())
+                assert isinstance(said_by(client), MachineDescribed)
+                process.send_signal(signal.SIGTERM)
+                assert said_by(client) == LeaveSession()
+                yield process, client
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_a_second_sigterm_ends_it_at_once(program: str) -> None:
+    with client_that_keeps(program) as (process, _):
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE) == EXIT_TERMINATED
+
+
+def test_it_waits_no_longer_than_it_can() -> None:
+    begin = "import volsplat.program.departure as departure; departure.LEAVE_SECONDS = 0.2"
+    with client_that_keeps(MAPSHADE, begin) as (process, _):
+        assert process.wait(PATIENCE) == 0
+
+
+@pytest.mark.parametrize("program", [MAPSHADE, SPLAT])
+def test_one_that_its_client_lets_go_ends_though_it_is_resident(program: str) -> None:
+    begin = "import sys; sys.argv.append('--resident')"
+    with client_that_keeps(program, begin) as (process, client):
+        client.send(EndSession())
+        assert process.wait(PATIENCE) == 0
