@@ -9,6 +9,7 @@ server that says what cannot be, or says it in the wrong phase, is cut off.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from typing import get_args
 
 from volsplat.client.coordinator.base_level import budgets
@@ -180,9 +181,10 @@ class Coordinator:
             return []
         if lost.role is Role.SPLAT_SERVER:
             return self._lose_splat_server(lost, self._is_replaced(joined))
-        others = self.holding.boxes.keys() - {number} or self.servers.idle() or self._is_replaced(joined)
-        if self.holding.volume is None or not others:
+        if not (self.servers.chosen or self.servers.idle() or self._is_replaced(joined)):
             return self._fail(PeerLost(cause))
+        if self.holding.volume is None:
+            return self._lose_unsurveyed(lost)
         held = self.holding.lose(number)
         self.holding.assignments.may_move = True
         told = handed_over(lost)
@@ -190,6 +192,16 @@ class Coordinator:
         ended = self.frames.end(ImageIncomplete(told))
         self.probes.lost(number)
         return [ReportProgress(told), *invited, *ended, *held]
+
+    def _lose_unsurveyed(self, lost: ServerState) -> list[Instruction]:
+        """The volume is described or read anew, by the others, or by whoever joins."""
+        begun = self.holding.lose_unsurveyed(lost.id)
+        self.servers.hand_over()
+        told = ReportProgress(handed_over(lost))
+        if self.holding.phase is Phase.GATHERING and self._asked is not None:
+            self._asked = replace(self._asked, workers=1)
+            begun = self._gathered()
+        return [told, *self.routes.invite(self.holding.boxes), *begun]
 
     @takes(LeaveSession)
     def _leave(self, message: LeaveSession, event: MessageReceived) -> list[Instruction]:
@@ -221,7 +233,7 @@ class Coordinator:
         if not event.replaced:
             self._given_up.add(event.process)
         servers = self.servers
-        left = servers.splat_servers and (self.holding.boxes or servers.idle())
+        left = servers.splat_servers and (servers.chosen or servers.idle())
         if event.replaced or (self.holding.phase != Phase.GATHERING and left):
             return []
         return self._fail(PeerLost(event.cause))
@@ -306,11 +318,11 @@ class Coordinator:
                 return []  # it has been told since whom it can reach
             if holding.volume is not None and server in holding.boxes and len(holding.boxes) > 1:  # the others can draw
                 return [Send(server, EndSession()), *self._lose(server, str(error))]
+        assignments = holding.assignments
+        if message.assignment and message.assignment != assignments.newest:
+            return []  # who waits now has asked since
         if holding.volume is None or not message.assignment:
             return self._fail(error)
-        assignments = holding.assignments
-        if message.assignment != assignments.newest:
-            return []  # who waits now has asked since
         moves = assignments.moving and assignments.may_move
         if not holding.refused(server, message.request, message.held):
             return [ReportProgress(f"{error}; the sub-cubes stay where they are")] if moves else []

@@ -52,7 +52,10 @@ def incomplete(servers: Iterable[ServerState]) -> VolumeIncomplete:
 
 def handed_over(lost: ServerState) -> str:
     """One line that says which server was lost while others can do its work."""
-    what = f"{part_of_volume(lost.boxes)} of the volume" if lost.boxes else "its part of the image"
+    if lost.boxes:
+        what = f"{part_of_volume(lost.boxes)} of the volume"
+    else:
+        what = f"its part of the {'image' if lost.role is Role.SPLAT_SERVER else 'volume'}"
     return f"{lost.cause}; others take over {what}"
 
 

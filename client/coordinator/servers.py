@@ -62,6 +62,11 @@ class Servers:
         """Map/shade servers that hold nothing, and could."""
         return [n for n in self.ready(Role.MAPSHADE_SERVER) if n not in self.workers]
 
+    @property
+    def chosen(self) -> list[int]:
+        """Map/shade servers that were chosen, and are still there."""
+        return [n for n in self.workers if n in self.joined]
+
     def hand_over(self) -> None:
         """What is missing is being read by others."""
         self._handing_over = [n for n, state in self.states.items() if missing_boxes([state])]

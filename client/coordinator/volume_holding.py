@@ -207,6 +207,24 @@ class VolumeHolding:
         self._go_on()
         return lending.lost(server) if lending is not None else []
 
+    def lose_unsurveyed(self, server: int) -> list[Instruction]:
+        """Go on without this server before the volume is surveyed: what others have counted of it counts no more.
+
+        Without any other one the volume is to be asked for again.
+        """
+        describes = server == next(iter(self._memory))
+        del self._memory[server]
+        if not self._memory:
+            self.phase, self._pending, self._lending = Phase.GATHERING, set(), None
+            self.boxes.clear()
+            return []
+        if self.phase is Phase.DESCRIBING:
+            return self.begin(self._path, self._memory, self._held) if describes else []
+        assert self._known is not None
+        self._known.begin()
+        self._divide(self._known.description)
+        return self._read_sub_cubes()
+
     def refused(self, server: int, request: str, held: int) -> bool:
         """A server has refused the newest assignment and still holds the one that is `held`, 0 for none.
 
@@ -242,14 +260,17 @@ class VolumeHolding:
     def described(self, message: VolumeDescribed, payload: memoryview) -> list[Instruction]:
         """Divide the volume among the servers. Raises BadInput if it has too few voxels for so many."""
         self._known = VolumeSurvey(message, payload)
-        boxes = divided(message.description.geometry, len(self._memory), message.description.chunk)
-        self.boxes = {worker: [box] for worker, box in zip(self._memory, boxes, strict=True)}
+        self._divide(message.description)
         prepared = self._known.prepared
         if prepared is None:
             return self._read_sub_cubes()
         choice = LevelChoice(prepared.levels, self.boxes, self._memory)
         self._levels = StoredLevels(prepared.quantisation, choice)
         return self._surveyed()
+
+    def _divide(self, description: VolumeDescription) -> None:
+        boxes = divided(description.geometry, len(self._memory), description.chunk)
+        self.boxes = {worker: [box] for worker, box in zip(self._memory, boxes, strict=True)}
 
     def _open_packets(
         self, levels: StoredLevels, packing: Packing, boxes: Mapping[int, list[Box]] | None = None

@@ -24,11 +24,16 @@ class VolumeSurvey:
         self.description, self.identity = described.description, described.identity
         self.prepared = described.prepared[0] if described.prepared else None
         self._survey: Survey | None = None
-        self._density_counts = self._strength_counts = [0] * HISTOGRAM_BINS
         self._extremes: BlockExtremes | None = None
+        self.begin()
         if self.prepared is not None:
             self._survey = self.prepared.survey
             self._add(payload)
+
+    def begin(self) -> None:
+        """Survey and count from the start."""
+        self._survey, self._extremes = None, None
+        self._density_counts = self._strength_counts = [0] * HISTOGRAM_BINS
 
     def surveyed(self, survey: Survey) -> None:
         """Take one server's part."""
