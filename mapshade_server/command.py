@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.memory_budget import MemoryBudget
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.counts import Counts
@@ -27,6 +28,7 @@ from volsplat.program.server_process import (
 )
 from volsplat.program.this_machine import process_name
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.handshake import new_hello
@@ -38,6 +40,7 @@ from volsplat.protocol.wire.tokens import need_token
 @click.option("--threads", type=THREADS, help="Threads that walk (cores).")
 @sharing_option
 @click.option("--data-root", type=click.Path(path_type=Path), help="Read nothing outside; relative names start there.")
+@click.option("--memory", metavar="SIZE", help="Most of a volume to hold, as 2G, if not prepared (what is left here).")
 @name_option
 @tls_option
 @silence_option
@@ -53,6 +56,7 @@ def mapshade_server(
     threads: int | None,
     sharing: int,
     data_root: Path | None,
+    memory: str | None,
     name: str,
     tls: bool | None,
     silence: float,
@@ -64,11 +68,12 @@ def mapshade_server(
     """Join a client, hold a sub-cube of its volume, and map and shade it for each frame."""
     log_as_asked("mapshade-server", verbose, log_format)
     counts, door = Counts(), checked_metrics(metrics, metrics_token)
+    limit = None if memory is None else bytes_from_option("--memory", memory)
     token = need_token(os.environ, token_file)
     with ExitStack() as stack:
         stack.enter_context(metrics_of(counts, metrics, door))
         root = None if data_root is None else stack.enter_context(held_to(data_root))
-        held = HeldVolume()
+        held = HeldVolume(budget=MemoryBudget(limit))
         clients = clients_of(Role.MAPSHADE_SERVER, token, connect, wait_at, patience, resident, keep, tls)
         stack.enter_context(closing(clients))
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from volsplat.mapshade_server.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.lent_volume import AwaitedParts, LentVolume, lent
+from volsplat.mapshade_server.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.mapshade_server.packet_store import is_store
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.slabs import PassedBox, slab_reader
@@ -31,14 +32,18 @@ from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.text.errors import BadInput
 
 NO_PAYLOAD = memoryview(b"")
+ALL_THAT_IS_LEFT = MemoryBudget()
 
 
 class HeldVolume:
     """The sub-cubes of one assignment, and how they come here."""
 
-    def __init__(self, superseded: Callable[[int], bool] = lambda assignment: False) -> None:
+    def __init__(
+        self, superseded: Callable[[int], bool] = lambda assignment: False, budget: MemoryBudget = ALL_THAT_IS_LEFT
+    ) -> None:
         """`superseded` says whether an assignment is out of date; any thread may have made it so."""
         self.superseded = superseded
+        self._budget = budget
         self.assignment = 0
         self._levels: dict[int, list[SubCube]] = {}  # sub-cubes by level; level 0 alone if values were packed
         self._path = ""
@@ -118,6 +123,8 @@ class HeldVolume:
         if not self.assignment and self._quantisation and self._surveyed and self._surveyed.answers(request):
             self._again, self.assignment = request, request.assignment
             return [self._surveyed.again(request.assignment)]
+        if request.held:
+            self._check_room(bytes_to_read(description, request.boxes))
         self._drop()  # nothing is held, should the reading fail
         if not request.held:
             slabs = slab_reader(reader)
@@ -138,6 +145,7 @@ class HeldVolume:
     def _lend_volume(self, request: messages.LendVolume) -> list[Answer]:
         started = time.perf_counter()
         reader = described_volume(request.path, request.identity)
+        self._check_room(bytes_to_lend(reader.describe()))
         self._drop()
         loan = lent(reader)
         check_still(request.path, reader, reader.describe(), request.identity)
@@ -160,6 +168,7 @@ class HeldVolume:
     @takes(messages.AwaitParts)
     def _await_parts(self, request: messages.AwaitParts) -> list[Answer]:
         check_within(request.boxes, request.description.geometry)
+        self._check_room(bytes_to_read(request.description, request.boxes))
         self._drop()
         self._awaited = AwaitedParts(request)
         return []
@@ -205,6 +214,8 @@ class HeldVolume:
         """What a client before has left is there at once; only the rest is read."""
         held = self.sub_cubes(0) if self._quantisation == request.quantisation else []
         reader = described_volume(asked.path, asked.identity)
+        needed = bytes_to_change(reader.describe(), asked.boxes, [cube.box for cube in held])
+        self._budget.check(needed, self.packed_bytes, let_go=0 if held else self.packed_bytes)
         self._levels, self._again, self._quantisation = {}, None, None
         sub_cubes, read = packed_sub_cubes(reader, request.quantisation, asked.boxes, held)
         check_still(asked.path, reader, reader.describe(), asked.identity)
@@ -219,6 +230,8 @@ class HeldVolume:
         held, reader = self._levels.get(0, []) if same else [], described_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
+        needed = bytes_to_change(description, request.boxes, [cube.box for cube in held])
+        self._budget.check(needed, self.packed_bytes, let_go=0)
         sub_cubes, read = packed_sub_cubes(reader, request.quantisation, request.boxes, held)
         check_still(request.path, reader, description, request.identity)
         self._levels, self.assignment = {0: sub_cubes}, request.assignment
@@ -266,6 +279,10 @@ class HeldVolume:
             one.level: [cube for cube in before.get(one.level, []) if any(map(cube.box.common, one.boxes))]
             for one in request.levels
         }
+
+    def _check_room(self, needed: int) -> None:
+        """Raises BadInput if there is none, once all that is held is let go."""
+        self._budget.check(needed, self.packed_bytes, let_go=self.packed_bytes)
 
     def _drop(self) -> None:
         self._levels, self.assignment, self._path, self._identity = {}, 0, "", None

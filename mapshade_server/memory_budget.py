@@ -1,0 +1,72 @@
+"""Whether a server has room for its part of a volume: said before it is read, or the system might kill the server."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from volsplat.program.available_memory import available_memory
+from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
+from volsplat.protocol.rules.levels import LISTS_PER_PACKET
+from volsplat.protocol.text.errors import BadInput
+
+PACKET_BYTES = 4
+LIST_BYTES = PACKET_BYTES * LISTS_PER_PACKET  # that a walk keeps of a voxel
+
+
+@dataclass(frozen=True)
+class MemoryBudget:
+    """What a server may hold of volumes: `limit` bytes, and no more than the machine has left."""
+
+    limit: int | None = None
+
+    def check(self, needed: int, held: int, let_go: int) -> None:
+        """Raises BadInput unless there is room for so much, once `let_go` of the bytes that are `held` are free."""
+        if self.limit is not None and needed > self.limit - (held - let_go):
+            raise _no_room(needed, f"--memory leaves {_size(self.limit - (held - let_go))}")
+        if needed > (left := available_memory() + let_go):
+            raise _no_room(needed, f"its machine has {_size(left)} left")
+
+
+def bytes_to_read(description: VolumeDescription, boxes: Iterable[Box]) -> int:
+    """At the most at once, while boxes are read and packed, and then drawn."""
+    return sum(
+        max(_source_bytes(description, box), int(LIST_BYTES * box.voxels)) + PACKET_BYTES * box.voxels for box in boxes
+    )
+
+
+def bytes_to_change(description: VolumeDescription, boxes: Iterable[Box], held: Iterable[Box]) -> int:
+    """Likewise, where what is held is copied, box by box, and the rest read."""
+    kept = list(held)
+    new = [box for box in boxes if box not in kept]
+    rest = [part for box in new for part in _without(box, kept)]
+    reading = max((_source_bytes(description, part) + PACKET_BYTES * part.voxels for part in rest), default=0)
+    lists = int(LIST_BYTES * sum(box.voxels for box in new))
+    return PACKET_BYTES * sum(box.voxels for box in new) + max(reading, lists)
+
+
+def bytes_to_lend(description: VolumeDescription) -> int:
+    """For a volume that only comes whole."""
+    return _source_bytes(description, description.geometry.box)
+
+
+def _source_bytes(description: VolumeDescription, box: Box) -> int:
+    second = 0 if description.second_scalar is None else box.voxels
+    voxels = box.grown(HALO, description.geometry.dims).voxels + second
+    return SCALAR_BYTES[description.scalar_type] * voxels
+
+
+def _without(box: Box, held: Iterable[Box]) -> list[Box]:
+    rest = [box]
+    for other in held:
+        rest = [part for one in rest for part in one.without(other)]
+    return rest
+
+
+def _no_room(needed: int, room: str) -> BadInput:
+    return BadInput(
+        f"no memory for the sub-cube: it needs {_size(needed)}, but {room}; "
+        "use more machines, or prepare the volume (volsplat prepare)"
+    )
+
+
+def _size(count: int) -> str:
+    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{max(count, 0) / 1e6:.1f} MB"

@@ -1,0 +1,90 @@
+"""A server tells what memory it lacks before it reads; what it reckons is what it then takes."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from support.patience import PATIENCE
+from volsplat.client import Session
+from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
+from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
+from volsplat.protocol.messages import messages
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.wire.tokens import new_token
+
+SIDE = 160  # voxels
+TOLERANCE = 0.25  # of what is reckoned: the C library keeps pages, and readers hold a block or two
+PEAK = """
+import sys
+from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.memory_budget import bytes_to_read
+from volsplat.program.peak_memory import peak_memory
+from volsplat.protocol.messages import messages
+from volsplat.protocol.rules.index_rules import Quantisation
+
+path, held = sys.argv[1], HeldVolume()
+described = held.answers(messages.DescribeVolume(path=path))[0].message
+before, box = peak_memory(), described.description.geometry.box
+request = messages.ReadSubCubes(assignment=1, path=path, boxes=[box], identity=described.identity, held=True)
+survey = held.answers(request)[0].message.survey
+quantisation = Quantisation((survey.low, survey.high), survey.max_gradient)
+held.answers(messages.PackVoxels(assignment=1, quantisation=quantisation))
+print(bytes_to_read(described.description, [box]), peak_memory() - before)
+"""
+
+
+def stored(folder: Path, scalar_type: str, side: int = SIDE) -> Path:
+    path = folder / f"{scalar_type}.npy"
+    np.save(path, (np.random.default_rng(1).random((side, side, side)) * 100).astype(scalar_type))
+    return path
+
+
+@pytest.mark.parametrize("scalar_type", ["int16", "float32"])
+def test_what_is_reckoned_is_what_is_taken(tmp_path: Path, scalar_type: str) -> None:
+    command = [sys.executable, "-c", PEAK, str(stored(tmp_path, scalar_type))]
+    told = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=True).stdout
+    reckoned, taken = map(int, told.split())
+    assert abs(taken - reckoned) < TOLERANCE * reckoned
+
+
+def test_a_server_without_room_says_so_before_it_reads_and_the_session_tells_it(tmp_path: Path) -> None:
+    path, token = stored(tmp_path, "int16", side=40), new_token()
+    with Session(path, workers=1, spawn=False, token=token) as session:
+        arguments = ["--connect", str(session.address)]
+        environment = {"VOLSPLAT_TOKEN": token.key.decode()}
+        commands = {"splat_server": [], "mapshade_server": ["--memory", "100K"]}
+        servers = [
+            subprocess.Popen([sys.executable, "-m", f"volsplat.{program}", *arguments, *more], env=environment)
+            for program, more in commands.items()
+        ]
+        needed = r"no memory for the sub-cube: it needs 0\.4 MB, but --memory leaves 0\.1 MB; use more machines"
+        with pytest.raises(BadInput, match=needed):
+            session.default_scene()
+    for server in servers:
+        assert server.wait(PATIENCE) == 0
+
+
+def test_where_the_machine_has_too_little_left_nothing_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, held = str(stored(tmp_path, "int16", side=8)), HeldVolume()
+    described = held.answers(messages.DescribeVolume(path=path))[0].message
+    assert isinstance(described, messages.VolumeDescribed)
+    box = described.description.geometry.box
+    request = messages.ReadSubCubes(assignment=1, path=path, boxes=[box], identity=described.identity, held=True)
+    monkeypatch.setattr("volsplat.mapshade_server.memory_budget.available_memory", lambda: 1000)
+    with pytest.raises(BadInput, match="its machine has 0.0 MB left"):
+        held.answers(request)
+    assert held.packed_bytes == 0
+
+
+def test_what_stays_needs_no_more_and_what_is_copied_is_not_read() -> None:
+    description = VolumeDescription(name="", format="", geometry=Geometry(dims=(8, 8, 8)), scalar_type="uint8")
+    low, all_of_it = Box((0, 0, 0), (8, 8, 4)), Box((0, 0, 0), (8, 8, 8))
+    assert bytes_to_change(description, [low], [low]) == 0
+    assert bytes_to_change(description, [all_of_it], [low]) < 4 * 512 + bytes_to_read(description, [all_of_it])
+    MemoryBudget(limit=1000).check(600, held=400, let_go=0)
+    with pytest.raises(BadInput):
+        MemoryBudget(limit=1000).check(601, held=400, let_go=0)
