@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from volsplat.program.available_memory import available_memory
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
-from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.errors import NoRoom
 
 PACKET_BYTES = 4
 LIST_BYTES = PACKET_BYTES * LISTS_PER_PACKET  # that a walk keeps of a voxel
@@ -19,7 +19,7 @@ class MemoryBudget:
     limit: int | None = None
 
     def check(self, needed: int, held: int, let_go: int) -> None:
-        """Raises BadInput unless there is room for so much, once `let_go` of the bytes that are `held` are free."""
+        """Raises NoRoom unless there is room for so much, once `let_go` of the bytes that are `held` are free."""
         if self.limit is not None and needed > self.limit - (held - let_go):
             raise _no_room(needed, f"--memory leaves {_size(self.limit - (held - let_go))}")
         if needed > (left := available_memory() + let_go):
@@ -61,8 +61,8 @@ def _without(box: Box, held: Iterable[Box]) -> list[Box]:
     return rest
 
 
-def _no_room(needed: int, room: str) -> BadInput:
-    return BadInput(
+def _no_room(needed: int, room: str) -> NoRoom:
+    return NoRoom(
         f"no memory for the sub-cube: it needs {_size(needed)}, but {room}; "
         "use more machines, or prepare the volume (volsplat prepare)"
     )

@@ -321,6 +321,9 @@ class Coordinator:
         assignments = holding.assignments
         if message.assignment and message.assignment != assignments.newest:
             return []  # who waits now has asked since
+        if holding.volume is None and message.no_room and len(self.servers.chosen) > 1:  # others may have it
+            cause = f"{self.servers.name(server)}: {message.cause}"
+            return [Send(server, EndSession()), *self._lose(server, cause)]
         if holding.volume is None or not message.assignment:
             return self._fail(error)
         moves = assignments.moving and assignments.may_move

@@ -3,7 +3,7 @@
 import logging
 
 from volsplat.protocol.messages.messages import LONGEST_LINE, Message, Refused
-from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.errors import NoRoom, PeerLost, VolsplatError
 
 log = logging.getLogger(__name__)
 
@@ -22,6 +22,7 @@ def refusal(request: Message, error: Exception) -> Refused:
         assignment=getattr(request, "assignment", 0),
         peer_lost=isinstance(error, PeerLost),
         probe=getattr(request, "probe", 0),
+        no_room=isinstance(error, NoRoom),
     )
 
 

@@ -117,6 +117,7 @@ class Refused(Message, frozen=True):
 
     `request` is the message's name; `frame`, `assignment` and `probe` are the request's, 0 where it carries none.
     `peer_lost`: not for what was asked, but because another server is gone or cannot be reached.
+    `no_room`: for want of memory, which other servers may have.
     `held` is the assignment that a map/shade server still holds, 0 for none.
     """
 
@@ -127,6 +128,7 @@ class Refused(Message, frozen=True):
     peer_lost: bool = False
     probe: IdOrNone = 0
     held: IdOrNone = 0
+    no_room: bool = False
 
     def __post_init__(self) -> None:
         for field in ("request", "cause"):  # they will be shown

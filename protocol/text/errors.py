@@ -9,6 +9,10 @@ class BadInput(VolsplatError):
     """Something that a person gave cannot be used: a file, an option, a scene."""
 
 
+class NoRoom(BadInput):
+    """What was asked for does not fit into the memory here; elsewhere it may."""
+
+
 class LocalProtocolError(VolsplatError):
     """We were about to break the protocol: an internal error."""
 

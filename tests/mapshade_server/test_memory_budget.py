@@ -2,15 +2,21 @@
 
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
+import torch
 
 from support.patience import PATIENCE
 from volsplat.client import Session
+from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.memory_budget import MemoryBudget, bytes_to_change, bytes_to_read
+from volsplat.protocol.description.scene import Image
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput
@@ -51,21 +57,35 @@ def test_what_is_reckoned_is_what_is_taken(tmp_path: Path, scalar_type: str) -> 
     assert abs(taken - reckoned) < TOLERANCE * reckoned
 
 
-def test_a_server_without_room_says_so_before_it_reads_and_the_session_tells_it(tmp_path: Path) -> None:
-    path, token = stored(tmp_path, "int16", side=40), new_token()
-    with Session(path, workers=1, spawn=False, token=token) as session:
-        arguments = ["--connect", str(session.address)]
-        environment = {"VOLSPLAT_TOKEN": token.key.decode()}
-        commands = {"splat_server": [], "mapshade_server": ["--memory", "100K"]}
-        servers = [
-            subprocess.Popen([sys.executable, "-m", f"volsplat.{program}", *arguments, *more], env=environment)
-            for program, more in commands.items()
-        ]
-        needed = r"no memory for the sub-cube: it needs 0\.4 MB, but --memory leaves 0\.1 MB; use more machines"
-        with pytest.raises(BadInput, match=needed):
-            session.default_scene()
+@contextmanager
+def opened(path: Path, limits: list[str]) -> Iterator[Session]:
+    """A session whose map/shade servers may hold so much."""
+    token = new_token()
+    commands = [["splat_server"], *(["mapshade_server", "--memory", limit] for limit in limits)]
+    servers: list[subprocess.Popen[bytes]] = []
+    with Session(path, workers=len(limits), spawn=False, token=token) as session:
+        for program, *options in commands:
+            command = [sys.executable, "-m", f"volsplat.{program}", "--connect", str(session.address), *options]
+            servers.append(subprocess.Popen(command, env={"VOLSPLAT_TOKEN": token.key.decode()}))
+        yield session
     for server in servers:
         assert server.wait(PATIENCE) == 0
+
+
+def test_a_server_without_room_says_so_before_it_reads_and_the_session_tells_it(tmp_path: Path) -> None:
+    needed = r"no memory for the sub-cube: it needs 0\.4 MB, but --memory leaves 0\.1 MB; use more machines"
+    with opened(stored(tmp_path, "int16", side=40), ["100K"]) as session, pytest.raises(BadInput, match=needed):
+        session.default_scene()
+
+
+def test_others_that_have_room_hold_what_one_has_no_room_for(tmp_path: Path) -> None:
+    path = stored(tmp_path, "int16", side=40)
+    with opened(path, ["1G", "10K", "1G"]) as session, SingleProcess(path) as single:
+        scene = msgspec.structs.replace(session.default_scene(), image=Image(width=64, height=64))
+        assert torch.equal(session.render(scene), single.render(scene))
+        (lost,) = [server for server in session.servers if server.lost]
+        assert "no memory for the sub-cube" in lost.cause and lost.cause.startswith("map/shade server")
+        assert sum(server.voxels for server in session.servers if not server.lost) == 40**3
 
 
 def test_where_the_machine_has_too_little_left_nothing_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -378,7 +378,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         st.lists(st.builds(messages.ProbedVoxel, _voxel, finite, finite), max_size=1),
     ),
     messages.Refused: st.builds(
-        messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none
+        messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none, st.booleans()
     ),
     messages.EndSession: st.builds(messages.EndSession),
 }
