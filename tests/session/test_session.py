@@ -3,7 +3,6 @@
 import gc
 import signal
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import torch
 
 from support.files.head_volume import head, single, skin
 from support.messages.message_samples import SAMPLES
-from support.patience import PATIENCE, wait_until
+from support.patience import wait_until
 from volsplat.client import Session
 from volsplat.client.session.asked_frames import FrameAborted
 from volsplat.client.session.single import SingleProcess
@@ -145,7 +144,7 @@ def test_frame_aborted_is_no_error_of_a_person() -> None:
 
 @pytest.mark.parametrize("victim", ["mapshade_server", "splat_server"])
 @pytest.mark.parametrize("moment", ["header", "reading", "histograms", "packets", "step"])
-def test_a_server_may_die_at_any_moment_and_nobody_hangs(
+def test_a_server_may_die_at_any_moment_and_all_is_drawn(
     head: Path, single: SingleProcess, victim: str, moment: str
 ) -> None:
     sessions: list[Session] = []
@@ -160,15 +159,8 @@ def test_a_server_may_die_at_any_moment_and_nobody_hangs(
 
     with Session(head, workers=2, on_progress=kill) as session:
         sessions.append(session)
-        if victim == "splat_server" or moment in ("packets", "step"):  # the map/shade servers know the volume
-            wait_until(lambda: session.render(skin(session)) is not None and bool(killed), "is a server killed")
-            assert torch.equal(session.render(skin(session)), single.render(skin(single)))
-            return
-        with pytest.raises(PeerLost):
-            scene = skin(session)
-            deadline = time.monotonic() + PATIENCE
-            while time.monotonic() < deadline:
-                session.render(scene)
+        wait_until(lambda: session.render(skin(session)) is not None and bool(killed), "is a server killed")
+        assert torch.equal(session.render(skin(session)), single.render(skin(single)))
 
 
 def test_whoever_waits_hears_of_a_mistake_inside(head: Path) -> None:
