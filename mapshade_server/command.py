@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.mapshade_server.memory_budget import MemoryBudget
 from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.counts import Counts
+from volsplat.program.memory_budget import MemoryBudget
 from volsplat.program.server_process import (
     THREADS,
     checked_metrics,

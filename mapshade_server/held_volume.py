@@ -9,7 +9,6 @@ from pathlib import Path
 
 from volsplat.mapshade_server.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.lent_volume import AwaitedParts, LentVolume, lent
-from volsplat.mapshade_server.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.mapshade_server.packet_store import is_store
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.slabs import PassedBox, slab_reader
@@ -22,6 +21,7 @@ from volsplat.mapshade_server.volume_identity import (
     identified_store,
     identified_volume,
 )
+from volsplat.program.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages

@@ -1,4 +1,4 @@
-"""Whether a server has room for its part of a volume: said before it is read, or the system might kill the server."""
+"""Whether a map/shade server has room for its part of a volume: said before it reads, or the system might kill it."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
