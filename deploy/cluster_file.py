@@ -47,6 +47,8 @@ class Machine(Table, frozen=True, kw_only=True):
     command: Text = "volsplat"  # how volsplat is called there
     listen: Text | None = None  # servers wait here to be dialled, on consecutive ports; absent: they dial the client
     advertise: Text | None = None  # where others reach its servers; absent: by each one's route
+    metrics: Text | None = None  # HOST:PORT where its first server hands out metrics, the others on the ports after it
+    metrics_token: Text | None = None  # the file there with the token that whoever reads them shows
     ssh: SshKeys = SshKeys()
     dask: DaskKeys = DaskKeys()
     slurm: SlurmKeys = SlurmKeys()
@@ -56,6 +58,11 @@ class Machine(Table, frozen=True, kw_only=True):
     def title(self) -> str:
         """What its servers are named after."""
         return self.host or self.launcher
+
+    @property
+    def metrics_at(self) -> Address | None:
+        """Of its first server."""
+        return None if self.metrics is None else parse_address(self.metrics)
 
     @property
     def listens_at(self) -> Address | None:
@@ -75,6 +82,7 @@ class Cluster(Table, frozen=True, kw_only=True):
     )
     keep: Annotated[float, Meta(gt=0, le=1e7)] = 600.0  # seconds that servers keep their packets without a client
     token_file: Text | None = None  # absent: `volsplat deploy up` makes one
+    log_format: Literal["text", "json"] = "text"  # of the servers' logs
 
     @property
     def map_shade_servers(self) -> int:
@@ -141,13 +149,13 @@ def _check(cluster: Cluster, name: str) -> None:
     for number, machine in enumerate(cluster.machines):
         place = f"{name}: machines[{number}]"
         _checked(f"{place}.listen", machine.listen, parse_address)
+        _checked(f"{place}.metrics", machine.metrics, parse_address)
         _checked(f"{place}.memory", machine.memory, lambda text: bytes_from_option("memory", text))
+        _check_ports(f"{place}.listen", machine.listens_at, machine)
+        _check_ports(f"{place}.metrics", machine.metrics_at, machine)
+        if (machine.metrics is None) != (machine.metrics_token is None):
+            raise BadInput(f"{place}: metrics and metrics-token belong together; give both or none")
         if machine.listens_at is not None:
-            first, servers = machine.listens_at.port, machine.map_shade_servers + machine.splat_servers
-            if not 0 < first <= 65536 - max(servers, 1):
-                raise BadInput(
-                    f"{place}.listen: port {first} leaves no room for {servers} servers; choose from 1024 on"
-                )
             if machine.launcher in ENGINES and machine.host is None:
                 raise BadInput(
                     f'{place}.listen: {machine.launcher} chooses where servers run; add host = "NAME", or leave '
@@ -163,6 +171,13 @@ def _check(cluster: Cluster, name: str) -> None:
     for kind, count in (("map-shade-servers", cluster.map_shade_servers), ("splat-servers", cluster.splat_servers)):
         if count == 0:
             raise BadInput(f"{name}: {kind}: no machine runs any, but one is needed at least; add {kind} = 1 to one")
+
+
+def _check_ports(place: str, address: Address | None, machine: Machine) -> None:
+    """Each of its servers takes one, from that of the address on."""
+    servers = machine.map_shade_servers + machine.splat_servers
+    if address is not None and not 0 < address.port <= 65536 - max(servers, 1):
+        raise BadInput(f"{place}: port {address.port} leaves no room for {servers} servers; choose from 1024 on")
 
 
 def _checked(place: str, text: str | None, parse: Callable[[str], object]) -> None:

@@ -40,7 +40,7 @@ def _titles(cluster: Cluster) -> list[str]:
 
 def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_port: int) -> Iterator[Ordered]:
     machine = cluster.machines[number]
-    waits = machine.listens_at
+    waits, metrics = machine.listens_at, machine.metrics_at
     for program, count in (
         (Program.SPLAT_SERVER, machine.splat_servers),
         (Program.MAPSHADE_SERVER, machine.map_shade_servers),
@@ -50,6 +50,7 @@ def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_p
             arguments = ["--name", name, "--resident"]
             arguments += ["--keep", f"{cluster.keep:g}", "--silence", f"{cluster.silence:g}"]
             arguments += cluster.encryption.options
+            arguments += [] if cluster.log_format == "text" else ["--log-format", cluster.log_format]
             if waits is None:
                 arguments += ["--connect", client_address(cluster, machine, listen_port)]
                 dialled = None
@@ -57,6 +58,9 @@ def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_p
                 arguments += ["--wait-at", str(waits)]
                 dialled = waits._replace(host=_reached_at(machine, waits))
                 waits = waits._replace(port=waits.port + 1)
+            if metrics is not None and machine.metrics_token is not None:
+                arguments += ["--metrics", str(metrics), "--metrics-token", machine.metrics_token]
+                metrics = metrics._replace(port=metrics.port + 1)
             arguments += _cores(machine, count)
             if program is Program.SPLAT_SERVER:
                 arguments += [] if alone else ["--listen", f"{EVERYWHERE}:0"]

@@ -5,10 +5,12 @@ import shlex
 import signal
 import subprocess
 import sys
+import urllib.request
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
+import msgspec
 import psutil
 import pytest
 import torch
@@ -184,6 +186,25 @@ def test_a_host_that_ssh_cannot_reach_is_named_with_ssh_s_reason(person: Person)
     path = cluster_file(person.folder, "nowhere", machine)
     said = person.runs("deploy", "up", str(path))
     assert said.returncode == 2 and "127.0.0.1: ssh: connect to host 127.0.0.1" in said.stderr
+
+
+def test_servers_log_and_hand_out_metrics_as_the_file_says(person: Person) -> None:
+    port, token = free_port(), person.folder / "scrape"
+    metrics = f'metrics = "127.0.0.1:{port}"\nmetrics-token = "{token}"\n'
+    path = cluster_file(person.folder, "told", LOCAL + metrics + "map-shade-servers = 1\nsplat-servers = 1\n")
+    path.write_text(f'log-format = "json"\n{path.read_text()}')
+    assert person.runs("deploy", "up", str(path)).returncode == 0
+    try:
+        drawn(person, "--cluster", str(path))
+        for number, counted in enumerate(("volsplat_frame_seconds", "volsplat_packets")):
+            asked = urllib.request.Request(f"http://127.0.0.1:{port + number}/metrics")
+            asked.add_header("Authorization", f"Bearer {token.read_text().strip()}")
+            with urllib.request.urlopen(asked, timeout=PATIENCE) as answer:
+                assert counted in answer.read().decode()
+        lines = [line.partition(": ")[2] for line in person.runs("deploy", "logs", str(path)).stdout.splitlines()]
+        assert {msgspec.json.decode(line)["program"] for line in lines} == {"splat-server", "mapshade-server"}
+    finally:
+        assert person.runs("deploy", "down", str(path)).returncode == 0
 
 
 def test_servers_end_by_themselves_when_no_client_comes(person: Person) -> None:
