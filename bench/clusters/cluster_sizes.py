@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -49,10 +49,11 @@ def _by_machine(cluster: Cluster) -> list[int]:
 Drawers = MeasuredCluster | list[int]  # a cluster, or numbers of map/shade servers of this machine
 
 
-def groups_of(drawers: Drawers, volume: str, memory: int | None, say: Callable[[str], None]) -> Iterator[list[Row]]:
+def groups_of(drawers: Drawers, volume: str, memory: int | None, say: Callable[[str], None]) -> Generator[list[Row]]:
     """Rows that take turns: all of this machine at once, a cluster's sizes one after the other.
 
-    Each is there until the next is asked for. The single process comes first, if the volume is seen here.
+    Each is there until the next is asked for, or the generator is closed. The single process comes first, if the volume
+    is seen here.
     """
     if not isinstance(drawers, MeasuredCluster):
         with opened_rows(volume, drawers, say, memory) as rows:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -69,10 +70,14 @@ def paper(
     outputs = Outputs(json, markdown, plot)
     outputs.check()
     console = PlainConsole(stderr=True)
-    with console.status("starting") as status, volume_file(subject, status.update) as path:
-        names, seconds, taken, scenes = list[str](), dict[tuple[str, Step], list[float]](), list[Taken](), list[Scene]()
-        seen_shares: Shares | None = None
-        for rows in groups_of(drawers, path, None, status.update):
+    names, seconds, taken, scenes = list[str](), dict[tuple[str, Step], list[float]](), list[Taken](), list[Scene]()
+    seen_shares: Shares | None = None
+    with (
+        console.status("starting") as status,
+        volume_file(subject, status.update) as path,
+        closing(groups_of(drawers, path, None, status.update)) as groups,
+    ):
+        for rows in groups:
             status.stop()
             known = rows[0].renderer.volume
             shown, geometry = subject.scene_of(known), known.description.geometry

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
+from contextlib import closing
 from pathlib import Path
 
 import click
@@ -110,19 +111,19 @@ def scaling(
         cases, taken, found = list[Case](), list[Taken](), ""
         if joins:
             assert isinstance(drawers, list)
+            servers = servers_from_options(drawers[0], 1, usable_cores(), listen, token_file, memory=memory)
             status.stop()
-            groups = joined(
-                path, servers_from_options(drawers[0], 1, usable_cores(), listen, token_file, memory=memory), console
-            )
+            source = joined(path, servers, console)
         else:
-            groups = groups_of(drawers, path, memory_bytes, status.update)
-        for rows in groups:
-            status.stop()
-            known = rows[0].renderer.volume
-            shown, geometry = subject.scene_of(known), known.description.geometry
-            cases = cases or cases_of(shown, geometry, shares_drawn, sides, repeats)
-            found = found or str(shares(rows[0].renderer, cases[0].scenes[0]))
-            taken += frames_of(rows, cases)
+            source = groups_of(drawers, path, memory_bytes, status.update)
+        with closing(source) as groups:
+            for rows in groups:
+                status.stop()
+                known = rows[0].renderer.volume
+                shown, geometry = subject.scene_of(known), known.description.geometry
+                cases = cases or cases_of(shown, geometry, shares_drawn, sides, repeats)
+                found = found or str(shares(rows[0].renderer, cases[0].scenes[0]))
+                taken += frames_of(rows, cases)
         by_threads = shares_of_threads(path, thread_counts, cases[len(sides) - 1].scenes)
     at_middle = [one for one in taken if one.case.group == "pixels" and one.case.value == middle * middle / 1e6]
     tables_shown = [servers_table(at_middle, middle), growth_table(taken)]
@@ -163,7 +164,7 @@ def cases_of(
     ]
 
 
-def joined(path: str, servers: Servers, console: PlainConsole) -> Iterator[list[Row]]:
+def joined(path: str, servers: Servers, console: PlainConsole) -> Generator[list[Row]]:
     """Servers that join; and the single process, if the volume is seen from here."""
     with opened(path, servers, False, console) as cluster:
         assert cluster.volume, "wait until its servers have read the volume"

@@ -1,11 +1,12 @@
 """A cluster measured with more and more of its servers: real ones, brought up for their row and down after it."""
 
+import signal
 from pathlib import Path
 
 import psutil
 import pytest
 
-from support.patience import wait_until
+from support.patience import PATIENCE, wait_until
 from support.programs.clusters import cluster_file
 from support.programs.programs import Person
 from volsplat.bench.clusters.cluster_sizes import measured_cluster, narrowed, toml_of
@@ -32,6 +33,19 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 24, 24)))
     return Person(tmp_path)
+
+
+def servers_of(person: Person) -> list[psutil.Process]:
+    """That run with this person's state."""
+    state = str(person.folder / "state")
+    return [one for one in psutil.process_iter() if _state_of(one) == state]
+
+
+def _state_of(process: psutil.Process) -> str:
+    try:
+        return process.environ().get("XDG_STATE_HOME", "") if "_server" in " ".join(process.cmdline()) else ""
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
+        return ""
 
 
 @pytest.mark.parametrize("servers", [1, 2, 3])
@@ -65,8 +79,21 @@ def test_each_size_of_a_cluster_is_a_row_with_its_links_and_limits(person: Perso
         rows = ("1 thread", "1 server", "2 servers")
         assert {one.name for one in found.figures} == {f"{row}, step {step}" for row in rows for step in Step}
     assert person.runs("deploy", "status", cluster).returncode == 2, "it is up"
-    state = str(person.folder / "state")
-    wait_until(lambda: not [one for one in psutil.process_iter() if state in _environment(one)], "without servers")
+    wait_until(lambda: not servers_of(person), "without servers")
+
+
+@pytest.mark.parametrize("command", ["paper", "scaling"])
+def test_ctrl_c_brings_it_down(person: Person, command: str) -> None:
+    data = person.folder / "data"
+    data.mkdir()
+    (person.folder / "shells.nrrd").rename(data / "shells.nrrd")  # only the servers see it, which so come first
+    cluster = str(cluster_file(person.folder, "lab", f'data-root = "{data}"\n{LOCAL}'))
+    run = person.starts("bench", command, "shells.nrrd", "--cluster", cluster, "--repeats", "100000")
+    wait_until(lambda: len(servers_of(person)) == 2, "with one map/shade server and a splat server")
+    run.send_signal(signal.SIGINT)
+    _, said = run.communicate(timeout=PATIENCE)
+    assert run.returncode == 130 and "Traceback" not in said, said
+    assert not servers_of(person)
 
 
 def test_a_cluster_that_is_up_is_not_measured(person: Person) -> None:
@@ -84,10 +111,3 @@ def test_what_a_cluster_cannot_be_measured_by_is_one_line(person: Person, option
     cluster = str(cluster_file(person.folder, "lab", LOCAL))
     done = person.runs("bench", "scaling", "shells.nrrd", "--cluster", cluster, *options)
     assert done.returncode == 2 and options[0] in done.stderr and done.stderr.count("\n") == 1
-
-
-def _environment(process: psutil.Process) -> str:
-    try:
-        return process.environ().get("XDG_STATE_HOME", "") if "_server" in " ".join(process.cmdline()) else ""
-    except (psutil.NoSuchProcess, psutil.AccessDenied):
-        return ""
