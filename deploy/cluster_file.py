@@ -18,6 +18,7 @@ from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.encryption import Encryption
 
 LauncherName = Literal["local", "ssh", "dask", "slurm", "kubernetes", "manual"]
+LogFormat = Literal["text", "json"]
 ENGINES = {"dask", "slurm", "kubernetes"}  # choose a place for each server, and give it cores of its own
 Count = Annotated[int, Meta(ge=0, le=1000)]
 Text = Annotated[str, Meta(min_length=1, max_length=4096, pattern=r"\A[^\x00-\x1f\x7f]*\Z")]
@@ -82,7 +83,7 @@ class Cluster(Table, frozen=True, kw_only=True):
     )
     keep: Annotated[float, Meta(gt=0, le=1e7)] = 600.0  # seconds that servers keep their packets without a client
     token_file: Text | None = None  # absent: `volsplat deploy up` makes one
-    log_format: Literal["text", "json"] = "text"  # of the servers' logs
+    log_format: LogFormat = "text"  # of the servers' logs
 
     @property
     def map_shade_servers(self) -> int:
@@ -196,12 +197,13 @@ def _told(name: str, problem: str, given: dict[str, Any]) -> str:
         if key[1].startswith("missing"):
             return f"{name}: {lies}: this key is missing; add it"
         return f"{name}: {_printed(lies)}: unknown key; {_suggestion(key[2], place)}"
-    return f"{name}: {_printed(place) or 'the file'}: {_cause(what, _found(given, place))}"
+    return f"{name}: {_printed(place) or 'the file'}: {_cause(what, place, _found(given, place))}"
 
 
-def _cause(what: str, value: Any) -> str:
+def _cause(what: str, place: str, value: Any) -> str:
     if what.startswith("Invalid enum value"):
-        return f"{_shown(value)} is none; choose from {', '.join(get_args(LauncherName))}"
+        choices = get_args(LauncherName if place.endswith("launcher") else LogFormat)
+        return f"{_shown(value)} is none; choose from {', '.join(choices)}"
     return f"{_shown(value)} cannot be used: {what[0].lower()}{what[1:]}; give another"
 
 

@@ -4,10 +4,12 @@ That token is the door's own, never the session's: HTTP is not encrypted, and wh
 """
 
 import hmac
+import os
 import threading
 from collections.abc import Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from secrets import token_hex
 from typing import TYPE_CHECKING, Any
 
 from volsplat.program.counts import COUNTED, Counts
@@ -27,12 +29,24 @@ MOST_AT_ONCE = 8  # requests
 def door_token(path: Path) -> Token:
     """The token in a file, which is made if it is missing. Raises BadInput."""
     if not path.exists():
-        token = new_token()
-        token.write(path)
-        return token
+        _make(path)
     found = find_token({}, path)
     assert found is not None
     return found
+
+
+def _make(path: Path) -> None:
+    """Whole from its first moment: servers of one machine, which share it, may start at once."""
+    fresh = path.with_name(f"{path.name}-{token_hex(8)}")
+    new_token().write(fresh)
+    try:
+        os.link(fresh, path)
+    except FileExistsError:
+        return  # another one's
+    except OSError as error:
+        raise BadInput(f"the token file {path} cannot be made: {error.strerror}; name another") from error
+    finally:
+        fresh.unlink()
 
 
 class MetricsDoor:

@@ -51,9 +51,13 @@ class KubernetesLauncher:
             )
         if self._machine.listen is not None:
             raise BadInput("listen: pods have no address of their own outside; leave it out: their servers dial client")
+        if self._machine.metrics is not None:
+            raise BadInput(
+                "metrics: pods have no place for the token's file; leave it out with the launcher kubernetes"
+            )
         if self._keys.claim and self._machine.data_root is None:
             raise BadInput('kubernetes.claim needs data-root = "/data", where it is mounted')
-        if _label(self._keys.namespace) != self._keys.namespace:
+        if not self._keys.namespace or _label(self._keys.namespace) != self._keys.namespace:
             raise BadInput(
                 f"kubernetes.namespace: {self._keys.namespace!r} is no name of one: small letters, digits and -"
             )
@@ -70,9 +74,12 @@ class KubernetesLauncher:
         raise BadInput(f"{server.name}: its pod has its log: kubectl logs job/{server.handle['job']} {where}")
 
     def _name(self, order: ServerOrder) -> str:
-        """Unique, though names of servers may differ by what a label cannot hold."""
-        mark = hashlib.sha256(order.name.encode()).hexdigest()[:6]
-        return f"{_label(f'volsplat-{self._cluster}-{order.name}')[: LONGEST_NAME - 7].rstrip('-')}-{mark}"
+        return self._unique(order.name)
+
+    def _unique(self, name: str) -> str:
+        """Though names, and clusters, may differ by what a label cannot hold."""
+        mark = hashlib.sha256(f"{self._cluster}\n{name}".encode()).hexdigest()[:6]
+        return f"{_label(f'volsplat-{self._cluster}-{name}')[: LONGEST_NAME - 7].rstrip('-')}-{mark}"
 
     def _meta(self, name: str) -> Manifest:
         labels = {"app.kubernetes.io/name": "volsplat", "app.kubernetes.io/instance": _label(self._cluster)}
@@ -80,7 +87,7 @@ class KubernetesLauncher:
 
     @property
     def _secret_name(self) -> str:
-        return _label(f"volsplat-{self._cluster}")
+        return self._unique("token")
 
     def _secret(self, secrets: Secrets) -> Manifest:
         told = {TOKEN_KEY: secrets.token.key.decode()}

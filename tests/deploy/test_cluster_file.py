@@ -50,6 +50,7 @@ def test_every_key_is_read() -> None:
     ("before", "after", "said"),
     [
         ('launcher = "ssh"', 'launcher = "rsh"', "machines[0].launcher: 'rsh' is none; choose from local, ssh"),
+        ('name = "lab"', 'name = "lab"\nlog-format = "xml"', "log-format: 'xml' is none; choose from text, json"),
         ("map-shade-servers = 2", "map-shade-servers = -1", "machines[0].map-shade-servers: -1 cannot be used"),
         ("map-shade-servers = 2", "map-shade-serves = 2", "machines[0].map-shade-serves: unknown key"),
         ("splat-servers = 1", "", "splat-servers: no machine runs any"),

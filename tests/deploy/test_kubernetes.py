@@ -105,6 +105,8 @@ def test_their_commands_draw_as_a_single_process(person: Person, cluster: Path) 
         ("", "needs kubernetes.image"),
         (IMAGE + 'kubernetes.claim = "scans"\n', "needs data-root"),
         (IMAGE + 'kubernetes.namespace = "My Lab"\n', "is no name of one"),
+        (IMAGE + 'kubernetes.namespace = ""\n', "is no name of one"),
+        (IMAGE + 'metrics = "0.0.0.0:9100"\nmetrics-token = "/tmp/scrape"\n', "leave it out"),
         (IMAGE, "add client"),
     ],
 )

@@ -5,9 +5,11 @@ import socket
 import stat
 import subprocess
 import sys
+import threading
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -103,6 +105,19 @@ def test_the_tokens_file_is_its_owners_alone(tmp_path: Path) -> None:
     (tmp_path / "token").chmod(0o644)
     with pytest.raises(BadInput, match="can be read by others"):
         door_token(tmp_path / "token")
+
+
+def test_servers_that_start_at_once_make_one_token(tmp_path: Path) -> None:
+    together = threading.Barrier(4)
+
+    def made(path: Path) -> bytes:
+        together.wait()
+        return door_token(path).key
+
+    with ThreadPoolExecutor(4) as pool:
+        for attempt in range(25):
+            assert len(set(pool.map(made, [tmp_path / f"token-{attempt}"] * 4))) == 1
+    assert len(list(tmp_path.iterdir())) == 25
 
 
 @contextmanager
