@@ -48,6 +48,7 @@ def cluster_facts(taken: Sequence[Taken]) -> dict[str, str]:
     return {
         **{f"machines of {one.row.name}": "; ".join(where_they_run(one)) for one in taken},
         **{f"what limits {one.row.name}": limit_words(one.usual) for one in taken},
+        **{f"links of {one.row.name}": "; ".join(_links(one.usual)) for one in taken},
     }
 
 
@@ -94,17 +95,24 @@ def links_table(taken: Sequence[Taken]) -> TextTable:
     """Each link of each size."""
     table = TextTable(
         "Links of the cluster, one frame",
-        ("servers", "from", "to", "MB", "MB uncoded", "MB/s", "ms waited"),
-        "MB/s: while it was sent. Waited: of that, for room at the receiver or on the link.",
+        ("n", "from", "to", "MB", "MB uncoded", "MB/s", "ms waited"),
+        "n: map/shade servers. MB/s: while it was handed to the system, whose buffers may be faster than the link. "
+        "Waited: of that, for room at the receiver or on the link.",
     )
     for one in taken:
         places = _places(one.usual)
         for link in one.usual.links:
-            rate = significant(link.bytes / link.sending_seconds / MEGA) if link.bytes and link.sending_seconds else ""
+            timed = bool(link.sending_seconds)  # images are not: their way is part of the frame's seconds
+            rate = significant(link.bytes / link.sending_seconds / MEGA) if link.bytes and timed else ""
+            waited = significant(link.waiting_seconds * 1e3) if timed else ""
             ends = (_told(link.sender, places), _told(link.receiver, places))
             sizes = (significant(link.bytes / MEGA), significant(link.bytes_uncoded / MEGA))
-            table.add(str(one.row.workers), *ends, *sizes, rate, significant(link.waiting_seconds * 1e3))
+            table.add(str(one.row.workers), *ends, *sizes, rate, waited)
     return table
+
+
+def _links(report: StepReport) -> list[str]:
+    return [link_words(link, _places(report)) for link in report.links]
 
 
 def link_words(link: LinkReport, places: Mapping[str, str]) -> str:

@@ -102,14 +102,15 @@ def test_a_frame_goes_on_without_a_splat_server_that_is_lost(bench: Bench, shell
         assert packets(batches_on(first, WALKERS)) > 0
 
 
-def test_where_all_splat_servers_are_lost_the_frame_is_refused(bench: Bench, shells: Path) -> None:
+def test_of_a_frame_for_splat_servers_that_are_all_lost_the_client_hears_so(bench: Bench, shells: Path) -> None:
     geometry = bench.holds(shells, 1)
     bench.connects(0, 1)
     for number in (0, 1):
         bench.accepts(number).close()
     wait_until(lambda: bench.linked == [], "noticed the losses")
-    refused = bench.refuses(render(1, geometry, SCENE, 1, WALKERS, {2: 1, 3: 1}))
-    assert refused.frame == 1 and refused.peer_lost and "gone" in refused.cause
+    bench.control.send(render(1, geometry, SCENE, 1, WALKERS, {2: 1, 3: 1}))
+    mapped = bench.hears(messages.FrameMapped)
+    assert isinstance(mapped, messages.FrameMapped) and mapped.lost == [2, 3]
 
 
 def test_a_frame_of_a_splat_server_that_was_not_named_goes_on_without_it(bench: Bench, shells: Path) -> None:
