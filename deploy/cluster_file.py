@@ -156,12 +156,11 @@ def _check(cluster: Cluster, name: str) -> None:
         _check_ports(f"{place}.metrics", machine.metrics_at, machine)
         if (machine.metrics is None) != (machine.metrics_token is None):
             raise BadInput(f"{place}: metrics and metrics-token belong together; give both or none")
-        if machine.listens_at is not None:
-            if machine.launcher in ENGINES and machine.host is None:
-                raise BadInput(
-                    f'{place}.listen: {machine.launcher} chooses where servers run; add host = "NAME", or leave '
-                    "listen out: then they dial the client"
-                )
+        if machine.listen is not None and machine.launcher in ENGINES and machine.host is None:
+            raise BadInput(
+                f'{place}.listen: {machine.launcher} chooses where servers run; add host = "NAME", or leave '
+                "listen out: then they dial the client"
+            )
         if machine.launcher == "ssh" and machine.host is None:
             raise BadInput(f'{place}.host: the launcher ssh needs to know where; add host = "NAME"')
         if machine.host is not None and (machine.host.startswith("-") or " " in machine.host):

@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from volsplat.deploy.launchers.launcher import StartedServer
+from volsplat.deploy.private_file import write_private
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.tokens import Token, find_token, new_token
@@ -68,10 +69,7 @@ class StateFolder:
 
     def save(self, state: ClusterState) -> None:
         self._make()
-        fresh = self.path / "state.json.new"
-        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as file:
-            file.write(msgspec.json.format(msgspec.json.encode(state)))
-        fresh.replace(self.path / "state.json")
+        write_private(self.path / "state.json", msgspec.json.format(msgspec.json.encode(state)))
 
     def forget(self) -> None:
         """The cluster is down: its token is good for nothing any more."""

@@ -172,13 +172,9 @@ async def _events(client: Client, topic: str) -> list[dict[str, Any]]:
 async def _over(futures: Sequence[Future[None]]) -> None:
     """Until all are done, but not longer than a frozen worker is worth."""
     try:
-        await asyncio.wait_for(asyncio.gather(*(_done(future) for future in futures)), GRACE_SECONDS)
+        await asyncio.wait_for(asyncio.gather(*(future.exception() for future in futures)), GRACE_SECONDS)
     except TimeoutError:
         return
-
-
-async def _done(future: Future[None]) -> None:
-    await future.exception()
 
 
 def host_name(machine: Machine) -> str:

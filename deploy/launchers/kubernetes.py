@@ -5,7 +5,6 @@ The Jobs take the token from a Secret. Splat servers have Services, by whose nam
 
 import hashlib
 import json
-import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.launchers.launcher import Report, Said, Secrets, ServerOrder, ServerState, StartedServer
+from volsplat.deploy.private_file import write_private
 from volsplat.deploy.server_command import Program
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import EVERYWHERE
@@ -38,7 +38,7 @@ class KubernetesLauncher:
         self._check()
         items = [self._secret(secrets), *(item for order in orders for item in self._server(order))]
         path = self._folder / f"{_label(orders[0].name)}.json"
-        _write_private(path, {"apiVersion": "v1", "kind": "List", "items": items})
+        write_private(path, json.dumps({"apiVersion": "v1", "kind": "List", "items": items}, indent=2).encode())
         report(f"{path} holds {len(orders)} Jobs and the token; start them by: kubectl apply -f {path}")
         report(f"end them by: kubectl delete -f {path}")
         return [StartedServer(order.name, f"job/{self._name(order)}", {"job": self._name(order)}) for order in orders]
@@ -154,14 +154,6 @@ class KubernetesLauncher:
 def _label(text: str) -> str:
     """As a DNS label."""
     return re.sub(r"[^a-z0-9]+", "-", text.lower()).strip("-")[:63].rstrip("-")
-
-
-def _write_private(path: Path, manifest: Manifest) -> None:
-    """All at once, for its owner alone."""
-    fresh = path.with_suffix(".new")
-    with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as file:
-        json.dump(manifest, file, indent=2)
-    fresh.replace(path)
 
 
 def host_name(machine: Machine) -> None:
