@@ -24,7 +24,7 @@ import psutil
 import pytest
 import torch
 from faults.fault_table import written
-from faults.kinds_of_fault import LINK_DOWN, Fault, HarmedServer
+from faults.kinds_of_fault import Fault, HarmedServer
 from faults.servers_at_hand import ServersAtHand
 from faults.servers_in_box import HOSTS, ServersInBox
 
@@ -138,7 +138,7 @@ class Bench:
         if drawing.is_alive():
             after.hung = True
             faulthandler.dump_traceback()
-        self._losses += fault.lasting or fault is LINK_DOWN
+        self._losses += fault.loses
         return after
 
     def random_fault(self) -> Fault:

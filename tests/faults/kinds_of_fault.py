@@ -39,7 +39,13 @@ class Fault:
     harms: Callable[[HarmedServer], None]
     heals: Callable[[HarmedServer], None] | None = None
     seconds: float = 0.0  # for which it lasts, if it is healed
+    outlasts: bool = False  # the patience with a silent server, which so is lost before it is healed
     silent: bool = False  # nothing but silence tells of it
+
+    @property
+    def loses(self) -> bool:
+        """Whether the session does without the server, for a while at least."""
+        return self.lasting or self.outlasts
 
     @property
     def lasting(self) -> bool:
@@ -77,4 +83,4 @@ FAULTS = (
     Fault("200 ms of delay for 2 s", lambda server: server.network.delay(0.2), _network_healed, 2.0),
     Fault("5 % of the segments lost for 2 s", lambda server: server.network.lose(0.05), _network_healed, 2.0),
 )
-LINK_DOWN = Fault("link down for 5 s", _link_down, _network_healed, 5.0)  # by which a server is lost, and comes again
+LINK_DOWN = Fault("link down for 5 s", _link_down, _network_healed, 5.0, outlasts=True)

@@ -10,7 +10,6 @@ from faults.kinds_of_fault import FAULTS, LINK_DOWN, Fault
 
 from support.lab.box import GIGABIT, Box
 from support.lab.host_network import HostNetwork
-from support.programs.programs import VOLSPLAT
 from volsplat.client import Session
 from volsplat.deploy.restart_limit import MOST_RESTARTS
 from volsplat.deploy.server_command import Program
@@ -42,15 +41,9 @@ class ServersInBox:
         self._unhealed = False  # a network, since the harm was to last
         self._hosts |= {name: Program.MAPSHADE_SERVER for name in WORKERS[: self.workers]}
         cluster = folder / "cluster.toml"
-        machines = (self._machine(name, program) for name, program in self._hosts.items())
+        machines = (box.machine(name, KEYS[program]) for name, program in self._hosts.items())
         cluster.write_text(f'name = "faults-{os.getpid()}"\n' + "".join(machines), encoding="utf-8")
         self.session = Session(volume, cluster=cluster, on_progress=lambda line: None)
-
-    def _machine(self, name: str, program: Program) -> str:
-        return (
-            f'[[machines]]\nlauncher = "ssh"\nhost = "{name}"\n{KEYS[program]} = 1\nthreads = 1\n'
-            f'command = "{VOLSPLAT}"\nssh.options = ["-F", "{self._box.ssh_config}"]\n'
-        )
 
     @property
     def living(self) -> list[HostServer]:

@@ -39,16 +39,9 @@ def volume(head: Path) -> Path:
     return CT_HEAD if CT_HEAD.is_file() else head
 
 
-def machine(box: Box, name: str, servers: str) -> str:
-    return (
-        f'[[machines]]\nlauncher = "ssh"\nhost = "{name}"\n{servers} = 1\nthreads = 1\n'
-        f'command = "{VOLSPLAT}"\nssh.options = ["-F", "{box.ssh_config}"]\n'
-    )
-
-
 def cluster_file(box: Box, folder: Path) -> Path:
     path = folder / "cluster.toml"
-    told = [machine(box, "splat", "splat-servers"), *(machine(box, name, "map-shade-servers") for name in WORKERS)]
+    told = [box.machine("splat", "splat-servers"), *(box.machine(name, "map-shade-servers") for name in WORKERS)]
     path.write_text('name = "lab-in-a-box"\n' + "".join(told), encoding="utf-8")
     return path
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import psutil
 
 from support.patience import wait_until
+from support.programs.programs import VOLSPLAT
 from volsplat.bench.hosts.namespaces import Host, do, lab, why_no_lab
 from volsplat.deploy.server_command import Program
 
@@ -74,6 +75,13 @@ class Box:
         """A command on the host of this name, by ssh from another: this process's unless one is named."""
         words = ["ssh", "-F", str(self.ssh_config), name, "exec", *command]
         return (at or self.own).start(words)
+
+    def machine(self, name: str, servers: str) -> str:
+        """What a cluster file says of a host that runs one server, map-shade-servers or splat-servers, by ssh."""
+        return (
+            f'[[machines]]\nlauncher = "ssh"\nhost = "{name}"\n{servers} = 1\nthreads = 1\n'
+            f'command = "{VOLSPLAT}"\nssh.options = ["-F", "{self.ssh_config}"]\n'
+        )
 
     def servers(self, name: str) -> list[int]:
         """The process ids of the servers that run on a host."""
