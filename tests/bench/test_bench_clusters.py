@@ -3,11 +3,10 @@
 import signal
 from pathlib import Path
 
-import psutil
 import pytest
 
 from support.patience import PATIENCE, wait_until
-from support.programs.clusters import cluster_file
+from support.programs.clusters import cluster_file, servers_of
 from support.programs.programs import Person
 from volsplat.bench.clusters.cluster_sizes import measured_cluster, narrowed, toml_of
 from volsplat.bench.tables.record import read_record
@@ -33,19 +32,6 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     write_volume(tmp_path / "shells.nrrd", *make_phantom("shells", size=(24, 24, 24)))
     return Person(tmp_path)
-
-
-def servers_of(person: Person) -> list[psutil.Process]:
-    """That run with this person's state."""
-    state = str(person.folder / "state")
-    return [one for one in psutil.process_iter() if _state_of(one) == state]
-
-
-def _state_of(process: psutil.Process) -> str:
-    try:
-        return process.environ().get("XDG_STATE_HOME", "") if "_server" in " ".join(process.cmdline()) else ""
-    except (psutil.NoSuchProcess, psutil.AccessDenied):
-        return ""
 
 
 @pytest.mark.parametrize("servers", [1, 2, 3])

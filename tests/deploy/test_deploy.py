@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from support.patience import PATIENCE, wait_until
-from support.programs.clusters import cluster_file, drawn, handles, sshd
+from support.programs.clusters import cluster_file, drawn, handles, servers_of, sshd
 from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.client import Session
@@ -54,15 +54,6 @@ def cluster(request: pytest.FixtureRequest, person: Person) -> Iterator[Path]:
 
 def processes(person: Person) -> list[int]:
     return [int(handle["process"]) for handle in handles(person)]
-
-
-def is_server_of(person: Person, process: psutil.Process) -> bool:
-    """Whether it was started here, with where this person's state lies."""
-    try:
-        there = process.environ().get("XDG_STATE_HOME") == str(person.folder / "state")
-        return there and "_server" in " ".join(process.cmdline()) and process.status() != psutil.STATUS_ZOMBIE
-    except (psutil.NoSuchProcess, psutil.AccessDenied):
-        return False
 
 
 def test_resident_servers_serve_one_client_after_the_other(person: Person, cluster: Path) -> None:
@@ -120,7 +111,7 @@ def test_a_session_that_ends_while_a_server_is_started_anew_leaves_nothing(perso
         os.kill(processes(person)[1], signal.SIGKILL)
         wait_until(lambda: any("has ended" in line for line in said), "noticed")
     assert "is not up" in person.runs("deploy", "status", str(cluster)).stderr
-    assert not [one.pid for one in psutil.process_iter() if is_server_of(person, one)]
+    assert not servers_of(person)
 
 
 def test_a_cluster_is_brought_up_for_one_picture_and_down_after_it(person: Person, cluster: Path) -> None:

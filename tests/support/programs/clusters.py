@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import msgspec
+import psutil
 import pytest
 
 from support.patience import PATIENCE, wait_until
@@ -29,6 +30,19 @@ def handles(person: Person) -> list[dict[str, str]]:
     """By which the launcher of the only cluster that is up knows its servers."""
     (state,) = (person.folder / "state").glob("volsplat/clusters/*/state.json")
     return [one["started"]["handle"] for one in msgspec.json.decode(state.read_bytes())["servers"]]
+
+
+def servers_of(person: Person) -> list[psutil.Process]:
+    """Those that run here, with where this person's state lies."""
+    return [one for one in psutil.process_iter() if _is_server_of(person, one)]
+
+
+def _is_server_of(person: Person, process: psutil.Process) -> bool:
+    try:
+        there = process.environ().get("XDG_STATE_HOME") == str(person.folder / "state")
+        return there and "_server" in " ".join(process.cmdline()) and process.status() != psutil.STATUS_ZOMBIE
+    except (psutil.NoSuchProcess, psutil.AccessDenied):
+        return False
 
 
 def drawn(person: Person, *options: str) -> bytes:
