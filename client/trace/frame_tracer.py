@@ -95,10 +95,13 @@ class FrameTracer:
                 del self._frames[min(self._frames)]
 
     def finish(self, frame: int) -> None:
-        """Write what was done for a frame that is over. Waits for the servers' word. Raises BadInput."""
+        """Write what was done for a frame that is over. Waits for the servers' word. Raises BadInput.
+
+        A link's thread that sent the request notes so before it sends on, so that the answer says that it has.
+        """
         with self._gathering:
             with self._changed:
-                own, servers = self._frames.pop(frame, []), dict(self._servers)
+                own, servers = self._frames.setdefault(frame, []), dict(self._servers)
                 for traced in servers.values():
                     idle = not traced.rounds
                     traced.wanted, traced.told = frame, None
@@ -106,6 +109,7 @@ class FrameTracer:
                     if idle:
                         traced.ask()
                 self._changed.wait_for(lambda: all(map(self._is_told, servers, servers.values())), PATIENCE)
+                self._frames.pop(frame, None)
             self._file.add(CLIENT + 1, frame, own, -self._began)
             for server, traced in servers.items():
                 self._add(server, traced, frame)

@@ -174,6 +174,24 @@ def test_a_server_that_is_lost_is_not_waited_for_and_clocks_of_other_epochs_are_
     assert 0.0 <= work["ts"] - asked["ts"] < 60e6
 
 
+def test_what_is_noted_before_a_servers_answer_belongs_to_the_frame(tmp_path: Path) -> None:
+    """Who sent the request may be kept from noting so until the frame is over."""
+    tracer = FrameTracer(tmp_path / "trace.json")
+
+    def answering(message: Message) -> None:
+        match message:
+            case ReadClock():
+                tracer.take(1, ClockRead(time.perf_counter()), time.perf_counter())
+            case ReadTrace(frame=frame):
+                tracer.note(frame, "to one", "RenderFrame", *[time.perf_counter()] * 2)
+                tracer.take(1, FrameTraced(frame, [], 0), time.perf_counter())
+
+    tracer.joined(1, "one", answering)
+    tracer.finish(9)
+    tracer.close()
+    assert [span["name"] for span in Trace(tmp_path / "trace.json").of("client", "to one", 9)] == ["RenderFrame"]
+
+
 def test_a_trace_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInput, match="cannot write the trace"):
         FrameTracer(tmp_path)
