@@ -102,12 +102,13 @@ class Coordinator:
     def _go_on(self) -> list[Instruction]:
         """Begin the frame that waits and send the probes that do, if the servers are ready for them.
 
-        Before that servers may leave, and sub-cubes change hands, unless a frame is being drawn.
+        Before that servers may leave, and sub-cubes change hands, unless a frame is being drawn. Nobody leaves before it
+        is known who else is there: they may be the last.
         """
         if self.failure is not None:
             return []
         resting = self.frames.idle and (self.holding.settled or self.holding.phase is Phase.GATHERING)
-        left = self._let_go() if resting else []
+        left = self._let_go() if resting and self.servers.all_are_known else []
         shared = self._share() if resting and self.failure is None else []
         self.servers.hold(self.holding.boxes)
         return [*left, *shared, *self.frames.begin(), *self.probes.send()]

@@ -38,6 +38,11 @@ class Servers:
             (n for n in self.machines if self.joined[n].role == role), key=lambda n: (self.joined[n].process, n)
         )
 
+    @property
+    def all_are_known(self) -> bool:
+        """Whether all that are there have told what they have. Soon they will, or be lost."""
+        return self.machines.keys() == self.joined.keys()
+
     def name(self, server: int) -> str:
         return self.joined[server].name
 

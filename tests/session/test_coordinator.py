@@ -13,6 +13,7 @@ from support.messages.coordinated import (
     JOINED,
     LENT,
     MAP_STATS,
+    MORE_SPLAT_SERVERS,
     NO_DATA,
     SCENE,
     SECOND,
@@ -790,3 +791,22 @@ def test_a_probe_of_a_prepared_volume_looks_at_what_is_held() -> None:
     assert isinstance(ask, messages.ProbeVoxels) and ask.level == 1
     asked = coordinator.handle(ProbeAsked(6, zoomed(4.0), 1.0, 1.0))
     assert sent(asked) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
+
+
+def test_the_only_splat_server_leaves_once_it_is_known_who_has_joined() -> None:
+    coordinator = surveyed()
+    newcomer, described = joins(MORE_SPLAT_SERVERS[0])
+    coordinator.handle(newcomer)
+    assert sent(coordinator.handle(said(SPLAT, messages.LeaveSession()))) == []
+    assert (SPLAT, messages.EndSession) in sent(coordinator.handle(described))
+    assert coordinator.failure is None
+
+
+def test_who_leaves_waits_for_no_newcomer_that_is_lost() -> None:
+    coordinator = surveyed()
+    newcomer, _ = joins(MORE_SPLAT_SERVERS[0])
+    coordinator.handle(newcomer)
+    coordinator.handle(said(SPLAT, messages.LeaveSession()))
+    told = coordinator.handle(ServerLost(newcomer.server, "it was cut off"))
+    assert (SPLAT, messages.EndSession) in sent(told)
+    assert any(isinstance(instruction, FailSession) for instruction in told)

@@ -110,7 +110,7 @@ def attacked() -> Iterator[Attacked]:
             yield attacked
             control.send(messages.EndSession())
             _, said = process.communicate(timeout=PATIENCE)
-            assert process.returncode == 0
+            assert process.returncode == 0, said
             assert "Traceback" not in said
             for connection in (control, *attacked.links):
                 connection.close()
