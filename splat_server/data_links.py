@@ -70,11 +70,17 @@ class DataLinks:
         self._spans: dict[int, FrameSpans] = {}  # by frame: batches may come before theirs begins
         self._noting = threading.Lock()  # guards _spans
         self._rooms = BufferPool()  # for batches that come coded
-        threading.Thread(target=self._accept, name="accept data links", daemon=True).start()
+        self._receivers: set[threading.Thread] = set()  # begun by the accepting thread alone
+        self._accepting = threading.Thread(target=self._accept, name="accept data links", daemon=True)
+        self._accepting.start()
 
     def close(self) -> None:
+        """End all links and threads: one that was in a kernel when the interpreter ends would abort the process."""
         self._listener.close()
+        self._accepting.join()
         self._close_links()
+        for receiver in self._receivers:
+            receiver.join()
 
     def _close_links(self) -> None:
         with self._lock:
@@ -146,7 +152,6 @@ class DataLinks:
                 self._take_up(link)
             else:  # the client has thought better of it since the handshake
                 link.close()
-        self._close_links()  # one may have been taken up while all were closed
 
     def _take_up(self, link: Connection) -> None:
         """Read from a link, in the place of the one that its worker had before."""
@@ -159,8 +164,10 @@ class DataLinks:
         if replaced is not None:
             replaced.close()
         receiver = threading.Thread(target=self._serve, args=(link,), name=f"receive from {link.peer}", daemon=True)
+        self._receivers = {running for running in self._receivers if running.is_alive()}
         try:
             receiver.start()
+            self._receivers.add(receiver)
         except RuntimeError as error:  # the system has no thread left to give
             self._listener.lines.warn(f"{link} is dropped: {error}")
             self._lose(link)

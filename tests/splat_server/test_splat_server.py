@@ -436,21 +436,42 @@ def test_a_lost_client_ends_the_server_and_its_links(bench: Bench) -> None:
         bench.links[WORKERS[0]].receive()
 
 
-def test_a_link_that_is_taken_up_once_the_server_has_ended_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
-    over, take_up = threading.Event(), DataLinks._take_up
+def test_a_link_that_is_taken_up_as_the_server_ends_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    ending, take_up, close = threading.Event(), DataLinks._take_up, DataLinks.close
 
     def late(data_links: DataLinks, link: Connection) -> None:
-        over.wait(PATIENCE)
+        ending.wait(PATIENCE)
         take_up(data_links, link)
 
+    def closed(data_links: DataLinks) -> None:
+        ending.set()
+        close(data_links)
+
     monkeypatch.setattr(DataLinks, "_take_up", late)
+    monkeypatch.setattr(DataLinks, "close", closed)
     bench = Bench()
     bench.control.close()
     bench.ends()
-    over.set()
     for link in bench.links.values():
         with pytest.raises(PeerLost):
             link.receive()
+    bench.close()
+
+
+def test_a_server_waits_for_the_threads_of_its_links(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that was in a kernel when the interpreter ends would abort the process."""
+    ended, lose = threading.Event(), DataLinks._lose
+
+    def late(data_links: DataLinks, link: Connection) -> None:
+        ended.wait(0.5)
+        lose(data_links, link)
+
+    monkeypatch.setattr(DataLinks, "_lose", late)
+    bench = Bench()
+    bench.control.close()
+    bench.ends()
+    assert not any(map(bench.link_threads, WORKERS))
+    ended.set()
     bench.close()
 
 
