@@ -102,8 +102,8 @@ class Coordinator:
     def _go_on(self) -> list[Instruction]:
         """Begin the frame that waits and send the probes that do, if the servers are ready for them.
 
-        Before that servers may leave, and sub-cubes change hands, unless a frame is being drawn. Nobody leaves before it
-        is known who else is there: they may be the last.
+        Before that servers may leave, and sub-cubes change hands, unless a frame is being drawn. Nobody leaves before
+        it is known who else is there: they may be the last.
         """
         if self.failure is not None:
             return []
