@@ -804,7 +804,7 @@ def test_the_only_splat_server_leaves_once_it_is_known_who_has_joined() -> None:
 
 def test_who_leaves_waits_for_no_newcomer_that_is_lost() -> None:
     coordinator = surveyed()
-    newcomer, _ = joins(MORE_SPLAT_SERVERS[0])
+    newcomer = MORE_SPLAT_SERVERS[0]
     coordinator.handle(newcomer)
     coordinator.handle(said(SPLAT, messages.LeaveSession()))
     told = coordinator.handle(ServerLost(newcomer.server, "it was cut off"))
