@@ -162,11 +162,14 @@ def threads_of(threads: int | None, sharing: int) -> int:
     return threads or max(1, min(usable_cores() // sharing, MOST_THREADS))
 
 
-def run_server(module: str, name: str, title: str) -> NoReturn:
-    """Run the command `name` of a module; an error is one line on stderr, exit status 2 if a person must act."""
+def run_server(module: str, name: str, title: str, given: object = None) -> NoReturn:
+    """Run the command `name` of a module; an error is one line on stderr, exit status 2 if a person must act.
+
+    `given` is for the command, which takes it by click.pass_obj.
+    """
     try:
         command: click.Command = getattr(import_module(module), name)
-        command.main(prog_name=command.name, standalone_mode=False)
+        command.main(prog_name=command.name, standalone_mode=False, obj=given)
     except click.ClickException as error:
         _end(title, error.format_message(), EXIT_BAD_INPUT)
     except BadInput as error:

@@ -34,9 +34,7 @@ ENTRIES = {
     "info": Entry("Tell what a volume is, with its histogram."),
     "scene": Entry("Print a complete scene file to start from."),
     "phantom": Entry("Write a volume that volsplat makes itself.", torch=True),
-    "prepare": Entry(
-        "Turn a volume of any size into a packet store on disk.", program="volsplat.mapshade_server.prepare"
-    ),
+    "prepare": Entry("Turn a volume of any size into a packet store on disk.", program="volsplat.deploy.batch"),
     "bench": Entry(
         "Measure volsplat: its paper, its floors, its peers.", torch=True, module="volsplat.bench.commands.command"
     ),

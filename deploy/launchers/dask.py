@@ -109,14 +109,11 @@ class DaskLauncher:
 
     def _asked(self, act: Callable[[Client], Awaitable[Result]]) -> Result:
         """What the scheduler answers. Raises BadInput where it does not."""
-        where = _where(self._machine)
+        where = scheduler_of(self._machine)
         try:
             return asyncio.run(asyncio.wait_for(_with_client(where, act), DASK_SECONDS))
         except (TimeoutError, OSError) as error:
-            raise BadInput(
-                f"Dask's scheduler at {_named(where)} does not answer: {error or f'nothing for {DASK_SECONDS:g} s'}; "
-                "is it there, and dask.scheduler right?"
-            ) from error
+            raise no_answer(where, error) from error
 
 
 async def _with_client(where: dict[str, str], act: Callable[[Client], Awaitable[Result]]) -> Result:
@@ -124,7 +121,7 @@ async def _with_client(where: dict[str, str], act: Callable[[Client], Awaitable[
         return await act(client)
 
 
-def _where(machine: Machine) -> dict[str, str]:
+def scheduler_of(machine: Machine) -> dict[str, str]:
     """How Client is told of the scheduler. Raises BadInput where the file does not say."""
     if machine.dask.scheduler:
         return {"address": machine.dask.scheduler}
@@ -136,8 +133,11 @@ def _where(machine: Machine) -> dict[str, str]:
     return {"scheduler_file": str(path)}
 
 
-def _named(where: dict[str, str]) -> str:
-    return next(iter(where.values()))
+def no_answer(where: dict[str, str], error: Exception) -> BadInput:
+    return BadInput(
+        f"Dask's scheduler at {next(iter(where.values()))} does not answer: "
+        f"{error or f'nothing for {DASK_SECONDS:g} s'}; is it there, and dask.scheduler right?"
+    )
 
 
 async def _said(client: Client, task: str, state: str | None, workers: set[str]) -> Said:
@@ -181,7 +181,7 @@ def host_name(machine: Machine) -> str:
     """The host that the file names, else the scheduler's, which is on the workers' network."""
     if machine.host is not None:
         return machine.host
-    where = _where(machine)
+    where = scheduler_of(machine)
     address = where.get("address") or _address_in(Path(where["scheduler_file"]))
     host = urlsplit(address if "://" in address else f"tcp://{address}").hostname
     if not host:

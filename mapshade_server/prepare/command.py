@@ -1,6 +1,7 @@
 """`volsplat prepare`: turns a volume into a packet store."""
 
 import os
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Literal
 
@@ -9,6 +10,7 @@ import click
 from volsplat.mapshade_server.prepare.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.progress_bar import ProgressBar
 from volsplat.program.plain_console import PlainConsole
+from volsplat.program.task_pool import PoolOpener
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 
@@ -20,13 +22,21 @@ from volsplat.protocol.text.errors import BadInput
 @click.option("--directions", type=click.Choice(["octahedral", "paper"]), default="octahedral", help="(octahedral)")
 @click.option("--memory", metavar="SIZE", default="1G", help="What the command may hold at a time (1G).")
 @click.option("--verify/--no-verify", default=True, help="Read everything back at the end (yes).")
+@click.option(
+    "--cluster",
+    type=click.Path(path_type=Path),
+    help="Have the Dask workers of this cluster file do it, which all see VOLUME and OUT.zarr.",
+)
+@click.pass_obj
 def prepare_command(
+    open_pool: PoolOpener,
     volume: str,
     out: Path,
     window: str | None,
     directions: Literal["octahedral", "paper"],
     memory: str,
     verify: bool,
+    cluster: Path | None,
 ) -> None:
     """Turn VOLUME, of any size, into a packet store that is drawn without being read whole.
 
@@ -40,8 +50,10 @@ def prepare_command(
     )
     console = PlainConsole(stderr=True)
     try:
-        with ProgressBar(console) as progress:
-            prepared = prepare(volume, out, options, progress)
+        with ExitStack() as open_now:
+            pool = None if cluster is None else open_now.enter_context(open_pool(cluster, console.say))
+            progress = open_now.enter_context(ProgressBar(console))
+            prepared = prepare(volume, out, options, progress, pool)
     except OSError as error:
         reason = os.strerror(error.errno) if error.errno else str(error)
         raise BadInput(f"{out}: cannot be written ({reason}); see to it, then run the same command again") from None

@@ -43,8 +43,8 @@ class Journal:
 
     def __init__(self, out: Path, wish: Wish) -> None:
         """Takes up the journal that is there. Raises BadInput if it is of another source or other options."""
-        self.folder = out / FOLDER
-        self._path = self.folder / NAME
+        self.folder = out.absolute() / FOLDER  # as all machines know it
+        self._path = out / FOLDER / NAME
         self.state = State(wish)
         self.is_new = not self._path.exists()
         if self.is_new:

@@ -1,13 +1,11 @@
 """The second pass: packs one level block by block, and lays down the means that the next level is packed from."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.packet_store import BRICK_FIELDS, Packets
-from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.brick_extents import brick_extents
 from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
@@ -21,13 +19,26 @@ from volsplat.protocol.rules.index_rules import Quantisation
 
 
 @dataclass(frozen=True)
-class PackedBlock:
-    """All that follows from a block's values."""
+class Besides:
+    """What follows from a block's values besides its packets."""
 
     box: Box
-    packets: Packets
     means: BlockScalars | None  # for the next level, if there is one
     extents: NDArray[np.uint8]  # of its bricks, (bk, bj, bi, BRICK_FIELDS)
+
+
+@dataclass(frozen=True)
+class PackedBlock:
+    packets: Packets
+    besides: Besides
+
+
+@dataclass(frozen=True)
+class StoredBlock:
+    """A block whose shards are on the disk, with the CRC-32 of each by its name."""
+
+    checksums: dict[str, int]
+    besides: Besides
 
 
 @dataclass(frozen=True)
@@ -43,20 +54,7 @@ class LevelPacker:
     coarser: StoredScalars | None
     extents: LevelSource
 
-    def pack(self, blocks: list[Box], in_advance: int, writer: StoreWriter, journal: Journal) -> Iterator[Box]:
-        """Packs and stores blocks; each is yielded once it stands in the journal. `in_advance` are packed meanwhile."""
-        for packed in ahead(self._packed, blocks, in_advance):
-            checksums = {}
-            for shard in self.layout.shards(self.geometry.dims, packed.box):
-                part = packed.packets[shard.slices(packed.box.low)]
-                checksums[writer.shard_name(self.number, shard)] = writer.write_shard(self.number, shard, part)
-            self._lay_down(packed)
-            journal.finish_shards(checksums)
-            box = packed.box
-            del packed, part  # before the next one is made
-            yield box
-
-    def _packed(self, box: Box) -> PackedBlock:
+    def packed(self, box: Box) -> PackedBlock:
         sub_cube = SubCube(self.geometry, box, self.source.second_range)
         with_halo = box.grown(HALO, self.geometry.dims)
         read = self.source.read(box, with_halo)
@@ -65,15 +63,28 @@ class LevelPacker:
         packets = np.asarray(memoryview(sub_cube.packets))
         inside = BlockScalars(read.values[box.slices(with_halo.low)], read.second)
         means = None if self.coarser is None else _halved(inside)
-        return PackedBlock(box, packets, means, brick_extents(packets, self.layout.brick, self.background))
+        extents = brick_extents(packets, self.layout.brick, self.background)
+        return PackedBlock(packets, Besides(box, means, extents))
 
-    def _lay_down(self, packed: PackedBlock) -> None:
-        if self.coarser is not None and packed.means is not None:
-            self.coarser.write(halved_box(packed.box), packed.means)
-        nk, nj, ni, _ = packed.extents.shape
-        i, j, k = (low // self.layout.brick for low in packed.box.low)
+    def stored(self, packed: PackedBlock, writer: StoreWriter) -> StoredBlock:
+        """Once its shards are on the disk."""
+        checksums = {}
+        box = packed.besides.box
+        for shard in self.layout.shards(self.geometry.dims, box):
+            part = packed.packets[shard.slices(box.low)]
+            checksums[writer.shard_name(self.number, shard)] = writer.write_shard(self.number, shard, part)
+        return StoredBlock(checksums, packed.besides)
+
+    def finish(self, stored: StoredBlock, journal: Journal) -> None:
+        """Lays down for good what follows from a block besides its packets, and has the journal say that it is done."""
+        box, means, extents = stored.besides.box, stored.besides.means, stored.besides.extents
+        if self.coarser is not None and means is not None:
+            self.coarser.write(halved_box(box), means)
+        nk, nj, ni, _ = extents.shape
+        i, j, k = (low // self.layout.brick for low in box.low)
         bricks = Box((i * BRICK_FIELDS, j, k), ((i + ni) * BRICK_FIELDS, j + nj, k + nk))
-        self.extents.write(bricks, packed.extents.reshape(nk, nj, -1))
+        self.extents.write(bricks, extents.reshape(nk, nj, -1))
+        journal.finish_shards(stored.checksums)
 
 
 def _halved(block: BlockScalars) -> BlockScalars:

@@ -2,6 +2,8 @@
 
 import shutil
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -18,22 +20,26 @@ from volsplat.mapshade_server.packet_store import (
     attributes_of,
     is_store,
 )
-from volsplat.mapshade_server.prepare.ahead import ahead
+from volsplat.mapshade_server.prepare.executor import Executor, Threads
 from volsplat.mapshade_server.prepare.halving import mean_type
 from volsplat.mapshade_server.prepare.journal import FOLDER, Journal, Wish, alone, check_source, other_options
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, memory_plan
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker
 from volsplat.mapshade_server.prepare.level_source import LevelSource
+from volsplat.mapshade_server.prepare.machines import Machines
 from volsplat.mapshade_server.prepare.progress import Progress
+from volsplat.mapshade_server.prepare.run_mark import marked
 from volsplat.mapshade_server.prepare.scalars import Scalars, StoredScalars, volume_scalars
-from volsplat.mapshade_server.prepare.store_writer import StoreWriter, begin_store, brick_dims, sweep
+from volsplat.mapshade_server.prepare.shared_volume import SharedVolume
+from volsplat.mapshade_server.prepare.store_writer import ShardPlace, StoreWriter, begin_store, brick_dims, sweep
 from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.mapshade_server.slabs import SLAB_BYTES, SlabReader
 from volsplat.mapshade_server.volume_identity import identified_volume, identity_of
+from volsplat.program.task_pool import TaskPool
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.description.volume_identity import VolumeIdentity
-from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.description.volume_name import absolute_name, volume_name
 from volsplat.protocol.text.errors import BadInput
 
 UNPACKED = "source"
@@ -42,7 +48,7 @@ FIRST_VOXEL = Box((0, 0, 0), (1, 1, 1))
 
 @dataclass(frozen=True)
 class Options:
-    """What a person chooses. `memory` is in bytes; the tests alone change the layout."""
+    """What a person chooses. `memory` is in bytes, of each process; the tests alone change the layout."""
 
     window: tuple[float, float] | None = None
     directions: Literal["octahedral", "paper"] = "octahedral"
@@ -60,14 +66,17 @@ class Prepared:
     seconds: float  # 0 if the store was complete before
 
 
-def prepare(volume: str, out: Path, options: Options, progress: Progress) -> Prepared:
-    """Makes the store at `out`, or goes on with it. Raises BadInput, and OSError if the disk refuses."""
+def prepare(volume: str, out: Path, options: Options, progress: Progress, pool: TaskPool | None = None) -> Prepared:
+    """Makes the store at `out`, or goes on with it, by the machines of a pool if there is one.
+
+    Raises BadInput, and OSError if the disk refuses.
+    """
     preparation = Preparation(volume, out, options, progress)
     seconds = 0.0
     if not preparation.is_done():
         started = time.perf_counter()
         with alone(out):
-            preparation.run()
+            preparation.run(pool)
         seconds = time.perf_counter() - started
     shutil.rmtree(out / FOLDER, ignore_errors=True)
     return Prepared(attributes_of(out), preparation.source_bytes, seconds)
@@ -115,20 +124,38 @@ class Preparation:
             raise other_options(self._out)
         return there.complete
 
-    def run(self) -> None:
+    def run(self, pool: TaskPool | None) -> None:
         """From wherever an earlier run was ended to the finished store."""
         journal = Journal(self._out, self._wish)
         sweep(self._out)
-        source = self._source(journal)
-        if journal.is_new or not is_store(self._out):
-            self._survey(source, journal)
-        attributes = attributes_of(self._out)
-        writer = StoreWriter(self._out, attributes, self._options.layout)
-        self._pack(source, attributes, writer, journal)
-        if self._options.verify:
-            self._verify(writer, journal)
+        with self._executor(pool, journal) as executor:
+            source = self._source(journal, executor)
+            if journal.is_new or not is_store(self._out):
+                self._survey(source, journal, executor)
+            attributes = attributes_of(self._out)
+            writer = StoreWriter(self._out.absolute(), attributes, self._options.layout)
+            self._pack(source, attributes, writer, journal, executor)
+            if self._options.verify:
+                self._verify(writer, journal, executor)
+        sweep(self._out)  # what a machine was about to write when it was lost
         self._check_unchanged()
         writer.finish()
+
+    @contextmanager
+    def _executor(self, pool: TaskPool | None, journal: Journal) -> Iterator[Executor]:
+        if pool is None:
+            yield Threads(self._plan.blocks)
+            return
+        with marked(journal.folder) as mark:
+            volume = SharedVolume(absolute_name(self._volume), self._identity, mark)
+            machines = Machines(pool, mark, volume, self._progress)
+            try:
+                machines.check(reads_volume=not self._is_copied)
+            except BadInput:
+                if journal.is_new:
+                    journal.withdraw()
+                raise
+            yield machines
 
     def _check_unchanged(self) -> None:
         """Raises BadInput unless the volume is still the one that was opened."""
@@ -140,10 +167,15 @@ class Preparation:
                 f"delete {self._out}, begin anew"
             )
 
-    def _source(self, journal: Journal) -> Scalars:
-        """The scalars of level 0: from the volume itself or, if blocks of it cost too much, from a raw copy."""
-        if self._description.reads_sub_cubes and not self._is_far:
-            return self._scalars
+    @property
+    def _is_copied(self) -> bool:
+        """Whether blocks of it cost too much."""
+        return self._is_far or not self._description.reads_sub_cubes
+
+    def _source(self, journal: Journal, executor: Executor) -> Scalars:
+        """The scalars of level 0: from the volume itself, or from a raw copy."""
+        if not self._is_copied:
+            return executor.reached(self._scalars)
         dims = self._description.geometry.dims
         copy = self._stored(journal, UNPACKED, dims, self._description.scalar_type)
         if not journal.state.unpacked:
@@ -165,11 +197,10 @@ class Preparation:
         values = LevelSource(journal.folder / f"{name}.raw", dims, scalar_type)
         return StoredScalars(values, second, self._description.second_scalar, (dims[0], 1, 1))
 
-    def _survey(self, source: Scalars, journal: Journal) -> None:
+    def _survey(self, source: Scalars, journal: Journal, executor: Executor) -> None:
         """Surveys the volume and begins the store."""
         geometry = self._description.geometry
-        threads = self._plan.blocks
-        room = (self._options.memory - PROGRAM_BYTES) // (2 * (threads + 2))  # two of each slab while one is read
+        room = (self._options.memory - PROGRAM_BYTES) // (2 * (self._plan.blocks + 2))  # two of each while one is read
         slabs = SlabReader(
             geometry,
             self._description.scalar_type,
@@ -181,7 +212,7 @@ class Preparation:
         )
         brick = self._options.layout.brick
         try:
-            surveyed = survey_volume(slabs, self._description.name, brick, threads, self._item_bytes, self._progress)
+            surveyed = survey_volume(slabs, self._description.name, brick, executor, self._item_bytes, self._progress)
         except BadInput:
             journal.withdraw()
             raise
@@ -197,7 +228,9 @@ class Preparation:
         )
         begin_store(self._out, attributes, self._options.layout, surveyed)
 
-    def _pack(self, source: Scalars, attributes: StoreAttributes, writer: StoreWriter, journal: Journal) -> None:
+    def _pack(
+        self, source: Scalars, attributes: StoreAttributes, writer: StoreWriter, journal: Journal, executor: Executor
+    ) -> None:
         """Packs what the journal does not have of all levels, then stores what their bricks hold."""
         missing = self._begin_packing(writer, journal)
         layout, scalar_type = self._options.layout, mean_type(self._description.scalar_type)
@@ -210,8 +243,11 @@ class Preparation:
             packer = LevelPacker(
                 n, geometry, attributes.quantisation, attributes.background, layout, source, coarser, extents
             )
-            for block in packer.pack(missing[n], self._plan.blocks - 1, writer, journal):
-                self._progress.advance(block.voxels * self._item_bytes)
+            for stored in executor.stored_blocks(packer, writer, missing[n]):
+                packer.finish(stored, journal)
+                voxels = stored.besides.box.voxels
+                del stored  # before the next one is made
+                self._progress.advance(voxels * self._item_bytes)
             whole = extents.read(Box((0, 0, 0), held))
             writer.write_bricks(n, whole.reshape(held[2], held[1], -1, BRICK_FIELDS))
             source = coarser or source
@@ -230,21 +266,21 @@ class Preparation:
         self._progress.advance((voxels - left) * self._item_bytes)
         return missing
 
-    def _verify(self, writer: StoreWriter, journal: Journal) -> None:
+    def _verify(self, writer: StoreWriter, journal: Journal, executor: Executor) -> None:
         """Raises BadInput if what is stored is not what was made, and forgets it, so that it is made again."""
         places = [
-            (n, shard)
+            ShardPlace(n, shard)
             for n, level in enumerate(self._levels)
             for block in self._blocks(level)
             for shard in self._options.layout.shards(level.dims, block)
         ]
-        self._progress.begin("checking", sum(shard.voxels for _, shard in places) * self._item_bytes)
+        self._progress.begin("checking", sum(place.shard.voxels for place in places) * self._item_bytes)
         damaged = []
-        for (n, shard), checksum in zip(places, ahead(writer.read_checksum, places, 1), strict=True):
-            name = writer.shard_name(n, shard)
+        for place, checksum in executor.checksums(writer, places):
+            name = writer.shard_name(*place)
             if checksum != journal.state.shards[name]:
                 damaged.append(name)
-            self._progress.advance(shard.voxels * self._item_bytes)
+            self._progress.advance(place.shard.voxels * self._item_bytes)
         if damaged:
             journal.forget_shards(damaged)
             raise BadInput(

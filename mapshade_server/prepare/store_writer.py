@@ -3,7 +3,7 @@
 import os
 import zlib
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -29,15 +29,25 @@ ZSTD_LEVEL = 1  # chosen for speed: docs/prepare.md has the others' rates
 AXES = ("k", "j", "i")
 
 
+class ShardPlace(NamedTuple):
+    level: int
+    shard: Box
+
+
 class StoreWriter:
     """The store at `out`, which is there with all its metadata, by `begin_store` or since an earlier run."""
 
     def __init__(self, out: Path, attributes: StoreAttributes, layout: Layout) -> None:
+        self._made_of = (out, attributes, layout)
         self._out = out
         self._layout = layout
         self._attributes = attributes
         self._group = _group(out)
         self._arrays = [self._group[level.path] for level in attributes.levels]
+
+    def __reduce__(self) -> tuple[type["StoreWriter"], tuple[Path, StoreAttributes, Layout]]:
+        """Where it is unpickled, the store is opened anew."""
+        return (StoreWriter, self._made_of)
 
     def write_shard(self, level: int, shard: Box, packets: Packets) -> int:
         """Stores a shard for good, in the place of what an earlier run may have left. The CRC-32 of its packets."""
@@ -46,13 +56,12 @@ class StoreWriter:
         _onto_disk(self._out / self.shard_name(level, shard, "c"))
         return zlib.crc32(whole.data)
 
-    def read_checksum(self, place: tuple[int, Box]) -> int | None:
-        """As `write_shard` gave it, of the stored shard of a level; None if it cannot be read."""
-        level, shard = place
+    def read_checksum(self, place: ShardPlace) -> tuple[ShardPlace, int | None]:
+        """As `write_shard` gave it, of the shard that is stored there; None if it cannot be read."""
         try:
-            return zlib.crc32(np.ascontiguousarray(self._arrays[level][shard.slices()]).data)
+            return place, zlib.crc32(np.ascontiguousarray(self._arrays[place.level][place.shard.slices()]).data)
         except (OSError, ValueError, RuntimeError):
-            return None
+            return place, None
 
     def shard_name(self, level: int, shard: Box, *prefix: str) -> str:
         """The level's path and the shard's place, as the files are named."""

@@ -2,16 +2,17 @@
 
 import math
 from collections import Counter
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from functools import partial
+from typing import Literal, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.slabs import Slab, SlabReader
-from volsplat.mapshade_server.sub_cube import Histograms, SubCube
+from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules import index_rules
@@ -20,6 +21,7 @@ from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 from volsplat.protocol.text.errors import BadInput
 
 Counts = NDArray[np.int64]
+Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
@@ -61,41 +63,57 @@ class _Looked(NamedTuple):
     sampled: NDArray[np.generic]
 
 
+class _Counted(NamedTuple):
+    """What is found out of one slab once the extremes of all are known."""
+
+    voxels: int
+    density: Counts
+    strength: Counts
+    extremes: BlockExtremes
+
+
+class Surveyor(Protocol):
+    """Who goes through all slabs."""
+
+    def of_slabs(self, find: Callable[[Slab], Found], slabs: SlabReader) -> Iterator[Found]:
+        """What is found out of each, in any order."""
+        ...
+
+
 def survey_volume(
-    reader: SlabReader, name: str, brick: int, threads: int, item_bytes: int, progress: Progress
+    slabs: SlabReader, name: str, brick: int, surveyor: Surveyor, item_bytes: int, progress: Progress
 ) -> Surveyed:
-    """Reads the volume twice, and looks at `threads` slabs at a time.
-
-    Raises BadInput, also if no voxel has a value.
-    """
-    whole = reader.geometry.box
-
-    def looked(slab: Slab) -> _Looked:
-        corners = tuple(slice(-low % brick, None, brick) for low in slab.box.low)[::-1]
-        return _Looked(slab.sub_cube.survey(), slab.values[corners].flatten())  # a copy: a view would keep the slab
-
+    """Has the volume read twice. Raises BadInput, also if no voxel has a value."""
+    whole = slabs.geometry.box
     progress.begin("surveying", whole.voxels * item_bytes)
     survey = Survey(low=math.inf, high=-math.inf, max_gradient=0.0, voxels=0, no_data=0)
     sampled: list[NDArray[np.generic]] = []
-    for part in ahead(looked, reader.slabs(whole), threads):
-        survey = survey.joined(part.survey)
-        sampled.append(part.sampled)
-        progress.advance(part.survey.voxels * item_bytes)
+    for looked in surveyor.of_slabs(partial(_looked, brick), slabs):
+        survey = survey.joined(looked.survey)
+        sampled.append(looked.sampled)
+        progress.advance(looked.survey.voxels * item_bytes)
     if survey.low > survey.high:
         raise BadInput(f"{name}: no voxel has a value, all are NaN or infinite; export the volume again")
 
-    def counted(slab: Slab) -> tuple[int, Histograms]:
-        return slab.box.voxels, slab.sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
-
     progress.begin("counting", whole.voxels * item_bytes)
     density, strength = np.zeros(HISTOGRAM_BINS, np.int64), np.zeros(HISTOGRAM_BINS, np.int64)
-    extremes = BlockExtremes.nothing(reader.geometry.dims)
-    for voxels, more in ahead(counted, reader.slabs(whole), threads):
-        density += np.asarray(more.density)
-        strength += np.asarray(more.strength)
-        extremes = extremes.joined(more.extremes)
-        progress.advance(voxels * item_bytes)
+    extremes = BlockExtremes.nothing(slabs.geometry.dims)
+    for counted in surveyor.of_slabs(partial(_counted, survey), slabs):
+        density += counted.density
+        strength += counted.strength
+        extremes = extremes.joined(counted.extremes)
+        progress.advance(counted.voxels * item_bytes)
     return Surveyed(survey, density, strength, _commonest(np.concatenate(sampled)), extremes)
+
+
+def _looked(brick: int, slab: Slab) -> _Looked:
+    corners = tuple(slice(-low % brick, None, brick) for low in slab.box.low)[::-1]
+    return _Looked(slab.sub_cube.survey(), slab.values[corners].flatten())  # a copy: a view would keep the slab
+
+
+def _counted(survey: Survey, slab: Slab) -> _Counted:
+    found = slab.sub_cube.histograms(survey.low, survey.high, survey.max_gradient)
+    return _Counted(slab.box.voxels, np.asarray(found.density), np.asarray(found.strength), found.extremes)
 
 
 def _commonest(values: NDArray[np.generic]) -> NDArray[np.generic] | None:

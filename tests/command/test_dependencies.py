@@ -21,6 +21,8 @@ MAY_USE = {
     "deploy": {"msgspec"},
     "deploy/launchers/dask.py": {"msgspec", "dask"},
     "deploy/launchers/dask_task.py": {"dask"},
+    "deploy/batch/dask_pool.py": {"dask"},
+    "deploy/batch/dask_tasks.py": {"dask"},
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},

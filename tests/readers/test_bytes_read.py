@@ -20,6 +20,7 @@ from volsplat.client.coordinator.sub_cubes import divided
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.prepare import Options, prepare
+from volsplat.mapshade_server.prepare.executor import Threads
 from volsplat.mapshade_server.prepare.layout import PROGRAM_BYTES, Layout
 from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers import open_volume
@@ -122,7 +123,7 @@ def test_a_survey_keeps_no_slab() -> None:
     )
     tracemalloc.start()
     try:
-        survey_volume(reader, "zeros", 64, 0, 1, Told())
+        survey_volume(reader, "zeros", 64, Threads(0), 1, Told())
         _, most = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()

@@ -45,7 +45,7 @@ FLOORS = {
         "ui",
         "command .",
     ),
-    "deploy": (".", "launchers", "cluster", "doctor"),
+    "deploy": (".", "launchers", "cluster batch", "doctor"),
     "bench": ("tables", ".", "scaling peers floors hosts", "clusters", "commands"),
 }
 """The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""

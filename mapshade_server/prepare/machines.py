@@ -1,0 +1,92 @@
+"""The machines of a lab, which share the work of a preparation through a task pool and a disk that all see.
+
+They read, pack and write shards, each a file of its own; the command's own process alone keeps the journal and writes
+the files that blocks share. Whatever is done twice, because a machine was lost or is late, has the same bytes.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Generic
+
+from volsplat.mapshade_server.prepare.level_packing import LevelPacker, StoredBlock
+from volsplat.mapshade_server.prepare.progress import Progress
+from volsplat.mapshade_server.prepare.run_mark import RunMark
+from volsplat.mapshade_server.prepare.scalars import Scalars
+from volsplat.mapshade_server.prepare.shared_volume import SharedVolume, shared_scalars
+from volsplat.mapshade_server.prepare.store_writer import ShardPlace, StoreWriter
+from volsplat.mapshade_server.prepare.survey import Found
+from volsplat.mapshade_server.slabs import Slab, SlabReader
+from volsplat.program.task_pool import TaskPool
+from volsplat.protocol.description.volume import SCALAR_BYTES, Box
+
+SLABS_IN_A_TASK = 8  # of which all but the first take their halo from the one before
+
+
+class Machines:
+    def __init__(self, pool: TaskPool, mark: RunMark, volume: SharedVolume, progress: Progress) -> None:
+        self._pool = pool
+        self._mark = mark
+        self._volume = volume
+        self._progress = progress
+
+    def check(self, reads_volume: bool) -> None:
+        """Raises BadInput if one of those that are there does not share the disk, or has no such volume."""
+        self._pool.on_each(CheckTask(self._mark, self._volume if reads_volume else None), self._meanwhile)
+
+    def reached(self, volume: Scalars) -> Scalars:
+        return shared_scalars(self._volume, volume)
+
+    def of_slabs(self, find: Callable[[Slab], Found], slabs: SlabReader) -> Iterator[Found]:
+        for found in self._pool.results(SlabsTask(find, slabs), list(_parts(slabs)), self._meanwhile):
+            yield from found
+
+    def stored_blocks(self, packer: LevelPacker, writer: StoreWriter, blocks: Sequence[Box]) -> Iterator[StoredBlock]:
+        return self._pool.results(StoringTask(packer, writer, self._mark), blocks, self._meanwhile)
+
+    def checksums(self, writer: StoreWriter, places: Sequence[ShardPlace]) -> Iterator[tuple[ShardPlace, int | None]]:
+        return self._pool.results(writer.read_checksum, places, self._meanwhile)
+
+    def _meanwhile(self) -> None:
+        self._progress.advance(0)  # which raises if the person has had enough
+
+
+@dataclass(frozen=True)
+class CheckTask:
+    mark: RunMark
+    volume: SharedVolume | None
+
+    def __call__(self) -> None:
+        self.mark.check()
+        if self.volume is not None:
+            self.volume.scalars()
+
+
+@dataclass(frozen=True)
+class SlabsTask(Generic[Found]):
+    find: Callable[[Slab], Found]
+    slabs: SlabReader
+
+    def __call__(self, part: Box) -> list[Found]:
+        return [self.find(slab) for slab in self.slabs.slabs(part)]
+
+
+@dataclass(frozen=True)
+class StoringTask:
+    packer: LevelPacker
+    writer: StoreWriter
+    mark: RunMark
+
+    def __call__(self, block: Box) -> StoredBlock:
+        packed = self.packer.packed(block)
+        self.mark.check()
+        return self.packer.stored(packed, self.writer)
+
+
+def _parts(slabs: SlabReader) -> Iterator[Box]:
+    """Whole sheets, and whole chunks of them, for a task each."""
+    ni, nj, nk = slabs.geometry.dims
+    chunk = slabs.chunk[2]
+    bytes_in_a_task = SLABS_IN_A_TASK * slabs.slab_bytes
+    sheets = max(1, bytes_in_a_task // (ni * nj * SCALAR_BYTES[slabs.scalar_type] * chunk)) * chunk
+    for k in range(0, nk, sheets):
+        yield Box((0, 0, k), (ni, nj, min(k + sheets, nk)))
