@@ -31,23 +31,20 @@ class Machines:
 
     def check(self, reads_volume: bool) -> None:
         """Raises BadInput if one of those that are there does not share the disk, or has no such volume."""
-        self._pool.on_each(CheckTask(self._mark, self._volume if reads_volume else None), self._meanwhile)
+        self._pool.on_each(CheckTask(self._mark, self._volume if reads_volume else None), self._progress.check_wanted)
 
     def reached(self, volume: Scalars) -> Scalars:
         return shared_scalars(self._volume, volume)
 
     def of_slabs(self, find: Callable[[Slab], Found], slabs: SlabReader) -> Iterator[Found]:
-        for found in self._pool.results(SlabsTask(find, slabs), list(_parts(slabs)), self._meanwhile):
+        for found in self._pool.results(SlabsTask(find, slabs), list(_parts(slabs)), self._progress.check_wanted):
             yield from found
 
     def stored_blocks(self, packer: LevelPacker, writer: StoreWriter, blocks: Sequence[Box]) -> Iterator[StoredBlock]:
-        return self._pool.results(StoringTask(packer, writer, self._mark), blocks, self._meanwhile)
+        return self._pool.results(StoringTask(packer, writer, self._mark), blocks, self._progress.check_wanted)
 
     def checksums(self, writer: StoreWriter, places: Sequence[ShardPlace]) -> Iterator[tuple[ShardPlace, int | None]]:
-        return self._pool.results(writer.read_checksum, places, self._meanwhile)
-
-    def _meanwhile(self) -> None:
-        self._progress.advance(0)  # which raises if the person has had enough
+        return self._pool.results(writer.read_checksum, places, self._progress.check_wanted)
 
 
 @dataclass(frozen=True)

@@ -56,6 +56,9 @@ class ProgressBar:
     def advance(self, done: int) -> None:
         if self._task is not None:
             self._bar.advance(self._task, done)
+        self.check_wanted()
+
+    def check_wanted(self) -> None:
         if self._stopping:
             self.note("stopped; the same command goes on from here")
             raise KeyboardInterrupt

@@ -23,6 +23,8 @@ MAY_USE = {
     "deploy/launchers/dask_task.py": {"dask"},
     "deploy/batch/dask_pool.py": {"dask"},
     "deploy/batch/dask_tasks.py": {"dask"},
+    "deploy/batch/dask_workers.py": {"dask"},
+    "deploy/batch/task_run.py": {"dask"},
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},

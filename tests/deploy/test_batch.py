@@ -21,7 +21,7 @@ from volsplat.protocol.text.errors import BadInput
 
 pytest.importorskip("distributed", reason="batch work needs distributed (extra dask)")
 
-from volsplat.deploy.batch import dask_pool  # noqa: E402
+from volsplat.deploy.batch import task_run  # noqa: E402
 from volsplat.deploy.batch.task_pools import opened_pool  # noqa: E402
 
 SERVERS = "map-shade-servers = 1\nsplat-servers = 1\n"
@@ -100,7 +100,7 @@ def test_a_worker_that_is_lost_or_frozen_changes_no_byte(
     second: psutil.Process,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(dask_pool, "LATE_SECONDS", 0.5)
+    monkeypatch.setattr(task_run, "LATE_SECONDS", 0.5)
     told, out = Disturbed(lambda: second.send_signal(end)), tmp_path / "shared.zarr"
     prepare(str(volume), out, LITTLE, told, pool)
     assert_same_as_alone(volume, out)
@@ -126,7 +126,7 @@ def test_a_run_that_was_ended_goes_on_with_machines_and_without(
 
 def test_the_command_is_ended_by_ctrl_c_and_goes_on(tmp_path: Path, cluster: Path) -> None:
     person = Person(tmp_path)
-    volume = written(tmp_path / "tall.nrrd", values_of("uint8", (200, 200, 1100)))
+    volume = written(tmp_path / "tall.nrrd", values_of("uint8", (100, 100, 1300)))
     out = tmp_path / "tall.zarr"
     journal = out / ".prepare" / "journal.json"
     running = person.starts("prepare", "tall.nrrd", "tall.zarr", "--cluster", "cluster.toml")

@@ -41,6 +41,8 @@ class Silent:
 
     def advance(self, done: int) -> None: ...
 
+    def check_wanted(self) -> None: ...
+
 
 @pytest.fixture(scope="module")
 def source(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -42,6 +42,9 @@ class Told:
         *_, newest = self.stages.values()
         newest[1] += done
 
+    def check_wanted(self) -> None:
+        """It is."""
+
 
 def values_of(scalar_type: str, dims: tuple[int, int, int] = ODD_DIMS, seed: int = 0) -> Voxels:
     """Noise whose sums are exact in any order; floats have holes, and a whole corner without data."""
