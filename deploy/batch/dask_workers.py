@@ -7,6 +7,8 @@ import socket
 import time
 import uuid
 from collections.abc import Callable, Sequence
+from concurrent.futures import Future as ConcurrentFuture
+from contextlib import suppress
 from typing import Any, TypeVar
 from urllib.parse import urlsplit
 
@@ -21,6 +23,7 @@ from volsplat.protocol.text.errors import BadInput, VolsplatError
 LOOK_SECONDS = 0.5  # between two looks at what the person wants
 PULSE_SECONDS = 2.0  # between two questions to the scheduler
 AVOIDED_SECONDS = 300.0  # for which a worker that kept others waiting gets nothing; Dask gives up frozen ones by then
+CANCEL_SECONDS = 2.0
 GO_ON = "the same command goes on from here"
 
 Result = TypeVar("Result")
@@ -79,9 +82,7 @@ class DaskWorkers:
 
     def gathered(self, future: Future[Result], meanwhile: Meanwhile) -> Result:
         """The result of a future that is over. Raises VolsplatError if its workers were lost, or the scheduler was."""
-        loop: Any = self._client.loop  # Tornado's, which has asyncio's
-        result: Any = self._client.gather(future, asynchronous=True)
-        gathering = asyncio.run_coroutine_threadsafe(result, loop.asyncio_loop)
+        gathering = self._begun(self._client.gather(future, asynchronous=True))
         try:
             gathered: Result = _waited_for(gathering, meanwhile)
             return gathered
@@ -96,21 +97,28 @@ class DaskWorkers:
             gathering.cancel()
 
     def cancel(self, futures: Sequence[Future[Any]]) -> None:
+        """Unless the scheduler says nothing, which then cancels them as this process ends."""
         if futures and self._client.status == "running":
-            self._client.cancel(list(futures), force=True, asynchronous=False)
+            with suppress(TimeoutError, OSError):
+                self._begun(self._client.cancel(list(futures), force=True, asynchronous=True)).result(CANCEL_SECONDS)
 
     def _asked(self, question: str) -> Any:
         ask = getattr(self._client.scheduler, question)
         try:
-            return self._client.sync(ask, workers=None, callback_timeout=DASK_SECONDS)
+            return self._begun(ask(workers=None)).result(DASK_SECONDS)
         except (TimeoutError, OSError) as error:
             raise self._lost() from error
+
+    def _begun(self, coroutine: Any) -> ConcurrentFuture[Any]:
+        """On the loop of Dask's client, which has a thread of its own."""
+        loop: Any = self._client.loop  # Tornado's, which has asyncio's
+        return asyncio.run_coroutine_threadsafe(coroutine, loop.asyncio_loop)
 
     def _lost(self) -> VolsplatError:
         return VolsplatError(f"Dask's scheduler at {self._scheduler} was lost; once it is back, {GO_ON}")
 
 
-def _waited_for(gathering: Any, meanwhile: Meanwhile) -> Any:
+def _waited_for(gathering: ConcurrentFuture[Any], meanwhile: Meanwhile) -> Any:
     while True:
         try:
             return gathering.result(LOOK_SECONDS)
