@@ -54,9 +54,16 @@ def pool(cluster: Path) -> Iterator[TaskPool]:
         yield made
 
 
-@pytest.fixture
-def volume(tmp_path: Path) -> Path:
-    return written(tmp_path / "volume.nrrd", values_of("int16"))
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return written(tmp_path_factory.mktemp("volumes") / "volume.nrrd", values_of("int16"))
+
+
+@pytest.fixture(scope="module")
+def alone(volume: Path) -> dict[str, str]:
+    """What a single process makes of it."""
+    prepare_small(volume, volume.with_suffix(".zarr"))
+    return tree(volume.with_suffix(".zarr"))
 
 
 class Disturbed(Told):
@@ -75,26 +82,11 @@ class Disturbed(Told):
             self._disturb()
 
 
-def assert_same_as_alone(volume: Path, out: Path) -> None:
-    alone = out.with_name("alone.zarr")
-    prepare_small(volume, alone)
-    assert tree(out) == tree(alone)
-
-
-def test_many_machines_make_the_same_bytes(
-    volume: Path, tmp_path: Path, pool: TaskPool, second: psutil.Process
-) -> None:
-    told, out = Told(), tmp_path / "shared.zarr"
-    prepare(str(volume), out, LITTLE, told, pool)
-    assert_same_as_alone(volume, out)
-    assert list(told.stages) == ["surveying", "counting", "packing", "checking"]
-    assert all(promised == done > 0 for promised, done in told.stages.values())
-
-
 @pytest.mark.parametrize("end", [signal.SIGKILL, signal.SIGSTOP])
-def test_a_worker_that_is_lost_or_frozen_changes_no_byte(
+def test_many_machines_make_the_same_bytes_though_one_is_lost_or_frozen(
     end: signal.Signals,
     volume: Path,
+    alone: dict[str, str],
     tmp_path: Path,
     pool: TaskPool,
     second: psutil.Process,
@@ -103,11 +95,13 @@ def test_a_worker_that_is_lost_or_frozen_changes_no_byte(
     monkeypatch.setattr(task_run, "LATE_SECONDS", 0.5)
     told, out = Disturbed(lambda: second.send_signal(end)), tmp_path / "shared.zarr"
     prepare(str(volume), out, LITTLE, told, pool)
-    assert_same_as_alone(volume, out)
+    assert tree(out) == alone
+    assert list(told.stages) == ["surveying", "counting", "packing", "checking"]
+    assert all(promised == done > 0 for promised, done in told.stages.values())
 
 
 def test_a_run_that_was_ended_goes_on_with_machines_and_without(
-    volume: Path, tmp_path: Path, pool: TaskPool, cluster: Path
+    volume: Path, alone: dict[str, str], tmp_path: Path, pool: TaskPool
 ) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
@@ -121,7 +115,7 @@ def test_a_run_that_was_ended_goes_on_with_machines_and_without(
         told = Told()
         prepare(str(volume), out, LITTLE, told, by)
         assert told.notes and told.notes[0].startswith("resuming: ")
-        assert_same_as_alone(volume, out)
+        assert tree(out) == alone
 
 
 def test_the_command_is_ended_by_ctrl_c_and_goes_on(tmp_path: Path, cluster: Path) -> None:
