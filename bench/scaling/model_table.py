@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 
-from volsplat.bench.scaling.frame_model import Cluster, Rates, fitted, load_of, predicted, with_servers
+from volsplat.bench.scaling.model_fit import fitted, load_of, with_servers
 from volsplat.bench.scaling.scaling_cases import Case, Taken
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.client.session.frame_report import StepReport
+from volsplat.deploy.frame_model import Cluster, Rates, predicted
 from volsplat.deploy.local import shared_out
 from volsplat.program.this_machine import usable_cores
 

@@ -10,9 +10,11 @@ import click
 from rich.table import Table
 from rich.text import Text
 
+from volsplat.client.command.render_options import size_from_option
 from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.doctor.doctor import Doctor
 from volsplat.deploy.doctor.finding import Finding
+from volsplat.deploy.doctor.forecast import Size
 from volsplat.deploy.launchers.launcher import ServerState
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.text.errors import BadInput
@@ -97,14 +99,16 @@ def logs(cluster: Path, server: str | None, lines: int) -> None:
 @deploy.command()
 @cluster_argument
 @click.argument("volume", required=False)
-def doctor(cluster: Path, volume: str | None) -> None:
+@click.option("--size", metavar="WxH", default="512x512", help="Image size of the forecast, in pixels (512x512).")
+def doctor(cluster: Path, volume: str | None, size: str) -> None:
     """Look at each hop to the servers of CLUSTER, and say what is wrong and the cure. Status 2 if something is.
 
     Servers that are not up are started for it, and ended after it. With VOLUME, as `render` takes it, it is also looked
-    at on every machine: whether it can be read, and is the same one.
+    at on every machine: whether it can be read, and is the same one; and a forecast is made of how fast it is drawn.
     """
     console, progress = PlainConsole(), PlainConsole(stderr=True)
-    examined = Doctor(cluster, volume, lambda finding: console.say(told(finding)), lines_on(progress))
+    asked = Size(*size_from_option(size))
+    examined = Doctor(cluster, volume, asked, lambda finding: console.say(told(finding)), lines_on(progress))
     examined.examine()
     wrong = sum(not finding.right for finding in examined.findings)
     if wrong:

@@ -9,6 +9,7 @@ from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.doctor import servers
 from volsplat.deploy.doctor.finding import Finding
+from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
 from volsplat.deploy.doctor.link_speed import link_speed
 from volsplat.deploy.doctor.meeting import Meeting
 from volsplat.deploy.doctor.packet_links import packet_links
@@ -24,11 +25,18 @@ There = dict[str, tuple[KnownServer, Connection]]  # by name
 class Doctor:
     """One examination. Servers of a cluster that is not up are started for it, and ended after it."""
 
-    def __init__(self, path: Path, volume: str | None, tell: Callable[[Finding], None], doing: Report) -> None:
-        """`tell` gets each finding as it is made, `doing` a line on what is waited for. Raises BadInput."""
+    def __init__(
+        self, path: Path, volume: str | None, size: Size, tell: Callable[[Finding], None], doing: Report
+    ) -> None:
+        """`size` is that of the images to come.
+
+        `tell` gets each finding as it is made, `doing` a line on what is waited for. Raises BadInput.
+        """
         self._running = RunningCluster(path)
         self._volume = None if volume is None else self._running.volume(volume)
+        self._size = size
         self._tell, self._doing = tell, doing
+        self._drawers: list[Drawer] = []
         self.findings: list[Finding] = []
 
     def examine(self) -> None:
@@ -71,10 +79,12 @@ class Doctor:
         meeting = Meeting(self._running, state)
         try:
             there = self._there(state, meeting)
-            self._volumes(there, meeting)
+            seen = self._volumes(there, meeting)
             self._doing("having map/shade servers reach the splat servers")
             for finding in packet_links(there, meeting):
                 self._find(finding)
+            if seen is not None:
+                self._forecast(seen)
         finally:
             meeting.close()
 
@@ -89,17 +99,30 @@ class Doctor:
                 self._find(Finding(name, "link", False, str(error)))
                 continue
             self._find(servers.joined(*there[name]))
-            self._find(servers.machine(*there[name], meeting))
+            finding, threads = servers.machine(*there[name], meeting)
+            self._find(finding)
             self._doing(f"measuring the link to {name}")
-            self._find(link_speed(*there[name], meeting))
+            finding, bits = link_speed(*there[name], meeting)
+            self._find(finding)
+            if threads is not None:
+                near = there[name][1].may_share_memory
+                self._drawers.append(Drawer(one.program, threads, None if near else bits))
         return there
 
-    def _volumes(self, there: There, meeting: Meeting) -> None:
+    def _forecast(self, seen: servers.Seen) -> None:
+        """Of the volume that was seen, where all is right."""
+        if all(finding.right for finding in self.findings):
+            dims = drawn_level(seen.dims, self._size) if seen.has_levels else seen.dims
+            self._find(forecast(self._running.cluster.name, self._drawers, dims, self._size))
+
+    def _volumes(self, there: There, meeting: Meeting) -> servers.Seen | None:
+        """The volume as the first server sees it."""
         if self._volume is None:
-            return
+            return None
         seen: servers.Seen | None = None
         for one, server in there.values():
             if one.program is Program.MAPSHADE_SERVER:
                 self._doing(f"having {one.started.name} look at {self._volume}")
                 finding, seen = servers.volume(one, server, meeting, self._volume, seen)
                 self._find(finding)
+        return seen

@@ -15,16 +15,17 @@ ENOUGH_SECONDS = 1.0  # for one way of a slow link, after its first round
 BITS = 8
 
 
-def link_speed(one: KnownServer, server: Connection, meeting: Meeting) -> Finding:
+def link_speed(one: KnownServer, server: Connection, meeting: Meeting) -> tuple[Finding, float | None]:
+    """Also in bits a second, of its slower way; None where it could not be measured."""
     name = one.started.name
     try:
         nothing = min(_rounds(server, meeting, 0, 0))
         there = min(_rounds(server, meeting, LARGEST_MEASURE, 0)) - nothing
         back = min(_rounds(server, meeting, 0, LARGEST_MEASURE)) - nothing
     except VolsplatError as error:
-        return Finding(name, "speed", False, str(error))
+        return Finding(name, "speed", False, str(error)), None
     line = f"{nothing * 1e3:.2g} ms there and back, {_rate(there)} to it, {_rate(back)} from it"
-    return Finding(name, "speed", True, line)
+    return Finding(name, "speed", True, line), _bits(max(there, back))
 
 
 def _rounds(server: Connection, meeting: Meeting, sent: int, wanted: int) -> Iterator[float]:
@@ -38,7 +39,11 @@ def _rounds(server: Connection, meeting: Meeting, sent: int, wanted: int) -> Ite
             return
 
 
+def _bits(seconds: float) -> float:
+    """A second, of so many seconds for the largest measure."""
+    return BITS * LARGEST_MEASURE / max(seconds, 1e-9)
+
+
 def _rate(seconds: float) -> str:
-    """Of so many seconds for the largest measure."""
-    bits = BITS * LARGEST_MEASURE / max(seconds, 1e-9)
+    bits = _bits(seconds)
     return f"{bits / 1e9:.2g} Gbit/s" if bits >= 1e9 else f"{bits / 1e6:.3g} Mbit/s"

@@ -5,6 +5,7 @@ from typing import NamedTuple
 from volsplat.deploy.cluster.state import KnownServer
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.meeting import Meeting
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.session_messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.volume_messages import DescribeVolume, VolumeDescribed
@@ -20,6 +21,8 @@ class Seen(NamedTuple):
 
     by: str
     identity: VolumeIdentity
+    dims: Index
+    has_levels: bool  # that are coarser
 
 
 def joined(one: KnownServer, server: Connection) -> Finding:
@@ -29,13 +32,14 @@ def joined(one: KnownServer, server: Connection) -> Finding:
     return Finding(one.started.name, "link", True, line)
 
 
-def machine(one: KnownServer, server: Connection, meeting: Meeting) -> Finding:
+def machine(one: KnownServer, server: Connection, meeting: Meeting) -> tuple[Finding, int | None]:
+    """Also its threads, if it answers."""
     try:
         told = meeting.ask(server, DescribeMachine(), MachineDescribed)
     except VolsplatError as error:
-        return Finding(one.started.name, "machine", False, str(error))
+        return Finding(one.started.name, "machine", False, str(error)), None
     line = f"{told.threads} threads, {told.memory_bytes / GIB:.1f} GiB of memory left"
-    return Finding(one.started.name, "machine", True, line)
+    return Finding(one.started.name, "machine", True, line), told.threads
 
 
 def volume(
@@ -52,4 +56,5 @@ def volume(
         return Finding(name, "volume", False, line), seen
     line = f"{told.identity.size} bytes, sample's checksum {told.identity.contents[:SHOWN]}"
     same = "" if seen is None else f", as {seen.by} sees it"
-    return Finding(name, "volume", True, line + same), seen or Seen(name, told.identity)
+    first = seen or Seen(name, told.identity, told.description.geometry.dims, bool(told.prepared))
+    return Finding(name, "volume", True, line + same), first

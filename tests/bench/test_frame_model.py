@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.bench.scaling.frame_model import Cluster, Load, Rates, predicted
+from volsplat.deploy.frame_model import Cluster, Load, Rates, predicted
 
 LOAD = Load(voxels=16e6, packets=2e6, pixels=128e6, footprint_lines=8, lines=480, image_bytes=4e6)
 RATES = Rates(voxel=0.3e-9, packet=3e-9, splat=5e-9, pixel=0.2e-9, frame=1e-3)

@@ -14,6 +14,8 @@ from support.programs.hand_started import free_port
 from support.programs.programs import Person
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
+from volsplat.deploy.server_command import Program
 
 BOTH = "map-shade-servers = 1\nsplat-servers = 1\n"
 WORKER = "map-shade-servers = 1\n"
@@ -54,7 +56,7 @@ def test_each_hop_of_a_cluster_that_is_right_is_said_to_be_and_nothing_stays_beh
     assert [line.split(": ")[1] for line in said.stdout.splitlines()[:-1]] == [
         *("name", "port", "ssh", "clock", "version"),
         *("link", "machine", "speed") * 2,
-        *("volume", "packets"),
+        *("volume", "packets", "forecast"),
     ]
     assert all(line.startswith("ok") for line in said.stdout.splitlines()[:-1])
     assert person.runs("deploy", "status", str(person.folder / "cluster.toml")).returncode == 2
@@ -118,3 +120,28 @@ def test_servers_of_another_token_are_named(person: Person) -> None:
         assert len(re.findall("WRONG .*: link: .*token", said.stdout)) == 2, said.stdout + said.stderr
     finally:
         assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def images_a_second(*drawers: Drawer, side: int = 512) -> float:
+    """If a tenth of the voxels shows."""
+    line = forecast("lab", drawers, (512, 512, 512), Size(side, side)).line
+    assert line.startswith(f"{side} x {side}: ")
+    return float(line.removeprefix(f"{side} x {side}: ").split()[0])
+
+
+def test_more_servers_faster_links_and_smaller_images_are_forecast_to_be_faster() -> None:
+    gigabit = 1e9
+    worker, splat = (Drawer(program, 8, gigabit) for program in Program)
+    lab = images_a_second(worker, splat)
+    assert images_a_second(worker, worker, splat, splat) > lab
+    assert images_a_second(worker, splat._replace(bits_per_second=gigabit / 100)) < lab / 10
+    assert images_a_second(worker._replace(bits_per_second=None), splat._replace(bits_per_second=None)) > lab
+    assert images_a_second(worker, splat, side=2048) < lab
+    assert drawn_level((2048, 2048, 2048), Size(512, 512)) == (512, 512, 512)
+    assert drawn_level((256, 256, 256), Size(512, 512)) == (256, 256, 256)
+
+
+def test_an_image_size_that_is_none_is_refused(person: Person) -> None:
+    path = cluster_file(person.folder, "doctor-size", f'launcher = "local"\n{BOTH}')
+    said = person.runs("deploy", "doctor", str(path), "--size", "large")
+    assert said.returncode == 2 and said.stderr.startswith("volsplat: --size large: give WIDTHxHEIGHT"), said.stderr

@@ -1,21 +1,13 @@
 """A model of a frame's time: from what one thread takes for each voxel, packet and pixel to what a cluster takes.
 
 Walking, splatting and sending overlap, so that a frame takes as long as the slowest of them; what follows is the
-image's way to the client, and what every frame costs. The constants are fitted to frames of one thread, and to those of
-the fewest servers what servers cost beyond.
+image's way to the client, and what every frame costs.
 """
 
 from __future__ import annotations
 
-import math
-import statistics
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-import numpy as np
-
-from volsplat.client.session.frame_report import StepReport
-from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.packet_layout import SHADED_PACKET_BYTES
 
 RUN_SHARE = 0.15  # of a batch's bytes beside its packets: the directory of row runs
@@ -101,52 +93,3 @@ def _shared(load: Load, rates: Rates, cluster: Cluster, processor: float) -> dic
         "links into splat servers": on_links / cluster.splat_servers,
         "links of workers": on_links / cluster.workers,
     }
-
-
-def load_of(report: StepReport) -> Load:
-    """What a frame drew, by its report."""
-    work = [line for splat in report.splat_servers.values() for line in splat.work]
-    pixels = float(sum(work))
-    return Load(
-        voxels=report.voxels_visited,
-        packets=report.packets_sent,
-        pixels=pixels,
-        footprint_lines=math.sqrt(pixels / max(report.packets_sent, 1)),
-        lines=max(1, TILE_SIDE * sum(line > 0 for line in work)),
-        image_bytes=report.image_bytes,
-    )
-
-
-def fitted(reports: Sequence[StepReport]) -> Rates:
-    """The constants of a machine, by frames of one thread that differ in voxels, packets and pixels.
-
-    Differences count by their share of a frame, so that small frames say as much as large ones.
-    """
-    voxel, packet = _least_squares((r.voxels_visited, r.packets_sent, r.map_shade_seconds) for r in reports)
-    splat, pixel = _least_squares(
-        (r.packets_sent, load_of(r).pixels, r.merge_seconds + r.splat_seconds) for r in reports
-    )
-    rest = [r.wall_seconds - r.map_shade_seconds - r.merge_seconds - r.splat_seconds for r in reports]
-    return Rates(voxel, packet, splat, pixel, frame=max(0.0, statistics.median(rest)))
-
-
-def with_servers(rates: Rates, frames: Iterable[tuple[Load, Cluster, float]]) -> Rates:
-    """What servers cost beyond: each byte that is handed over, and each frame. Frames come with their seconds."""
-    rows = []
-    for load, cluster, seconds in frames:
-        alone = predicted(load, replace(rates, frame=0.0, byte=0.0), cluster).seconds
-        rows.append((load.batch_bytes / cluster.cores, seconds - alone, seconds))
-    byte, frame = _least_squares(((handed / over, 1 / over, 1.0) for handed, over, _ in rows if over > 0))
-    return replace(rates, byte=byte, frame=frame)
-
-
-def _least_squares(rows: Iterable[tuple[float, float, float]]) -> tuple[float, float]:
-    """The two factors, not below 0, that give each row's last number from the others."""
-    drawn = np.array([[a / seconds, b / seconds] for a, b, seconds in rows if seconds > 0])
-    ones = np.ones(len(drawn))
-    first, second = np.linalg.lstsq(drawn, ones, rcond=None)[0]
-    if first >= 0 and second >= 0:
-        return float(first), float(second)
-    alone = 1 if first < 0 else 0
-    factor = float(drawn[:, alone] @ ones / (drawn[:, alone] @ drawn[:, alone]))
-    return (0.0, factor) if alone else (factor, 0.0)
