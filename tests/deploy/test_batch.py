@@ -162,6 +162,10 @@ def test_a_worker_with_another_volsplat_is_named(
     [
         ('launcher = "local"\n', 'only machines with launcher = "dask" share this work, and it has local'),
         ('launcher = "dask"\ndask.scheduler-file = "nowhere.json"\n', "nowhere.json: no such file"),
+        (
+            f'launcher = "dask"\ndask.scheduler = "tcp://a:1"\n{SERVERS}[[machines]]\nlauncher = "dask"\n',
+            "its dask machines differ in scheduler or resources",
+        ),
     ],
 )
 def test_a_cluster_that_cannot_do_it_is_one_line(volume: Path, tmp_path: Path, machines: str, said: str) -> None:
