@@ -83,7 +83,7 @@ class DaskPool:
         waiting = iter(items)
         try:
             while True:
-                self._workers.look()
+                run.look()
                 run.begin(partial(done, partial(task, item)) for item in islice(waiting, run.room))
                 if run.is_over:
                     return

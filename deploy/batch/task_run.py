@@ -87,7 +87,7 @@ class TaskRun(Generic[Result]):
                 future = self._over.get(timeout=LOOK_SECONDS)
             except Empty:
                 self._meanwhile()
-                self._look()
+                self.look()
                 continue
             attempt = self._attempts.get(future.key)
             if attempt is not None:
@@ -100,7 +100,8 @@ class TaskRun(Generic[Result]):
         self._experience.add(time.monotonic() - attempt.begun[attempt.futures.index(first)])
         self._workers.cancel([future for future in attempt.futures if future is not first])
 
-    def _look(self) -> None:
+    def look(self) -> None:
+        """Sees to what is late. Cheap to call: the scheduler is asked now and then only."""
         if not self._workers.look():
             return
         at_work: dict[object, str] = {
