@@ -147,6 +147,40 @@ class FrameWalk:
     def walker(self, number: int) -> Walker:
         """It keeps the walk alive, but its source does not."""
 
+class NeededVoxels:
+    """Which voxels of a box of this size frames of slabs take, kept from frame to frame; see needed_voxels.h."""
+
+    def __init__(self, size: Index) -> None:
+        """Raises ValueError for a box that is too long."""
+
+class SlabWalk:
+    """The walk of some boxes of voxel packets through a frame of slabs; see slab_walk.py."""
+
+    def __init__(
+        self,
+        boxes: Sequence[tuple[Array, Index, NeededVoxels]],
+        axes: Index,
+        ascending: tuple[bool, bool, bool],
+        visits: Sequence[tuple[int, int, int, int, int]],
+        x: Sequence[SupportsInt],
+        y: Sequence[SupportsInt],
+        depth: Sequence[SupportsInt],
+        image: tuple[int, int],
+        reach: tuple[float, float],
+        groups: tuple[int, int, int],
+        dims: Index,
+        visible: Array,
+        look: Index,
+        spread: Index,
+        regions: Sequence[tuple[int, int]],
+        walkers: int,
+        limits: tuple[int, int],
+    ) -> None:
+        """`groups` are their count, how many planes before plane 0 they begin, and before a voxel's it may reach."""
+
+    def walker(self, number: int) -> Walker:
+        """It keeps the walk alive, but its source does not."""
+
 class Walker:
     @property
     def source(self) -> object:

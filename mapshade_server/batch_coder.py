@@ -30,6 +30,8 @@ class BatchCoder:
 
 def coder_of(plan: FramePlan) -> BatchCoder | None:
     """None if positions do not tell the plan's samples apart."""
+    if plan.slabs is not None:  # what its packets hold is no opacity and no colour
+        return None
     try:
         return BatchCoder(plan)
     except ValueError:

@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from volsplat.mapshade_server.data_link import DataLink, Sent
 from volsplat.mapshade_server.frame_tally import FrameTally, LinkTally
-from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.frame_walk import ShadedBatch
+from volsplat.mapshade_server.walks import Walk
 from volsplat.program.frame_spans import UNTRACED, FrameSpans
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.regions import Region
@@ -30,7 +31,7 @@ class FrameDelivery:
         self,
         frame: int,
         worker: int,
-        walk: FrameWalk,
+        walk: Walk,
         regions: Sequence[Region],
         links: Mapping[int, DataLink],
         wanted: Callable[[], bool],

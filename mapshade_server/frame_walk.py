@@ -105,9 +105,9 @@ class FrameWalk:
             axes=plan.traversal.axes,
             ascending=plan.traversal.ascending,
             visits=[(v.low, v.high, v.stride, v.first, v.count) for v in plan.visits],
-            x=_numbers(plan.x),
-            y=_numbers(plan.y),
-            screen_index=[_numbers(dda) for dda in plan.screen_index],
+            x=dda_numbers(plan.x),
+            y=dda_numbers(plan.y),
+            screen_index=[dda_numbers(dda) for dda in plan.screen_index],
             image=(plan.width, plan.height),
             reach=sample_reach(plan),
             thresholds=plan.thresholds,
@@ -147,5 +147,5 @@ def sample_reach(plan: FramePlan) -> tuple[float, float]:
     return (half_x, half_y)
 
 
-def _numbers(dda: Dda) -> tuple[int, int, int, int]:
+def dda_numbers(dda: Dda) -> tuple[int, int, int, int]:
     return (dda.origin, *dda.half_steps)

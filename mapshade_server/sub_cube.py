@@ -37,6 +37,7 @@ class SubCube:
         self._low: Index = (0, 0, 0)
         self._packets: _kernels.Array | None = None
         self._classified_rows = _kernels.ClassifiedRows(box.size, LISTS_PER_PACKET)
+        self._needed_voxels: _kernels.NeededVoxels | None = None
 
     @classmethod
     def of_volume(cls, geometry: Geometry, values: Any, box: Box | None = None) -> "SubCube":
@@ -121,11 +122,19 @@ class SubCube:
         )
         self._source = self._second = None
         self._classified_rows = _kernels.ClassifiedRows(self.box.size, LISTS_PER_PACKET)
+        self._needed_voxels = None
 
     @property
     def classified_rows(self) -> _kernels.ClassifiedRows:
         """What a walk keeps for the next one: which voxels of each row can be seen."""
         return self._classified_rows
+
+    @property
+    def needed_voxels(self) -> _kernels.NeededVoxels:
+        """What a walk of slabs keeps for the next one: which voxels it takes. Raises ValueError for long sub-cubes."""
+        if self._needed_voxels is None:
+            self._needed_voxels = _kernels.NeededVoxels(self.box.size)
+        return self._needed_voxels
 
     @property
     def packets(self) -> "_kernels.Array":

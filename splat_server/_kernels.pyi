@@ -5,6 +5,9 @@ from typing import Protocol, TypeAlias
 
 from typing_extensions import Buffer
 
+from volsplat.protocol.description.volume import Index
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+
 _Axis: TypeAlias = tuple[int, int, int, int, int, bool]  # low, high, stride, first, count, ascending
 
 def constants() -> dict[str, float]:
@@ -143,7 +146,7 @@ class Owners:
         self,
         *,
         regions: Sequence[tuple[int, int]],
-        reach: FootprintTable | CellMap | None,
+        reach: FootprintTable | CellMap | Slabs | None,
         front_to_back: bool,
         thresholds: tuple[int, int],
         counts: tuple[int, int, int],
@@ -221,6 +224,73 @@ class CellMap:
     def __init__(
         self, x: tuple[int, int, int, int], y: tuple[int, int, int, int], axes: tuple[_Axis, _Axis, _Axis]
     ) -> None: ...
+
+class SlabTable:
+    """The slices of a kernel on planes parallel to the screen; see slab_table.h."""
+
+    def __init__(
+        self,
+        kernel: KernelProjection,
+        amplitude: float,
+        form: Matrix,
+        half_extents: Vector,
+        offset_bits: int,
+        wide: bool,
+    ) -> None:
+        """Raises ValueError for numbers that make no table. `wide`: for sums of 64 bits."""
+
+    @property
+    def width(self) -> int: ...
+    @property
+    def height(self) -> int: ...
+
+class SlabScene:
+    """What densities are classified and lit by: tables of 256 entries, and what indexes them; see slab_shading.h."""
+
+    def __init__(
+        self,
+        cross_bar: Sequence[int],
+        emit: Sequence[Vector],
+        refl: Sequence[Vector],
+        opac: Sequence[float],
+        modu: Sequence[float],
+        light: Vector,
+        half_way: Vector,
+        switches: tuple[bool, bool, bool],
+        specular_power: float,
+    ) -> None:
+        """`switches` are diffuse, specular and two-sided light."""
+
+class SlabGrid:
+    """Where on the grid and in physical space a frame's slabs are; see slab_shading.h."""
+
+    def __init__(
+        self,
+        gradient: Matrix,
+        axes: Sequence[Vector],
+        strength: float,
+        screen_bytes: Sequence[Sequence[float]],
+        dims: Index,
+        factors: Index,
+    ) -> None: ...
+
+class Slabs:
+    """All that a frame of slabs is drawn by; see regions/slab_planes.h."""
+
+    def __init__(
+        self,
+        table: SlabTable,
+        scene: SlabScene,
+        grid: SlabGrid,
+        planes: int,
+        lead: int,
+        before: int,
+        baseline: int,
+        thickness: float,
+        places: Sequence[Vector],
+        bounds: tuple[Vector, Vector],
+    ) -> None:
+        """`places` are grid coordinates of pixel (0, 0) on plane 0, and what x, y and planes add to them."""
 
 class EdgeLayer:
     """Coverage of anti-aliased white lines, positions in pixels from the centre of the top-left one, y down."""

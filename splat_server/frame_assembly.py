@@ -15,6 +15,7 @@ from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import Bell, Owners, OwnerSeconds, SplatFrame
 from volsplat.splat_server.edge_layers import edge_layers
 from volsplat.splat_server.pixel_reach import pixel_reach, pixels_reached
+from volsplat.splat_server.slabs import Slabs
 
 # What is splatted between two looks at whether to go on, by whichever is reached first: a few milliseconds.
 PACKETS_AT_ONCE = 1 << 17
@@ -28,13 +29,16 @@ def packets_at_once(pixels_per_packet: int) -> int:
 class FrameAssembly:
     """A frame of the owners of an image's regions. They do all the work, in threads of their own."""
 
-    def __init__(self, owners: Owners, plan: FramePlan, frame: int) -> None:
-        """Ends the owners' frame before, and empties their image. Raises BadInput for a bad plan."""
+    def __init__(self, owners: Owners, plan: FramePlan, frame: int, slabs: Slabs | None = None) -> None:
+        """Ends the owners' frame before, and empties their image. Raises BadInput for a bad plan.
+
+        `slabs` are those of a frame of slabs (see slabs_of).
+        """
         self.plan = plan
         self.frame = frame
         self._owners = owners
-        self._reach = pixel_reach(plan)
-        self.pixels_per_packet = pixels_reached(self._reach, plan)
+        self._reach = slabs.kernel if slabs else pixel_reach(plan)
+        self.pixels_per_packet = slabs.pixels_per_packet if slabs else pixels_reached(pixel_reach(plan), plan)
         self._edges = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
         self._begun: SplatFrame | None = None
         self.lines = (0, 0)  # from which to before which its regions reach
@@ -67,13 +71,12 @@ class FrameAssembly:
         """
         plan = self.plan
         self.lines = regions[0].begin, regions[-1].end
-        sheet, row, sample = (plan.visits[axis].count for axis in plan.traversal.axes)
         self._begun = self._owners.begin(
             regions=[(region.begin, region.end) for region in regions],
             reach=self._reach,
             front_to_back=plan.order == Order.FRONT_TO_BACK,
             thresholds=plan.thresholds,
-            counts=(sheet, row, sample),
+            counts=plan.keys,
             sources=sources,
             traced=traced,
             portion=packets_at_once(self.pixels_per_packet),

@@ -33,6 +33,7 @@ from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import FrameDropped, FrameStarted
 from volsplat.splat_server.outbox import Outbox
+from volsplat.splat_server.slabs import slabs_of
 from volsplat.splat_server.tile_news import TileNews
 
 TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles, and more where they are large
@@ -256,7 +257,7 @@ class SplatServer:
         self._hidden_told, self._lost = 0, []
         self._drawing = False
         self._assembly = None
-        assembly = FrameAssembly(self._owners, request.plan, request.frame)
+        assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))
         regions = regions_of(request.regions, self._client.id)
         assembly.begin(regions, sum(request.workers.values()), self._news, self._readable, traced=request.traced)
         self._assembly, self._request, self._drawing = assembly, request, True

@@ -34,10 +34,10 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.volume_answers import Answer
+from volsplat.mapshade_server.walks import walk_of
 from volsplat.program.available_memory import available_memory
 from volsplat.program.frame_spans import FrameSpans
 from volsplat.program.peak_memory import peak_memory
@@ -50,6 +50,7 @@ from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.slabs import slabs_of
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -218,20 +219,11 @@ class SingleProcess:
                 owners=threads,
                 shares=self._shares,
             )
-            assembly = FrameAssembly(self._owners, request.plan, request.frame)
+            assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))
         except ValueError as error:
             raise BadInput(str(error)) from error
         self._say(f"step {step}")
-        walk = FrameWalk(
-            self._held.sub_cubes(resolution.level),
-            geometry,
-            packing.quantisation,
-            request.shading,
-            request.plan,
-            assembly.closed_tiles,
-            request.regions,
-            self._threads,
-        )
+        walk = walk_of(request, self._held.sub_cubes(resolution.level), assembly.closed_tiles, self._threads)
         assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return request, assembly
 

@@ -64,7 +64,7 @@ ORDER_WORDS = {Order.BACK_TO_FRONT: "back to front", Order.FRONT_TO_BACK: "front
 
 
 class Step(StrEnum):
-    """The paper's six steps of successive refinement."""
+    """The paper's six steps of successive refinement, and G, which classifies and lights what it has reconstructed."""
 
     A = "A"
     B = "B"
@@ -72,6 +72,7 @@ class Step(StrEnum):
     D = "D"
     E = "E"
     F = "F"
+    G = "G"
 
 
 class ColourTable(Part, frozen=True):
@@ -287,6 +288,15 @@ class Reconstruction(Part, frozen=True):
             "voxels",
         ),
     ] = "default"
+    slab: Annotated[
+        float,
+        Key(
+            "How far apart the planes of step G are. Thinner slabs are slower.",
+            Slide("slab", step=0.05, tip="in voxels, from one plane of step G to the next"),
+            Limits(0.25, 2.0),
+            "voxels",
+        ),
+    ] = 1.0
 
 
 class Refine(Part, frozen=True):

@@ -90,7 +90,7 @@ def footprint_shape(grid: GridOnScreen, stride: int, reconstruction: Reconstruct
     """
     d, s = grid.pixels_per_index, stride
     vxx, vxy, vyy = dot(d[0], d[0]) * s * s, dot(d[0], d[1]) * s * s, dot(d[1], d[1]) * s * s
-    vxx, vxy, vyy = _widened(*_rounded_if_round(vxx, vxy, vyy, (grid.zoom * s) ** 2))
+    vxx, vxy, vyy = widened(*_rounded_if_round(vxx, vxy, vyy, (grid.zoom * s) ** 2))
     area = vxx * vyy - vxy * vxy
     radius = kernel_radius(reconstruction)
     return FootprintShape(
@@ -114,8 +114,8 @@ def _rounded_if_round(vxx: float, vxy: float, vyy: float, square: float) -> tupl
     return (square, 0.0, square) if error <= ROUND_WITHIN * square else (vxx, vxy, vyy)
 
 
-def _widened(vxx: float, vxy: float, vyy: float) -> tuple[float, float, float]:
-    """The symmetric 2x2 matrix with its eigenvalues raised to at least 1."""
+def widened(vxx: float, vxy: float, vyy: float) -> tuple[float, float, float]:
+    """The symmetric 2x2 matrix of vxx, vxy and vyy with its eigenvalues raised to at least 1."""
     mean, spread = (vxx + vyy) / 2, math.sqrt(((vxx - vyy) / 2) ** 2 + vxy * vxy)
     large, small = mean + spread, mean - spread
     if small >= 1.0:

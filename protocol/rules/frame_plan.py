@@ -16,15 +16,18 @@ from volsplat.protocol.description.scene import LARGEST_EXTENT, Order, Scene, St
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, Dda, GridOnScreen, grid_on_screen
-from volsplat.protocol.rules.levels import Resolution, bounds_at_level, own_resolution
+from volsplat.protocol.rules.levels import Resolution, bounds_at_level, dims_at_level, own_resolution
 from volsplat.protocol.rules.refinement import STEP_RULES
-from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_order
+from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_order, screen_rotation
 from volsplat.protocol.rules.rounding import TO_NEAREST, Thresholds, thresholds_of
+from volsplat.protocol.rules.slab_shape import SlabShape, slab_shape
 from volsplat.protocol.rules.traversal import AxisVisits, Traversal, traversal_of, visits_of
 from volsplat.protocol.rules.volume_edges import MOST_EDGES, Edge, volume_edges
 
 CELLS_IN_A_SHEET = 3  # that a ray passes through, each for as much of its path
 BLOCK_CLASSES = 27
+
+MOST_ROWS = 2**32 - 1  # of a frame of slabs: they are counted in 32 bits
 
 FARTHEST_VALUE = (LARGEST_POSITION + 1) * FIXED_ONE  # of a DDA: half steps are rounded
 
@@ -35,6 +38,7 @@ class Reach(StrEnum):
     FOOTPRINT = "footprint"  # weights from the footprint table
     CELL = "cell"  # the pixel centres inside its cell in its sheet, where rays enter, cross and leave the sheet
     PIXEL = "pixel"  # the one nearest pixel: voxels are no larger than a pixel
+    SLABS = "slabs"  # slices of its kernel, on planes parallel to the screen (see slab_shape)
 
 
 class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -57,6 +61,7 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     visits: tuple[AxisVisits, AxisVisits, AxisVisits]  # for i, j, k
     reach: Reach
     footprint: FootprintShape | None  # where that is how samples reach the pixels
+    slabs: SlabShape | None  # likewise
     # See opacity_exponent; for blocks that are the first, between or the last on each axis, i fastest
     opacity_exponents: Annotated[tuple[float, ...], Meta(min_length=BLOCK_CLASSES, max_length=BLOCK_CLASSES)]
     edges: Annotated[tuple[Edge, ...], Meta(max_length=MOST_EDGES)]  # on the published image, never exchanged
@@ -74,8 +79,33 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"the grid reaches further than {LARGEST_POSITION} pixels from the image")
         if (self.footprint is None) == (self.reach == Reach.FOOTPRINT):
             raise ValueError(f"samples reach the pixels by a footprint, or have none; their reach is {self.reach}")
+        if (self.slabs is None) == (self.reach == Reach.SLABS):
+            raise ValueError(f"samples reach slabs, or there are none; their reach is {self.reach}")
+        if self.slabs is not None:
+            self._check_slabs(self.slabs)
         if not all(0 <= exponent < math.inf for exponent in set(self.opacity_exponents)):
             raise ValueError(f"opacity exponents must be finite and not below 0, not {self.opacity_exponents}")
+
+    def _check_slabs(self, slabs: SlabShape) -> None:
+        if self.turned or self.order != Order.FRONT_TO_BACK or self.stride != 1:
+            raise ValueError("slabs are drawn front to back, of every voxel, and never turned")
+        if slabs.depth.greatest(self.bounds.high) > FARTHEST_VALUE:
+            raise ValueError(f"the grid reaches further than {LARGEST_POSITION} planes from the first one")
+        sheet, row, _ = self.counts
+        if sheet * row > MOST_ROWS:
+            raise ValueError(f"slabs can be drawn of {MOST_ROWS} rows of voxels at most, not of {sheet * row}")
+
+    @property
+    def counts(self) -> Index:
+        """How many sheets, rows and samples are visited."""
+        sheet, row, sample = (self.visits[axis].count for axis in self.traversal.axes)
+        return (sheet, row, sample)
+
+    @property
+    def keys(self) -> Index:
+        """Below what the sheet, row and sample of a row run lie (see packet_layout)."""
+        sheet, row, sample = self.counts
+        return (sheet, row, sample) if self.slabs is None else (self.slabs.groups, sheet * row, sample)
 
     @property
     def image_size(self) -> tuple[int, int]:
@@ -134,6 +164,8 @@ def plan_frame(scene: Scene, geometry: Geometry, step: Step, resolution: Resolut
 
 def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: GridOnScreen) -> FramePlan:
     bounds = bounds_at_level(resolved_bounds(scene, geometry), grid.factors)
+    if STEP_RULES[step].slabs:
+        return _planned_slabs(scene, geometry, step, grid, bounds)
     i, j, k = (visits_of(bounds.low[axis], bounds.high[axis], stride) for axis in range(3))
     order = resolved_order(scene, geometry)
     traversal = traversal_of(grid.ray_to_viewer(), order)
@@ -153,10 +185,40 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: Gr
         visits=(i, j, k),
         reach=reach,
         footprint=footprint_shape(grid, stride, scene.reconstruction) if reach == Reach.FOOTPRINT else None,
+        slabs=None,
         opacity_exponents=_opacity_exponents(grid, reach, traversal, (i, j, k)),
         edges=volume_edges(scene, geometry),
     )
     return plan._exchanged() if abs(down[sample]) > abs(across[sample]) else plan
+
+
+def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScreen, bounds: Box) -> FramePlan:
+    """Voxels are visited beyond the bounds too, as far as it takes to reconstruct what is within."""
+    rotation = screen_rotation(scene.view)
+    slabs = slab_shape(grid, geometry, rotation, scene.reconstruction, bounds)
+    dims = dims_at_level(geometry.dims, grid.factors)
+    i, j, k = (
+        visits_of(max(low - more, 0), min(high + more, size), 1)
+        for low, high, more, size in zip(*bounds, slabs.needs, dims, strict=True)
+    )
+    return FramePlan(
+        step=step,
+        turned=False,
+        width=scene.image.width,
+        height=scene.image.height,
+        order=Order.FRONT_TO_BACK,
+        factors=grid.factors,
+        x=grid.x,
+        y=grid.y,
+        screen_index=grid.screen_index(geometry),
+        traversal=traversal_of(grid.ray_to_viewer(), Order.FRONT_TO_BACK),
+        visits=(i, j, k),
+        reach=Reach.SLABS,
+        footprint=None,
+        slabs=slabs,
+        opacity_exponents=(1.0,) * BLOCK_CLASSES,
+        edges=volume_edges(scene, geometry),
+    )
 
 
 def opacity_exponent(grid: GridOnScreen, reach: Reach, axes: Index, stride: int, block: Index) -> float:

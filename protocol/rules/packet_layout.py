@@ -14,9 +14,17 @@ Shaded packet (64 bits, little endian):
     bits 28..39  opacity code, never 0 on the wire
     bits 40..47  red      bits 48..55  green      bits 56..63  blue
 
+In frames of slabs (see slab_shape) a packet is a voxel's, with these bits in place of opacity and colour:
+
+    bits 28..39  depth, in 1/8 plane from that of its group's first plane
+    bits 40..47  density
+
+Voxels are grouped by the first plane that their kernels may reach, GROUP_PLANES at a time.
+
 Row run (24 bytes, little endian): sheet, row, first sample and count as uint32, then x and y of the origin as
 int32 in 1/64 pixel. Sheet, row and sample are ordinals in traversal order, so that the key (sheet, row, first)
-rises through a frame. All packets of a run lie in one sheet and row; the first has ordinal `first`.
+rises through a frame. All packets of a run lie in one sheet and row; the first has ordinal `first`. In frames of slabs
+groups of planes take the place of sheets, and rows are counted over all sheets.
 """
 
 import struct
@@ -28,6 +36,11 @@ SUBPIXEL_BITS = 6  # positions are multiples of 1/64 pixel
 POSITION_BITS = 14  # 256 pixels
 OPACITY_SHIFT = 28
 COLOUR_SHIFT = 40
+
+DEPTH_SHIFT = 28
+DENSITY_SHIFT = 40
+DEPTH_BITS = 3  # depths are multiples of 1/8 plane
+GROUP_PLANES = 8
 
 SHADED_PACKET_BYTES = 8
 ROW_RUN_BYTES = 24

@@ -9,6 +9,7 @@ from volsplat.protocol.description.scene import Scene, Step
 class StepRule:
     stride: int  # every n-th sample on each axis is visited
     footprint: bool  # False: nearest pixel
+    slabs: bool = False  # classified and lit after reconstruction
 
     @property
     def octaves(self) -> int:
@@ -23,13 +24,14 @@ STEP_RULES = {
     Step.D: StepRule(stride=1, footprint=True),
     Step.E: StepRule(stride=1, footprint=True),
     Step.F: StepRule(stride=1, footprint=True),
+    Step.G: StepRule(stride=1, footprint=False, slabs=True),
 }
 
 GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
 
 
 def finer(step: Step) -> Step | None:
-    """The step that follows; None after F."""
+    """The step that follows; None after the last."""
     return _neighbour(step, 1)
 
 

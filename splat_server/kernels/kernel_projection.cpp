@@ -57,15 +57,15 @@ double simpson(const std::function<double(double)>& f, double end, int intervals
 
 KernelProjection::KernelProjection(const std::string& kernel, double parameter, double radius) : radius_(radius) {
     if (!(radius > 0) || !std::isfinite(radius)) throw std::invalid_argument("a kernel's radius must be above 0");
-    const auto k = radial_kernel(kernel, parameter, radius);
-    const double over_space =
-        simpson([&](double r) { return 4 * std::numbers::pi * r * r * k(r); }, radius, kRadialIntervals);
+    kernel_ = radial_kernel(kernel, parameter, radius);
+    const auto& k = kernel_;
+    over_space_ = simpson([&](double r) { return 4 * std::numbers::pi * r * r * k(r); }, radius, kRadialIntervals);
     over_half_chord_.resize(kChordIntervals + 3);
     double* entry = over_half_chord_.data() + 1;
     for (int n = 0; n <= kChordIntervals; ++n) {
         const double z_end = radius * n / kChordIntervals, rho_square = radius * radius - z_end * z_end;
         const auto along = [&](double z) { return k(std::sqrt(std::max(rho_square + z * z, 0.0))); };
-        entry[n] = 2 * simpson(along, z_end, kLineIntervals) / over_space;
+        entry[n] = 2 * simpson(along, z_end, kLineIntervals) / over_space_;
     }
     entry[kChordIntervals + 1] = 3 * (entry[kChordIntervals] - entry[kChordIntervals - 1]) + entry[kChordIntervals - 2];
     entry[-1] = -entry[1];  // P is odd in Z at the rim

@@ -2,6 +2,7 @@
 // The kernels are defined in protocol/rules/footprint_shape.py.
 #pragma once
 
+#include <functional>
 #include <string>
 #include <vector>
 
@@ -14,6 +15,8 @@ public:
     KernelProjection(const std::string& kernel, double parameter, double radius);
 
     double radius() const { return radius_; }
+    // The kernel itself at a distance below the radius, scaled to integrate to 1 over space.
+    double density(double rho) const { return kernel_(rho) / over_space_; }
     // P at rho^2 (voxels^2); 0 from the radius on.
     double at_square(double rho_square) const;
     // amplitude * P over the half chord Z = sqrt(R^2 - rho^2) from 0 to R in equal steps, fine enough for linear
@@ -25,6 +28,8 @@ private:
     double at_place(double place) const;
 
     double radius_;
+    std::function<double(double)> kernel_;
+    double over_space_;  // its integral
     // P over Z = sqrt(R^2 - rho^2), in which it is smooth up to the rim, with one more entry on either side.
     std::vector<double> over_half_chord_;
 };

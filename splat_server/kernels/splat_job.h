@@ -52,7 +52,9 @@ struct CellView {  // the DDA over (sheet, row, sample), 2^-32 pixel for half a 
     CellAxis axes[3];
 };
 
-enum class Reach { footprint, cell, pixel };
+enum class Reach { footprint, cell, pixel, slabs };
+
+struct SlabFrame;  // see regions/slab_planes.h
 
 struct ImageView {
     float* pixels;              // red of the top-left pixel
@@ -74,6 +76,7 @@ struct SplatJob {
     FootprintView footprint;
     Thresholds thresholds;  // of its offsets
     CellView cell;
+    const SlabFrame* slabs;
     std::int64_t unseen_pixels;  // splatted to since it was last looked which tiles have become closed
     std::uint64_t* work;         // of each row of tiles of the image: counts the packets whose run's middle lies there
 };

@@ -20,6 +20,7 @@
 #include "kernels/tile_map.h"
 #include "mapshade_server/kernels/shading_tables.h"
 #include "mapshade_server/kernels/walk/walker.h"
+#include "walk_arguments.h"
 
 namespace volsplat {
 
@@ -27,7 +28,6 @@ using namespace nb::literals;
 
 namespace {
 
-using PacketArray = nb::ndarray<const std::uint32_t, nb::ndim<3>, nb::c_contig, nb::device::cpu>;
 using ColourArray = nb::ndarray<const float, nb::shape<256, 4>, nb::c_contig, nb::device::cpu>;
 using OpacityArray = nb::ndarray<const std::uint16_t, nb::shape<65536>, nb::c_contig, nb::device::cpu>;
 using VisibilityArray = nb::ndarray<const std::uint8_t, nb::shape<64>, nb::c_contig, nb::device::cpu>;
@@ -36,20 +36,6 @@ using GradientByteArray = nb::ndarray<const std::uint8_t, nb::shape<3, 32768>, n
 using GridByteArray = nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using TileArray = nb::ndarray<const std::uint64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<ClassifiedRows>>;
-
-Dda dda_of(const std::array<std::int64_t, 4>& numbers) { return {numbers[0], {numbers[1], numbers[2], numbers[3]}}; }
-
-AxisVisits visits_of(const std::array<std::int64_t, 5>& numbers) {
-    return {numbers[0], numbers[1], numbers[2], numbers[3], numbers[4]};
-}
-
-// A writable view of a batch's bytes that keeps the batch from being reused.
-nb::object view_of(const std::shared_ptr<Batch>& batch, void* data, std::size_t bytes) {
-    nb::capsule owner(new std::shared_ptr<Batch>(batch),
-                      [](void* p) noexcept { delete static_cast<std::shared_ptr<Batch>*>(p); });
-    nb::object array = nb::cast(nb::ndarray<nb::array_api, std::uint8_t>(data, {bytes}, owner));
-    return nb::steal(PyMemoryView_FromObject(array.ptr()));
-}
 
 ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<OpacityArray>& opacity,
                         const std::array<int, 27>& opacity_of_class, const VisibilityArray& visibility) {
@@ -73,27 +59,11 @@ ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<O
     return tables;
 }
 
-Index3 size_of(const PacketArray& packets) {
-    return {static_cast<std::int64_t>(packets.shape(2)), static_cast<std::int64_t>(packets.shape(1)),
-            static_cast<std::int64_t>(packets.shape(0))};
-}
-
 void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
     if (static_cast<std::int64_t>(tiles.shape(0)) != tile_rows(plan.height) ||
         static_cast<std::int64_t>(tiles.shape(1)) != tile_words(plan.width)) {
         throw std::invalid_argument("the map of closed tiles is not that of the image's size");
     }
-}
-
-void check_regions(const std::vector<Lines>& regions, std::int64_t lines) {
-    std::int64_t begin = 0;
-    for (const Lines& region : regions) {
-        if (region.begin != begin || region.end < begin || (region.end % kTileSide != 0 && region.end != lines)) {
-            throw std::invalid_argument("regions must follow each other, cut between tiles");
-        }
-        begin = region.end;
-    }
-    if (begin != lines) throw std::invalid_argument("the regions are not those of the image's lines");
 }
 
 // Keeps alive what the walk and its walkers borrow.
@@ -111,7 +81,7 @@ public:
                     std::optional<TileArray> closed_tiles, const std::vector<std::array<std::int64_t, 2>>& regions,
                     std::int64_t walkers, const std::array<std::int64_t, 2>& limits);
 
-    Walker& walker(std::size_t number) { return *walkers_.at(number); }
+    BatchWalker& walker(std::size_t number) { return *walkers_.at(number); }
 
 private:
     // What the walk points into
@@ -126,12 +96,6 @@ private:
     std::unique_ptr<FrameWalk> walk_;
     std::vector<std::unique_ptr<Walker>> walkers_;
 };
-
-BatchLimits limits_of(std::int64_t max_packets, std::int64_t max_voxels) {
-    if (max_packets < 1 || max_voxels < 1)
-        throw std::invalid_argument("a batch needs room for at least one packet and voxel");
-    return {static_cast<std::size_t>(max_packets), max_voxels};
-}
 
 PythonFrameWalk::PythonFrameWalk(
     std::vector<PythonBox> boxes, const std::array<int, 3>& axes, const std::array<bool, 3>& ascending,
@@ -181,32 +145,12 @@ PythonFrameWalk::PythonFrameWalk(
         }
         packet_boxes.push_back({packets.data(), low, size_of(packets), classified});
     }
-    std::vector<Lines> lines;
-    for (const auto& [begin, end] : regions) lines.push_back({begin, end});
-    check_regions(lines, plan.height);
+    const std::vector<Lines> lines = regions_of(regions, plan.height);
     if (walkers < 1) throw std::invalid_argument("somebody must walk");
     walk_ =
         std::make_unique<FrameWalk>(plan, tables, packet_boxes, lines, closed_tiles_ ? closed_tiles_->data() : nullptr,
                                     walkers, limits_of(limits[0], limits[1]));
     for (std::int64_t n = 0; n < walkers; ++n) walkers_.push_back(std::make_unique<Walker>(*walk_, n));
-}
-
-// ([(runs, packets, run count, packet count) for each region], (sheet, row) reached, last, voxels visited)
-nb::tuple next_batch(Walker& walker, std::int64_t max_packets, std::int64_t max_voxels) {
-    const BatchLimits limits = limits_of(max_packets, max_voxels);
-    const std::shared_ptr<Batch> batch = free_batch();
-    {
-        nb::gil_scoped_release unlocked;
-        walker.next_batch(limits, *batch);
-    }
-    nb::list parts;
-    for (ShadedPart& part : batch->parts) {
-        parts.append(nb::make_tuple(view_of(batch, part.runs.data(), part.runs.size() * sizeof(RowRun)),
-                                    view_of(batch, part.packets.data(), part.packet_count * sizeof(std::uint64_t)),
-                                    part.runs.size(), part.packet_count));
-    }
-    return nb::make_tuple(parts, nb::make_tuple(batch->reached_sheet, batch->reached_row), batch->last,
-                          batch->voxels_visited);
 }
 
 }  // namespace
@@ -232,12 +176,6 @@ void bind_frame_walk(nb::module_& m) {
              "visibility"_a, "gradient_bytes"_a, "grid_bytes"_a, "closed_tiles"_a.none(), "regions"_a, "walkers"_a,
              "limits"_a)
         .def("walker", &PythonFrameWalk::walker, "number"_a, nb::rv_policy::reference_internal);
-
-    nb::class_<Walker>(m, "Walker")
-        .def("next_batch", &next_batch, "max_packets"_a, "max_voxels"_a)
-        .def_prop_ro("source", [](Walker& walker) {
-            return nb::capsule(static_cast<BatchSource*>(&walker), kBatchSourceCapsule);
-        });
 }
 
 }  // namespace volsplat

@@ -5,11 +5,15 @@
 #include "frame_walk.h"
 #include "kernels/bind_module.h"
 #include "preprocessing.h"
+#include "slab_walk.h"
+#include "walker.h"
 
 NB_MODULE(_kernels, m) {
     m.doc() = "Kernels of the map/shade server.";
     volsplat::bind_module(m);
     volsplat::bind_preprocessing(m);
+    volsplat::bind_walker(m);
     volsplat::bind_frame_walk(m);
+    volsplat::bind_slab_walk(m);
     volsplat::bind_batch_encoder(m);
 }

@@ -5,25 +5,11 @@
 #include <cstdint>
 #include <vector>
 
+#include "kernels/field.h"
 #include "mapshade_server/kernels/paths/map_shade_kernels.h"
 #include "walk_plan.h"
 
 namespace volsplat {
-
-// In the order of Field in protocol/description/scene.py.
-enum class Field {
-    density,
-    strength,
-    gradient_i,
-    gradient_j,
-    gradient_k,
-    screen_x,
-    screen_y,
-    screen_z,
-    grid_i,
-    grid_j,
-    grid_k
-};
 
 // The tables are borrowed: their owner outlives the walk.
 struct ShadingTables {

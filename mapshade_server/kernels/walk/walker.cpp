@@ -68,7 +68,8 @@ FrameWalk::FrameWalk(const WalkPlan& plan_, const ShadingTables& tables_, const 
       limits(limits_) {}
 
 Walker::Walker(const FrameWalk& walk, std::int64_t number)
-    : walk_(walk),
+    : BatchWalker(walk.limits),
+      walk_(walk),
       plan_(walk.plan),
       number_(number),
       equal_blocks_(with_equal_blocks(plan_.visits_of(2))),
@@ -93,16 +94,6 @@ void Walker::next_batch(const BatchLimits& limits, Batch& batch) {
     batch.last = finished_;
     batch.reached_sheet = finished_ ? plan_.visits_of(0).count : sheet_;
     batch.reached_row = finished_ ? 0 : row_;
-}
-
-Step Walker::next() {
-    const std::shared_ptr<Batch> batch = free_batch();
-    next_batch(walk_.limits, *batch);
-    Step step{{}, batch->reached_sheet, batch->reached_row, batch->last, batch->voxels_visited, batch};
-    for (const ShadedPart& part : batch->parts) {
-        step.parts.push_back({part.runs.data(), part.runs.size(), part.packets.data(), part.packet_count});
-    }
-    return step;
 }
 
 // Moves on to the next box of this row, the next row or the next sheet that holds samples for this walker.

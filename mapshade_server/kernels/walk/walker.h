@@ -7,9 +7,8 @@
 #include <memory>
 #include <vector>
 
-#include "batch.h"
+#include "batch_walker.h"
 #include "closed_tiles.h"
-#include "kernels/batch_source.h"
 #include "regions.h"
 #include "row_cutter.h"
 #include "row_shading.h"
@@ -18,12 +17,6 @@
 #include "walk_plan.h"
 
 namespace volsplat {
-
-// Where batches end, at the least: on the next whole row, or piece of a long one.
-struct BatchLimits {
-    std::size_t packets;
-    std::int64_t voxels;
-};
 
 // What the walkers of a frame share. The boxes' packets and the tables are borrowed.
 struct FrameWalk {
@@ -42,18 +35,14 @@ struct FrameWalk {
     const BatchLimits limits;
 };
 
-class Walker : public BatchSource {
+class Walker : public BatchWalker {
 public:
     // The walk outlives its walkers, which are numbered from 0. One thread at a time may have one walk.
     Walker(const FrameWalk& walk, std::int64_t number);
     Walker(const Walker&) = delete;
     Walker& operator=(const Walker&) = delete;
 
-    // Replaces the batch's content by what comes next. Limits decide where batches end, never what they hold together;
-    // a frame's first batches are smaller.
-    void next_batch(const BatchLimits& limits, Batch& batch);
-
-    Step next() override;
+    void next_batch(const BatchLimits& limits, Batch& batch) override;
 
 private:
     // A box that the sheet cuts, and its rows in traversal order.

@@ -6,12 +6,14 @@
 #include "kernels/bind_image_tiles.h"
 #include "kernels/bind_module.h"
 #include "owners.h"
+#include "slabs.h"
 
 NB_MODULE(_kernels, m) {
     m.doc() = "Kernels of the splat_server.";
     volsplat::bind_module(m);
     volsplat::bind_owners(m);
     volsplat::bind_combining(m);
+    volsplat::bind_slabs(m);
     volsplat::bind_batch_decoder(m);
     volsplat::bind_image_tiles(m);
 }

@@ -18,6 +18,7 @@
 
 #include "let_go.h"
 #include "owners.h"
+#include "slabs.h"
 #include "splat_server/kernels/footprint_table.h"
 
 namespace nb = nanobind;
@@ -107,6 +108,9 @@ SplatJob job_of(const nb::object& reach, bool front_to_back, const std::array<st
     } else if (nb::isinstance<CellView>(reach)) {
         job.reach = Reach::cell;
         job.cell = nb::cast<const CellView&>(reach);
+    } else if (nb::isinstance<PythonSlabs>(reach)) {
+        job.reach = Reach::slabs;
+        job.slabs = &nb::cast<const PythonSlabs&>(reach).frame;
     }
     return job;
 }

@@ -3,6 +3,7 @@
 
 #include "kernels/path_table.h"
 #include "splat_server/kernels/footprint_box.h"
+#include "splat_server/kernels/slab_sums.h"
 #include "splat_server/kernels/splat_job.h"
 
 namespace volsplat {
@@ -14,6 +15,9 @@ struct SplatKernels {
 
     // Writes [offsets y][offsets x][height][pitch] weights into zeros.
     Kernel<void(const FootprintBox& box, float* weights)> fill_footprints;
+
+    // Add runs of voxels to the planes of a frame of slabs, in sums of 32 and of 64 bits.
+    Kernel<void(const SlabTableView& table, const SlabSums& sums, const SlabRuns& runs)> splat_slabs, splat_wide_slabs;
 };
 
 // Those of the CPU path in use.
@@ -26,6 +30,8 @@ namespace volsplat::VOLSPLAT_PATH {
 
 FunctionOf<&SplatKernels::splat> splat;
 FunctionOf<&SplatKernels::fill_footprints> fill_footprints;
+FunctionOf<&SplatKernels::splat_slabs> splat_slabs;
+FunctionOf<&SplatKernels::splat_wide_slabs> splat_wide_slabs;
 
 }  // namespace volsplat::VOLSPLAT_PATH
 #endif

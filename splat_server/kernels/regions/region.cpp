@@ -10,6 +10,7 @@ namespace volsplat {
 Region::Region(ImageMemory& image, const SplatJob& job, int sources, const EdgeLayers& layers)
     : image_(image),
       job_(job),
+      planes_(job.slabs ? std::make_unique<SlabPlanes>(*job.slabs, job) : nullptr),
       layers_(layers),
       buffers_(sources),
       drawn_begin_(job.row_end),
@@ -62,6 +63,11 @@ std::uint64_t Region::merge(std::uint64_t max_packets, OwnerRecord& record) {
 
 void Region::splat() {
     if (job_.row_begin == job_.row_end) return;
+    if (planes_) {
+        drawn_begin_ = job_.row_begin, drawn_end_ = job_.row_end;
+        planes_->add(spans_.data(), spans_.size());
+        return;
+    }
     job_.spans = spans_.data(), job_.span_count = spans_.size();
     const SplatOutcome outcome = splat_kernels().splat(job_);
     job_.unseen_pixels = outcome.unseen_pixels;
@@ -78,6 +84,7 @@ bool Region::wait() {
 }
 
 void Region::publish(const PixelBlock& target) {
+    if (planes_) planes_->finish();
     const std::lock_guard lock(showing_);
     publish_to(target);
     image_.empty(drawn());

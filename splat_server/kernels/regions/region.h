@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "merge.h"
+#include "slab_planes.h"
 #include "splat_server/kernels/image_memory.h"
 #include "splat_server/kernels/image_publishing.h"
 
@@ -101,6 +102,7 @@ private:
 
     ImageMemory& image_;
     SplatJob job_;
+    const std::unique_ptr<SlabPlanes> planes_;  // in frames of slabs
     const EdgeLayers layers_;
 
     std::mutex inbox_mutex_;  // guards the next

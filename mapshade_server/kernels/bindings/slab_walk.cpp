@@ -1,0 +1,98 @@
+// Checks and converts what Python gives, so that the walk itself need not.
+#include "slab_walk.h"
+
+#include <nanobind/stl/array.h>
+#include <nanobind/stl/shared_ptr.h>
+#include <nanobind/stl/tuple.h>
+#include <nanobind/stl/vector.h>
+
+#include <cstring>
+#include <memory>
+#include <stdexcept>
+#include <tuple>
+#include <utility>
+
+#include "mapshade_server/kernels/walk/slab_walk.h"
+#include "walk_arguments.h"
+
+namespace nb = nanobind;
+using namespace nb::literals;
+
+namespace volsplat {
+
+namespace {
+
+using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<NeededVoxels>>;
+using DensityArray = nb::ndarray<const std::uint8_t, nb::shape<32>, nb::c_contig, nb::device::cpu>;
+
+// Keeps alive what the walkers borrow.
+class PythonSlabWalk {
+public:
+    PythonSlabWalk(const std::vector<PythonBox>& boxes, const std::array<int, 3>& axes,
+                   const std::array<bool, 3>& ascending, const std::array<VisitNumbers, 3>& visits, const DdaNumbers& x,
+                   const DdaNumbers& y, const DdaNumbers& depth, const std::array<std::int64_t, 2>& image,
+                   const std::array<double, 2>& reach, const std::array<std::int64_t, 3>& groups, const Index3& dims,
+                   const DensityArray& visible, const Index3& look, const Index3& spread,
+                   const std::vector<LineNumbers>& regions, std::int64_t walkers,
+                   const std::array<std::int64_t, 2>& limits) {
+        const auto [count, lead, before] = groups;
+        const SlabPlan plan{{axes,
+                             ascending,
+                             {visits_of(visits[0]), visits_of(visits[1]), visits_of(visits[2])},
+                             dda_of(x),
+                             dda_of(y),
+                             {},
+                             image[0],
+                             image[1],
+                             reach[0],
+                             reach[1],
+                             {}},
+                            dda_of(depth),
+                            lead,
+                            before,
+                            count};
+        if (walkers < 1) throw std::invalid_argument("somebody must walk");
+        const std::vector<Lines> lines = regions_of(regions, plan.walk.height);
+        Need need{{}, look, spread, {}, {}};
+        std::memcpy(need.visible.data(), visible.data(), sizeof(need.visible));
+        std::vector<NeededBox> needed;
+        for (const auto& [packets, low, kept] : boxes) {
+            const Index3 size = size_of(packets);
+            if (!kept || kept->size() != size)
+                throw std::invalid_argument("a box's needed voxels are not those of its voxel packets");
+            for (int axis = 0; axis < 3; ++axis) {
+                need.before[axis] = low[axis] > 0;
+                need.behind[axis] = low[axis] + size[axis] < dims[axis];
+            }
+            const nb::gil_scoped_release unlocked;
+            needed.push_back({low, size, kept->rows_along(axes[2], need, packets.data())});
+        }
+        walk_ = std::make_unique<SlabWalk>(plan, std::move(needed), lines, walkers, limits_of(limits[0], limits[1]));
+        for (std::int64_t n = 0; n < walkers; ++n) walkers_.push_back(std::make_unique<SlabWalker>(*walk_, n));
+    }
+
+    BatchWalker& walker(std::size_t number) { return *walkers_.at(number); }
+
+private:
+    std::unique_ptr<SlabWalk> walk_;
+    std::vector<std::unique_ptr<SlabWalker>> walkers_;
+};
+
+}  // namespace
+
+void bind_slab_walk(nb::module_& m) {
+    nb::class_<NeededVoxels>(m, "NeededVoxels").def(nb::init<const Index3&>(), "size"_a);
+
+    nb::class_<PythonSlabWalk>(m, "SlabWalk")
+        .def(nb::init<const std::vector<PythonBox>&, const std::array<int, 3>&, const std::array<bool, 3>&,
+                      const std::array<VisitNumbers, 3>&, const DdaNumbers&, const DdaNumbers&, const DdaNumbers&,
+                      const std::array<std::int64_t, 2>&, const std::array<double, 2>&,
+                      const std::array<std::int64_t, 3>&, const Index3&, const DensityArray&, const Index3&,
+                      const Index3&, const std::vector<LineNumbers>&, std::int64_t,
+                      const std::array<std::int64_t, 2>&>(),
+             "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "depth"_a, "image"_a, "reach"_a, "groups"_a,
+             "dims"_a, "visible"_a, "look"_a, "spread"_a, "regions"_a, "walkers"_a, "limits"_a)
+        .def("walker", &PythonSlabWalk::walker, "number"_a, nb::rv_policy::reference_internal);
+}
+
+}  // namespace volsplat

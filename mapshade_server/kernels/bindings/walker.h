@@ -1,0 +1,10 @@
+// Walkers as Python sees them.
+#pragma once
+
+#include <nanobind/nanobind.h>
+
+namespace volsplat {
+
+void bind_walker(nanobind::module_& m);
+
+}  // namespace volsplat

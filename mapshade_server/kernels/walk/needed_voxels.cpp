@@ -1,0 +1,165 @@
+// Running minima and maxima along each axis.
+#include "needed_voxels.h"
+
+#include <algorithm>
+#include <limits>
+#include <stdexcept>
+#include <vector>
+
+#include "kernels/packet_layout.h"
+
+namespace volsplat {
+
+namespace {
+
+constexpr std::int64_t kLongest = std::numeric_limits<std::uint16_t>::max() + 1;
+constexpr std::uint8_t kDensest = 255;
+
+typedef std::vector<std::uint8_t> Bytes;
+
+struct Least {
+    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return std::min(a, b); }
+};
+
+struct Greatest {
+    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return std::max(a, b); }
+};
+
+std::int64_t distance(const Index3& size, int axis) { return axis == 0 ? 1 : axis == 1 ? size[0] : size[0] * size[1]; }
+
+// Each becomes the extreme of what lies up to `shift` away along the axis, if it was that of itself and its neighbours.
+template <class Extreme>
+void widen(const Bytes& from, Bytes& to, const Index3& size, int axis, std::int64_t shift) {
+    const Extreme extreme;
+    const std::int64_t step = distance(size, axis), line = step * size[axis], count = from.size();
+    const std::int64_t inner = shift * step;
+    for (std::int64_t begin = 0; begin < count; begin += line) {
+        const std::uint8_t* in = from.data() + begin;
+        std::uint8_t* out = to.data() + begin;
+        std::copy(in, in + line, out);
+        if (inner >= line) {
+            continue;
+        }
+        for (std::int64_t n = 0; n < line - inner; ++n) out[n] = extreme(out[n], in[n + inner]);
+        for (std::int64_t n = inner; n < line; ++n) out[n] = extreme(out[n], in[n - inner]);
+    }
+}
+
+// The extremes of all that lies so far away along each axis.
+template <class Extreme>
+void widen(Bytes& bytes, const Index3& size, const Index3& radius) {
+    Bytes other(bytes.size());
+    for (int axis = 0; axis < 3; ++axis) {
+        const std::int64_t most = std::min(radius[axis], size[axis] - 1);
+        for (std::int64_t done = 0; done < most;) {
+            const std::int64_t shift = std::min(2 * done + 1, most - done);
+            widen<Extreme>(bytes, other, size, axis, shift);
+            bytes.swap(other);
+            done += shift;
+        }
+    }
+}
+
+// For each density the least one from it on that can be seen; 256 if there is none.
+std::array<int, 256> next_visible(const Need& need) {
+    std::array<int, 256> next;
+    int found = 256;
+    for (int density = kDensest; density >= 0; --density) {
+        if (need.visible[density / 64] >> (density % 64) & 1) found = density;
+        next[density] = found;
+    }
+    return next;
+}
+
+// Where the densities around enclose one that can be seen.
+Bytes showing(const std::uint32_t* packets, const Index3& size, const Need& need) {
+    const std::size_t count = size[0] * size[1] * size[2];
+    Bytes least(count), greatest(count);
+    for (std::size_t n = 0; n < count; ++n) {
+        const bool no_data = packets[n] >> kNoDataBit;
+        const auto density = static_cast<std::uint8_t>(packets[n]);
+        least[n] = no_data ? kDensest : density;
+        greatest[n] = no_data ? 0 : density;
+    }
+    widen<Least>(least, size, need.look);
+    widen<Greatest>(greatest, size, need.look);
+    const std::array<int, 256> next = next_visible(need);
+    for (std::size_t n = 0; n < count; ++n) greatest[n] = next[least[n]] <= greatest[n];
+    return greatest;
+}
+
+// What lies so near to a face that it may be needed for what is beyond.
+void add_faces(Bytes& needed, const Index3& size, const Need& need) {
+    Index3 begin, end;
+    for (int axis = 0; axis < 3; ++axis) {
+        const std::int64_t near = need.look[axis] + need.spread[axis];
+        begin[axis] = need.before[axis] ? near : 0;
+        end[axis] = size[axis] - (need.behind[axis] ? near : 0);
+    }
+    std::uint8_t* row = needed.data();
+    for (std::int64_t k = 0; k < size[2]; ++k)
+        for (std::int64_t j = 0; j < size[1]; ++j, row += size[0]) {
+            const bool inside = k >= begin[2] && k < end[2] && j >= begin[1] && j < end[1] && begin[0] < end[0];
+            std::fill(row, row + (inside ? begin[0] : size[0]), 1);
+            if (inside) std::fill(row + end[0], row + size[0], 1);
+        }
+}
+
+Bytes needed_of(const std::uint32_t* packets, const Index3& size, const Need& need) {
+    Bytes needed = showing(packets, size, need);
+    widen<Greatest>(needed, size, need.spread);
+    add_faces(needed, size, need);
+    for (std::size_t n = 0; n < needed.size(); ++n) needed[n] &= !(packets[n] >> kNoDataBit);
+    return needed;
+}
+
+}  // namespace
+
+NeededRows::NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis) {
+    const int low = axis == 0 ? 1 : 0, high = axis == 2 ? 1 : 2;
+    const std::size_t rows = size[low] * size[high];
+    const std::int64_t along = distance(size, axis), across = distance(size, low), up = distance(size, high);
+    // Whichever axis it is, memory is read in its order
+    const auto each = [&](auto&& take) {
+        for (std::int64_t h = 0; h < size[high]; ++h) {
+            if (axis == 0) {
+                for (std::int64_t l = 0; l < size[low]; ++l)
+                    for (std::int64_t n = 0; n < size[axis]; ++n) take(h * size[low] + l, n, h * up + l * across + n);
+            } else {
+                for (std::int64_t n = 0; n < size[axis]; ++n)
+                    for (std::int64_t l = 0; l < size[low]; ++l) take(h * size[low] + l, n, h * up + n * along + l);
+            }
+        }
+    };
+    begins_ = large_array<std::uint64_t>(rows + 2);
+    std::fill(begins_.get(), begins_.get() + rows + 2, 0);
+    std::uint64_t* const after = begins_.get() + 2;
+    each([&](std::size_t row, std::int64_t, std::size_t place) { after[row] += needed[place]; });
+    for (std::size_t row = 1; row < rows; ++row) after[row] += after[row - 1];
+    const std::uint64_t count = rows ? after[rows - 1] : 0;
+    voxels_ = large_array<NeededVoxel>(count + 1);
+    // From now on the place before a row's end is where its next voxel goes
+    std::uint64_t* const next = begins_.get() + 1;
+    each([&](std::size_t row, std::int64_t n, std::size_t place) {
+        if (!needed[place]) return;
+        voxels_[next[row]++] = {static_cast<std::uint16_t>(n), static_cast<std::uint8_t>(packets[place])};
+    });
+}
+
+NeededVoxels::NeededVoxels(const Index3& size) : size_(size) {
+    if (*std::max_element(size.begin(), size.end()) > kLongest)
+        throw std::invalid_argument("a sub-cube for slabs is 65536 voxels long at most");
+}
+
+std::shared_ptr<const NeededRows> NeededVoxels::rows_along(int axis, const Need& need, const std::uint32_t* packets) {
+    const std::lock_guard locked(mutex_);
+    if (!rows_ || axis != axis_ || need != need_) {
+        rows_.reset();
+        const Bytes needed = needed_of(packets, size_, need);
+        rows_ = std::make_shared<NeededRows>(packets, needed.data(), size_, axis);
+        axis_ = axis, need_ = need;
+    }
+    return rows_;
+}
+
+}  // namespace volsplat

@@ -1,0 +1,66 @@
+// The voxels of a box that a frame of slabs needs: all that the density may depend on wherever something can be seen,
+// kept from frame to frame in rows along one axis.
+//
+// A slab's densities lie between those of the voxels around it. So where the least and the greatest of these enclose no
+// density that can be seen, nothing is seen, and whatever of them is left out changes nothing. That holds for any
+// superset as well: towards a part of the grid that another box has, whatever may be needed is.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <memory>
+#include <mutex>
+
+#include "kernels/large_memory.h"
+#include "mapshade_server/kernels/source_volume.h"
+
+namespace volsplat {
+
+// What decides which voxels are needed.
+struct Need {
+    std::array<std::uint64_t, 4> visible;  // a bit for each density
+    Index3 look;                           // voxels to either side that a slab's densities may depend on
+    Index3 spread;                         // voxels to either side of such a place that are needed
+    std::array<bool, 3> before, behind;    // whether the grid goes on beyond the box
+
+    bool operator==(const Need&) const = default;
+};
+
+// Of a voxel its position in the row and its density.
+struct NeededVoxel {
+    std::uint16_t position;
+    std::uint8_t density;
+};
+
+// Rows along an axis, numbered by the other two, the lower one first.
+class NeededRows {
+public:
+    NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis);
+
+    const NeededVoxel* begin(std::size_t row) const { return voxels_.get() + begins_[row]; }
+    const NeededVoxel* end(std::size_t row) const { return voxels_.get() + begins_[row + 1]; }
+
+private:
+    LargeArray<std::uint64_t> begins_;
+    LargeArray<NeededVoxel> voxels_;
+};
+
+class NeededVoxels {
+public:
+    // Throws std::invalid_argument for a box whose rows positions cannot count.
+    explicit NeededVoxels(const Index3& size);
+
+    const Index3& size() const { return size_; }
+
+    // Those of the axis that was asked for last are kept. Any thread may ask.
+    std::shared_ptr<const NeededRows> rows_along(int axis, const Need& need, const std::uint32_t* packets);
+
+private:
+    const Index3 size_;
+    std::mutex mutex_;  // guards what follows
+    Need need_{};
+    int axis_ = -1;
+    std::shared_ptr<const NeededRows> rows_;
+};
+
+}  // namespace volsplat

@@ -1,0 +1,198 @@
+// Depth is linear along rows, so that each group's part of a row is found by arithmetic.
+#include "slab_walk.h"
+
+#include <algorithm>
+#include <cstdlib>
+#include <utility>
+
+#include "kernels/rounding.h"
+#include "narrow.h"
+
+namespace volsplat {
+
+namespace {
+
+constexpr int kFinerDepth = 32 - kDepthBits;
+constexpr std::int64_t kPixel = std::int64_t{1} << 32;
+constexpr std::int64_t kLongestRun = std::int64_t{16382} << kFinerBits;  // both ends may round by half a step
+constexpr std::int64_t kRowCost = 16;                                    // of looking for a row's voxels, in voxels
+constexpr std::int64_t kTurnRows = 4;                                    // rows next to each other stay with a walker
+
+std::int64_t lattice(std::int64_t fixed) { return (fixed + (std::int64_t{1} << (kFinerBits - 1))) >> kFinerBits; }
+
+std::int64_t lattice_depth(std::int64_t fixed) {
+    return (fixed + (std::int64_t{1} << (kFinerDepth - 1))) >> kFinerDepth;
+}
+
+// In order of samples.
+std::vector<NeededBox> sorted(std::vector<NeededBox> boxes, const WalkPlan& plan) {
+    const int axis = plan.axes[2];
+    std::sort(boxes.begin(), boxes.end(), [&](const NeededBox& a, const NeededBox& b) {
+        return plan.ascending[2] ? a.low[axis] < b.low[axis] : a.low[axis] > b.low[axis];
+    });
+    return boxes;
+}
+
+}  // namespace
+
+SlabWalk::SlabWalk(const SlabPlan& plan_, std::vector<NeededBox> boxes_, const std::vector<Lines>& regions_,
+                   std::int64_t walkers_, const BatchLimits& limits_)
+    : plan(plan_),
+      boxes(sorted(std::move(boxes_), plan.walk)),
+      regions(regions_, plan.walk),
+      reach(sample_reach(plan.walk)),
+      walkers(walkers_),
+      limits(limits_) {}
+
+SlabWalker::SlabWalker(const SlabWalk& walk, std::int64_t number)
+    : BatchWalker(walk.limits),
+      walk_(walk),
+      plan_(walk.plan.walk),
+      number_(number),
+      counts_{plan_.visits_of(0).count, plan_.visits_of(1).count, plan_.visits_of(2).count},
+      x_(line_of(plan_.x)),
+      y_(line_of(plan_.y)),
+      depth_(line_of(walk.plan.depth)) {
+    finished_ = walk_.boxes.empty() || !find_rows();
+}
+
+void SlabWalker::next_batch(const BatchLimits& limits, Batch& batch) {
+    batch.begin(walk_.regions.count());
+    delivered_ = 0;
+    while (!finished_ && delivered_ < limits.packets && batch.voxels_visited < limits.voxels) {
+        const std::int64_t turn = (sheet_ * counts_[1] + row_) / kTurnRows;
+        if (turn % walk_.walkers == number_) batch.voxels_visited += walk_row(batch);
+        if (++row_ == row_end_) finished_ = !find_rows();
+    }
+    batch.last = finished_;
+    batch.reached_sheet = finished_ ? walk_.plan.groups : group_;
+    batch.reached_row = finished_ ? 0 : sheet_ * counts_[1] + row_;
+}
+
+SlabWalker::Line SlabWalker::line_of(const Dda& dda) const {
+    Index3 first{};
+    Line line{0, {}};
+    for (int level = 0; level < 3; ++level) {
+        const int axis = plan_.axes[level];
+        first[axis] = 2 * index(level, 0);
+        line.steps[level] = (plan_.ascending[level] ? 2 : -2) * dda.half_steps[axis];
+    }
+    line.start = dda.at(first);
+    return line;
+}
+
+std::int64_t SlabWalker::index(int level, std::int64_t ordinal) const {
+    const AxisVisits& visits = plan_.visits_of(level);
+    return visits.low + (plan_.ascending[level] ? ordinal : visits.count - 1 - ordinal);
+}
+
+// The depths of a group's voxels.
+SlabWalker::Window SlabWalker::window(std::int64_t group) const {
+    const std::int64_t first = kGroupPlanes * group - walk_.plan.lead + walk_.plan.before;
+    const std::int64_t half = std::int64_t{1} << (kFinerDepth - 1);
+    return {first * kPixel - half, (first + kGroupPlanes) * kPixel - half - 1};
+}
+
+// Moves on to the next sheet that has any of a group's voxels, and its rows that may.
+bool SlabWalker::find_rows() {
+    const std::int64_t across = (counts_[2] - 1) * depth_.steps[2];
+    const std::int64_t least = std::min<std::int64_t>(0, across), greatest = std::max<std::int64_t>(0, across);
+    for (; group_ < walk_.plan.groups; ++group_, sheet_ = -1) {
+        const Window depths = window(group_);
+        while (++sheet_ < counts_[0]) {
+            Range rows{0, counts_[1]};
+            narrow(depth_.at(sheet_, 0, 0), depth_.steps[1], depths.low - greatest, depths.high - least, rows.begin,
+                   rows.end);
+            if (rows.begin >= rows.end) continue;
+            row_ = rows.begin, row_end_ = rows.end;
+            return true;
+        }
+    }
+    return false;
+}
+
+// Returns what it has cost.
+std::int64_t SlabWalker::walk_row(Batch& batch) {
+    const Window depths = window(group_);
+    Range samples{0, counts_[2]};
+    narrow(depth_.at(sheet_, row_, 0), depth_.steps[2], depths.low, depths.high, samples.begin, samples.end);
+    narrow(x_.at(sheet_, row_, 0), x_.steps[2], -walk_.reach.x, (plan_.width - 1) * kPixel + walk_.reach.x,
+           samples.begin, samples.end);
+    narrow(y_.at(sheet_, row_, 0), y_.steps[2], -walk_.reach.y, (plan_.height - 1) * kPixel + walk_.reach.y,
+           samples.begin, samples.end);
+    if (samples.begin >= samples.end) return kRowCost;
+    for (const NeededBox& box : walk_.boxes) deliver(box, samples, batch);
+    return kRowCost + samples.end - samples.begin;
+}
+
+void SlabWalker::deliver(const NeededBox& box, const Range& samples, Batch& batch) {
+    Index3 place{};
+    for (int level = 0; level < 2; ++level) {
+        const int axis = plan_.axes[level];
+        place[axis] = index(level, level == 0 ? sheet_ : row_) - box.low[axis];
+        if (place[axis] < 0 || place[axis] >= box.size[axis]) return;
+    }
+    // Positions in the box, whichever way it is walked
+    const int axis = plan_.axes[2];
+    const bool ascending = plan_.ascending[2];
+    const std::int64_t one = index(2, samples.begin) - box.low[axis], other = index(2, samples.end - 1) - box.low[axis];
+    const int low = axis == 0 ? 1 : 0, high = axis == 2 ? 1 : 2;
+    const std::size_t row = place[high] * box.size[low] + place[low];
+    const auto before = [](const NeededVoxel& voxel, std::int64_t position) { return voxel.position < position; };
+    const NeededVoxel* const begin =
+        std::lower_bound(box.rows->begin(row), box.rows->end(row), std::min(one, other), before);
+    const NeededVoxel* const end = std::lower_bound(begin, box.rows->end(row), std::max(one, other) + 1, before);
+    if (begin == end) return;
+
+    // The sample at position 0, and each region's part of what there is
+    const std::int64_t sample_at_0 = samples.begin - (ascending ? one : -one), towards = ascending ? 1 : -1;
+    const std::int64_t start = y_.at(sheet_, row_, sample_at_0), step = towards * y_.steps[2];
+    const std::int64_t first = begin->position, last = end[-1].position;
+    const Regions::Range reached = walk_.regions.reached(start + first * step, start + last * step);
+    for (std::size_t region = reached.first; region <= reached.last; ++region) {
+        const Regions::Places& places = walk_.regions.places(region);
+        std::int64_t from = first, to = last + 1;
+        narrow(start, step, places.least, places.greatest, from, to);
+        if (from >= to) continue;
+        const NeededVoxel* const own = std::lower_bound(begin, end, from, before);
+        cut_into_runs(own, std::lower_bound(own, end, to, before), sample_at_0, batch.parts[region]);
+    }
+}
+
+// In traversal order.
+void SlabWalker::cut_into_runs(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0,
+                               ShadedPart& part) {
+    const std::int64_t towards = plan_.ascending[2] ? 1 : -1;
+    const auto sample = [&](const NeededVoxel& voxel) { return sample_at_0 + towards * voxel.position; };
+    const std::int64_t x0 = x_.at(sheet_, row_, 0), y0 = y_.at(sheet_, row_, 0);
+    const std::int64_t depth0 = depth_.at(sheet_, row_, 0);
+    const std::int64_t first_depth = (kGroupPlanes * group_ - walk_.plan.lead + walk_.plan.before) * (1 << kDepthBits);
+    const std::int64_t step = std::max(std::abs(x_.steps[2]), std::abs(y_.steps[2]));
+    const std::int64_t farthest = step == 0 ? counts_[2] : kLongestRun / step;
+    const std::int64_t count = end - begin;
+    const auto voxel = [&](std::int64_t n) { return begin[towards > 0 ? n : count - 1 - n]; };
+    for (std::int64_t done = 0; done < count;) {
+        const std::int64_t head = sample(voxel(done));
+        std::int64_t run = 1;
+        while (done + run < count && sample(voxel(done + run)) - head <= farthest) ++run;
+        const std::int64_t tail = sample(voxel(done + run - 1));
+        const std::int64_t origin_x = std::min(lattice(x0 + head * x_.steps[2]), lattice(x0 + tail * x_.steps[2]));
+        const std::int64_t origin_y = std::min(lattice(y0 + head * y_.steps[2]), lattice(y0 + tail * y_.steps[2]));
+        part.runs.push_back({static_cast<std::uint32_t>(group_), static_cast<std::uint32_t>(sheet_ * counts_[1] + row_),
+                             static_cast<std::uint32_t>(head), static_cast<std::uint32_t>(run),
+                             static_cast<std::int32_t>(origin_x), static_cast<std::int32_t>(origin_y)});
+        std::uint64_t* out = part.append(static_cast<std::size_t>(run));
+        for (std::int64_t n = 0; n < run; ++n) {
+            const NeededVoxel one = voxel(done + n);
+            const std::int64_t at = sample(one);
+            const auto x = static_cast<std::uint64_t>(lattice(x0 + at * x_.steps[2]) - origin_x);
+            const auto y = static_cast<std::uint64_t>(lattice(y0 + at * y_.steps[2]) - origin_y);
+            const auto depth = static_cast<std::uint64_t>(lattice_depth(depth0 + at * depth_.steps[2]) - first_depth);
+            out[n] = x | y << kPositionBits | depth << kDepthShift | std::uint64_t{one.density} << kDensityShift;
+        }
+        delivered_ += static_cast<std::size_t>(run);
+        done += run;
+    }
+}
+
+}  // namespace volsplat

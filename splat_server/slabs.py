@@ -1,0 +1,94 @@
+"""What a frame of slabs is drawn by: the slices of its kernel, and how its densities are classified and lit."""
+
+from functools import lru_cache
+from typing import NamedTuple
+
+from volsplat.protocol.description.scene import Field, Kernel
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.messages.frame_messages import RenderFrame
+from volsplat.protocol.rules.grid_on_screen import FIXED_ONE
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.shading_rule import ShadingRule
+from volsplat.protocol.text.errors import BadInput
+from volsplat.splat_server import _kernels
+from volsplat.splat_server.footprint_table import kernel_projection
+
+FIELDS = list(Field)  # the kernel knows fields by their place here
+# Below so many pixels a voxel, weights are too small for sums of 32 bits.
+LEAST_NARROW_GAIN = 0.25
+
+
+class Slabs(NamedTuple):
+    kernel: _kernels.Slabs
+    pixels_per_packet: int  # that are added to at most
+
+
+def slabs_of(request: RenderFrame) -> Slabs | None:
+    """None where the frame is not one of slabs. Raises BadInput for kernels larger than any image."""
+    plan, slabs = request.plan, request.plan.slabs
+    if slabs is None:
+        return None
+    geometry, ellipsoid = request.geometry, (slabs.amplitude, slabs.form, slabs.half_extents)
+    table = slab_table(slabs.kernel, slabs.radius, *ellipsoid, slabs.offset_bits)
+    axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
+    dims, factors = geometry.dims, plan.factors
+    kernel = _kernels.Slabs(
+        table=table,
+        scene=_scene(request.shading),
+        grid=_kernels.SlabGrid(
+            gradient=slabs.gradient,
+            axes=axes,
+            strength=_strength_scale(request.quantisation),
+            screen_bytes=[
+                [dda.origin / FIXED_ONE, *(2 * step / FIXED_ONE for step in dda.half_steps)]
+                for dda in plan.screen_index
+            ],
+            dims=dims,
+            factors=factors,
+        ),
+        planes=slabs.planes,
+        lead=slabs.lead,
+        before=slabs.before,
+        baseline=slabs.baseline,
+        thickness=slabs.thickness,
+        places=slabs.grid,
+        bounds=(slabs.low, slabs.high),
+    )
+    slices = 2 * slabs.before + 2
+    return Slabs(kernel, slices * min(table.width, plan.width) * min(table.height, plan.height))
+
+
+@lru_cache(maxsize=2)
+def slab_table(
+    kernel: Kernel, radius: float, amplitude: float, form: Matrix, half_extents: Vector, offset_bits: int
+) -> _kernels.SlabTable:
+    """The table of a view. Raises BadInput where one kernel is larger than any image."""
+    projection = kernel_projection(kernel, radius)
+    try:
+        return _kernels.SlabTable(
+            projection, amplitude, form, half_extents, offset_bits, wide=amplitude < LEAST_NARROW_GAIN
+        )
+    except ValueError as error:
+        raise BadInput(f"{error}; lower the zoom") from error
+
+
+@lru_cache(maxsize=8)
+def _scene(shading: ShadingRule) -> _kernels.SlabScene:
+    cross_bar, lighting = shading.cross_bar, shading.lighting
+    return _kernels.SlabScene(
+        cross_bar=[FIELDS.index(field) for field in (cross_bar.emit, cross_bar.refl, cross_bar.opac, cross_bar.modu)],
+        emit=shading.emit.entries(),
+        refl=shading.refl.entries(),
+        opac=shading.opac.entries(),
+        modu=shading.modu.entries(),
+        light=lighting.light,
+        half_way=lighting.half_way,
+        switches=(lighting.diffuse, lighting.specular, lighting.two_sided),
+        specular_power=lighting.specular_power,
+    )
+
+
+def _strength_scale(quantisation: Quantisation) -> float:
+    """Bytes of strength per unit of a gradient of bytes of density."""
+    return quantisation.strength_scale / quantisation.density_scale
