@@ -24,7 +24,7 @@ from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBP
 
 MOST_PLANES = 1 << 20
 LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to either side
-OFFSETS_IN_A_VOXEL = 16
+OFFSETS_IN_A_VOXEL = 8
 FINEST_OFFSET_BITS = 4
 
 
@@ -42,9 +42,8 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     form: Matrix
     half_extents: Vector  # of the ellipsoid's bounding box: pixels, pixels, planes
     baseline: int  # pixels: gradients are differences over so many to either side
-    reach: Index  # voxels along i, j, k that the density at a point of a voxel's cell can depend on
-    advance: Index  # voxels along i, j, k from a point to the one behind it on the next plane, at most
-    beside: Index  # voxels along i, j, k to the points that gradients look at, at most
+    looks: Index  # voxels along i, j, k that the two densities of a slab, which begins in a voxel's cell, can depend on
+    needs: Index  # voxels along i, j, k that its gradient can depend on as well
     grid: tuple[Vector, Vector, Vector, Vector]  # i, j, k of pixel (0, 0) on plane 0, and what each of x, y, d adds
     gradient: Matrix  # from differences per pixel right, pixel down and plane to those per unit along physical axes
     low: Vector  # grid coordinates within which slabs are drawn
@@ -63,23 +62,11 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"a kernel must reach 0 to {LARGEST_REACH} pixels and planes, not {self.half_extents}")
         if not 1 <= self.baseline <= LARGEST_REACH:
             raise ValueError(f"gradients look 1 to {LARGEST_REACH} pixels aside, not {self.baseline}")
-        if not all(0 <= voxels <= LONGEST_AXIS for voxels in (*self.reach, *self.advance, *self.beside)):
-            raise ValueError("a kernel reaches a number of voxels")
+        if not all(0 <= voxels <= LONGEST_AXIS for voxels in (*self.looks, *self.needs)):
+            raise ValueError(f"a kernel reaches 0 to {LONGEST_AXIS} voxels")
         if not 0 <= self.offset_bits <= FINEST_OFFSET_BITS:
             raise ValueError(f"a table of slices has 2^0 to 2^{FINEST_OFFSET_BITS} offsets a pixel")
         Reconstruction(radius=self.radius)
-
-    @property
-    def looks(self) -> Index:
-        """Voxels along i, j, k around one in whose cell a slab begins that its densities may depend on."""
-        i, j, k = (sum(parts) for parts in zip(self.reach, self.advance, strict=True))
-        return (i, j, k)
-
-    @property
-    def needs(self) -> Index:
-        """Voxels along i, j, k around one whose cell may show something that it takes to draw it."""
-        i, j, k = (sum(parts) for parts in zip(self.reach, self.advance, self.beside, strict=True))
-        return (i, j, k)
 
     @property
     def before(self) -> int:
@@ -112,22 +99,19 @@ def slab_shape(
     behind = matrices.scaled(matrices.column(to_grid, 2), -spacing)  # from a plane to the next
     moved = _moved(across, down, behind, offset_bits)
 
-    def reach(axis: int) -> int:
-        extent = radius * math.sqrt(matrices.dot(to_grid[axis], matrices.applied(covariance, to_grid[axis])))
-        return math.floor(extent + moved[axis] + 0.5)
-
-    def beside(axis: int) -> int:
-        return math.ceil(baseline * max(abs(across[axis]), abs(down[axis])))
-
+    # From a point of a voxel's cell, whose middle is half a voxel away
+    kernel = [
+        radius * math.sqrt(matrices.dot(to_grid[axis], matrices.applied(covariance, to_grid[axis]))) + moved[axis] + 0.5
+        for axis in range(3)
+    ]
+    next_plane = [kernel[axis] + abs(behind[axis]) for axis in range(3)]
+    aside = [next_plane[axis] + baseline * max(abs(across[axis]), abs(down[axis])) for axis in range(3)]
     half_x, half_y, half_z = (radius * math.sqrt(covariance[axis][axis]) for axis in range(3))
     low, high = _around(clip)
     # The middle of the volume lies on a plane, whatever is drawn of it
     depths = matrices.scaled(grid.pixels_per_index[2], -1 / spacing)
     middle = matrices.dot(depths, point_at_level(_middle(geometry.dims), grid.factors))
-    corners = [
-        matrices.dot(depths, (i, j, k)) - middle
-        for i, j, k in itertools.product(*zip(low, high, strict=True))
-    ]
+    corners = [matrices.dot(depths, (i, j, k)) - middle for i, j, k in itertools.product(*zip(low, high, strict=True))]
     first = math.floor(min(corners))
     front = (0.0, 0.0, grid.origin[2] - (middle + first) * spacing)  # pixel (0, 0) on plane 0
     per_pixel = grid.zoom / (geometry.reference_spacing * grid.thickness)  # along physical axes
@@ -142,9 +126,8 @@ def slab_shape(
         form=matrices.inverse(_in_planes(covariance, spacing)),
         half_extents=(half_x, half_y, half_z / spacing),
         baseline=baseline,
-        reach=(reach(0), reach(1), reach(2)),
-        advance=(math.ceil(abs(behind[0])), math.ceil(abs(behind[1])), math.ceil(abs(behind[2]))),
-        beside=(beside(0), beside(1), beside(2)),
+        looks=(math.floor(next_plane[0]), math.floor(next_plane[1]), math.floor(next_plane[2])),
+        needs=(math.floor(aside[0]), math.floor(aside[1]), math.floor(aside[2])),
         grid=(matrices.applied(to_grid, matrices.minus(front, grid.origin)), across, down, behind),
         gradient=_gradient(rotation, per_pixel, spacing),
         low=low,
