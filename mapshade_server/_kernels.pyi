@@ -172,6 +172,7 @@ class SlabWalk:
         visible: Array,
         look: Index,
         spread: Index,
+        closed_tiles: Array | None,
         regions: Sequence[tuple[int, int]],
         walkers: int,
         limits: tuple[int, int],

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from volsplat.mapshade_server import _kernels, shading_tables
-from volsplat.mapshade_server.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, LEAST_PACKETS, Walker, dda_numbers
+from volsplat.mapshade_server.frame_walk import DEFAULT_VOXELS, Walker, dda_numbers
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TABLE_ENTRIES
 from volsplat.protocol.description.volume import Geometry
@@ -13,6 +13,7 @@ from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import ShadingRule
 from volsplat.protocol.rules.slab_shape import SlabShape
 
+PACKETS = 1 << 14  # of a batch: few of those that follow are then hidden
 ROUNDING = 1.0  # pixels: by how much a voxel may be moved on its way to the planes, at most
 
 
@@ -26,11 +27,11 @@ class SlabWalk:
         shading: ShadingRule,
         plan: FramePlan,
         slabs: SlabShape,
+        closed_tiles: "_kernels.Array | None",
         regions: Sequence[Region],
         walkers: int,
     ) -> None:
         """Start at the first voxel. `geometry` is the volume's; see FrameWalk. Raises ValueError."""
-        max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS)
         self._walk = _kernels.SlabWalk(
             boxes=[(cube.packets, cube.box.low, cube.needed_voxels) for cube in sub_cubes],
             axes=plan.traversal.axes,
@@ -46,11 +47,12 @@ class SlabWalk:
             visible=shading_tables.visibility(shading_tables.opacity_rule(shading))[: TABLE_ENTRIES // 8],
             look=slabs.looks,
             spread=slabs.needs,
+            closed_tiles=closed_tiles,
             regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
             walkers=walkers,
-            limits=(max_packets, DEFAULT_VOXELS),
+            limits=(PACKETS, DEFAULT_VOXELS),
         )
-        self.walkers = [Walker(self._walk.walker(number), max_packets) for number in range(walkers)]
+        self.walkers = [Walker(self._walk.walker(number), PACKETS) for number in range(walkers)]
 
 
 def slab_reach(slabs: SlabShape) -> tuple[float, float]:

@@ -15,7 +15,9 @@ def walk_of(request: RenderFrame, sub_cubes: Sequence[SubCube], closed_tiles: "_
     """By so many walkers. See FrameWalk for `closed_tiles`."""
     plan = request.plan
     if plan.slabs is not None:
-        return SlabWalk(sub_cubes, request.geometry, request.shading, plan, plan.slabs, request.regions, walkers)
+        return SlabWalk(
+            sub_cubes, request.geometry, request.shading, plan, plan.slabs, closed_tiles, request.regions, walkers
+        )
     return FrameWalk(
         sub_cubes,
         request.geometry,

@@ -18,6 +18,7 @@ struct SumLayout;
 template <>
 struct SumLayout<std::uint32_t> {
     typedef std::uint16_t Weight;
+    typedef float Quotient;
     static constexpr int kDensityBits = 20;
     static constexpr double kUnit = 3000;  // of weights: what those around a point sum to
 };
@@ -25,6 +26,7 @@ struct SumLayout<std::uint32_t> {
 template <>
 struct SumLayout<std::uint64_t> {
     typedef std::uint32_t Weight;
+    typedef double Quotient;
     static constexpr int kDensityBits = 36;
     static constexpr double kUnit = 1 << 26;
 };
@@ -39,7 +41,7 @@ struct SliceSpan {
 struct SlabTableView {
     const void* weights;     // [phase][fy][fx][slice][row][pitch]
     const SliceSpan* spans;  // [phase][slice]
-    int offset_bits, slices, rows, pitch;
+    int offset_bits, slices, rows, columns, pitch;
     int left, top;  // the box begins so many pixels before that of a sample
     int before;     // slices before the plane below a sample
 };
@@ -54,6 +56,8 @@ struct SlabSums {
     int planes;                 // of the frame
     std::uint8_t* touched;      // [ring][tile row][tile]
     int tile_rows, tiles;
+    int aside;        // pixels that gradients look to either side
+    bool any_closed;  // tiles of the image
 };
 
 // Runs of one group, of which `first_plane` is the one below a voxel at depth 0 of the group.

@@ -88,7 +88,8 @@ std::vector<typename SumLayout<Number>::Weight> SlabTable::weights_of(const Kern
 
 SlabTableView SlabTable::view() const {
     const void* weights = wide_ ? static_cast<const void*>(wide_weights_.data()) : weights_.data();
-    return {weights, spans_.data(), offset_bits_, 2 * before_ + 2, height(), padded(width()), left_, top_, before_};
+    return {weights,         spans_.data(), offset_bits_, 2 * before_ + 2, height(), width(),
+            padded(width()), left_,         top_,         before_};
 }
 
 }  // namespace volsplat

@@ -34,7 +34,6 @@ using VisibilityArray = nb::ndarray<const std::uint8_t, nb::shape<64>, nb::c_con
 using LightArray = nb::ndarray<const float, nb::shape<32768>, nb::c_contig, nb::device::cpu>;
 using GradientByteArray = nb::ndarray<const std::uint8_t, nb::shape<3, 32768>, nb::c_contig, nb::device::cpu>;
 using GridByteArray = nb::ndarray<const std::uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
-using TileArray = nb::ndarray<const std::uint64_t, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<ClassifiedRows>>;
 
 ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<OpacityArray>& opacity,
@@ -57,13 +56,6 @@ ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<O
     static_assert(sizeof(Visibility) == 64);
     std::memcpy(&tables.visibility, visibility.data(), sizeof(Visibility));
     return tables;
-}
-
-void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
-    if (static_cast<std::int64_t>(tiles.shape(0)) != tile_rows(plan.height) ||
-        static_cast<std::int64_t>(tiles.shape(1)) != tile_words(plan.width)) {
-        throw std::invalid_argument("the map of closed tiles is not that of the image's size");
-    }
 }
 
 // Keeps alive what the walk and its walkers borrow.

@@ -2,12 +2,14 @@
 #include "slab_walk.h"
 
 #include <nanobind/stl/array.h>
+#include <nanobind/stl/optional.h>
 #include <nanobind/stl/shared_ptr.h>
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
 #include <cstring>
 #include <memory>
+#include <optional>
 #include <stdexcept>
 #include <tuple>
 #include <utility>
@@ -33,7 +35,7 @@ public:
                    const DdaNumbers& y, const DdaNumbers& depth, const std::array<std::int64_t, 2>& image,
                    const std::array<double, 2>& reach, const std::array<std::int64_t, 3>& groups, const Index3& dims,
                    const DensityArray& visible, const Index3& look, const Index3& spread,
-                   const std::vector<LineNumbers>& regions, std::int64_t walkers,
+                   std::optional<TileArray> closed_tiles, const std::vector<LineNumbers>& regions, std::int64_t walkers,
                    const std::array<std::int64_t, 2>& limits) {
         const auto [count, lead, before] = groups;
         const SlabPlan plan{{axes,
@@ -51,6 +53,8 @@ public:
                             lead,
                             before,
                             count};
+        closed_tiles_ = std::move(closed_tiles);
+        if (closed_tiles_) check_tiles(*closed_tiles_, plan.walk);
         if (walkers < 1) throw std::invalid_argument("somebody must walk");
         const std::vector<Lines> lines = regions_of(regions, plan.walk.height);
         Need need{{}, look, spread, {}, {}};
@@ -67,13 +71,16 @@ public:
             const nb::gil_scoped_release unlocked;
             needed.push_back({low, size, kept->rows_along(axes[2], need, packets.data())});
         }
-        walk_ = std::make_unique<SlabWalk>(plan, std::move(needed), lines, walkers, limits_of(limits[0], limits[1]));
+        walk_ =
+            std::make_unique<SlabWalk>(plan, std::move(needed), lines, closed_tiles_ ? closed_tiles_->data() : nullptr,
+                                       walkers, limits_of(limits[0], limits[1]));
         for (std::int64_t n = 0; n < walkers; ++n) walkers_.push_back(std::make_unique<SlabWalker>(*walk_, n));
     }
 
     BatchWalker& walker(std::size_t number) { return *walkers_.at(number); }
 
 private:
+    std::optional<TileArray> closed_tiles_;
     std::unique_ptr<SlabWalk> walk_;
     std::vector<std::unique_ptr<SlabWalker>> walkers_;
 };
@@ -88,10 +95,10 @@ void bind_slab_walk(nb::module_& m) {
                       const std::array<VisitNumbers, 3>&, const DdaNumbers&, const DdaNumbers&, const DdaNumbers&,
                       const std::array<std::int64_t, 2>&, const std::array<double, 2>&,
                       const std::array<std::int64_t, 3>&, const Index3&, const DensityArray&, const Index3&,
-                      const Index3&, const std::vector<LineNumbers>&, std::int64_t,
+                      const Index3&, std::optional<TileArray>, const std::vector<LineNumbers>&, std::int64_t,
                       const std::array<std::int64_t, 2>&>(),
              "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "depth"_a, "image"_a, "reach"_a, "groups"_a,
-             "dims"_a, "visible"_a, "look"_a, "spread"_a, "regions"_a, "walkers"_a, "limits"_a)
+             "dims"_a, "visible"_a, "look"_a, "spread"_a, "closed_tiles"_a.none(), "regions"_a, "walkers"_a, "limits"_a)
         .def("walker", &PythonSlabWalk::walker, "number"_a, nb::rv_policy::reference_internal);
 }
 

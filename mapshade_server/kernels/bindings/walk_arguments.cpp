@@ -17,6 +17,13 @@ Index3 size_of(const PacketArray& packets) {
             static_cast<std::int64_t>(packets.shape(0))};
 }
 
+void check_tiles(const TileArray& tiles, const WalkPlan& plan) {
+    if (static_cast<std::int64_t>(tiles.shape(0)) != tile_rows(plan.height) ||
+        static_cast<std::int64_t>(tiles.shape(1)) != tile_words(plan.width)) {
+        throw std::invalid_argument("the map of closed tiles is not that of the image's size");
+    }
+}
+
 std::vector<Lines> regions_of(const std::vector<LineNumbers>& regions, std::int64_t lines) {
     std::vector<Lines> found;
     std::int64_t last = 0;

@@ -15,6 +15,7 @@ namespace volsplat {
 
 using PacketArray =
     nanobind::ndarray<const std::uint32_t, nanobind::ndim<3>, nanobind::c_contig, nanobind::device::cpu>;
+using TileArray = nanobind::ndarray<const std::uint64_t, nanobind::ndim<2>, nanobind::c_contig, nanobind::device::cpu>;
 using DdaNumbers = std::array<std::int64_t, 4>;
 using VisitNumbers = std::array<std::int64_t, 5>;
 using LineNumbers = std::array<std::int64_t, 2>;
@@ -24,6 +25,7 @@ AxisVisits visits_of(const VisitNumbers& numbers);
 Index3 size_of(const PacketArray& packets);
 
 // Throw std::invalid_argument.
+void check_tiles(const TileArray& tiles, const WalkPlan& plan);
 std::vector<Lines> regions_of(const std::vector<LineNumbers>& regions, std::int64_t lines);
 BatchLimits limits_of(std::int64_t max_packets, std::int64_t max_voxels);
 

@@ -16,6 +16,7 @@ constexpr int kFinerDepth = 32 - kDepthBits;
 constexpr std::int64_t kPixel = std::int64_t{1} << 32;
 constexpr std::int64_t kLongestRun = std::int64_t{16382} << kFinerBits;  // both ends may round by half a step
 constexpr std::int64_t kRowCost = 16;                                    // of looking for a row's voxels, in voxels
+constexpr std::int64_t kLookedAtOnce = 16;                               // voxels of a row, for whether they are hidden
 constexpr std::int64_t kTurnRows = 4;                                    // rows next to each other stay with a walker
 
 std::int64_t lattice(std::int64_t fixed) { return (fixed + (std::int64_t{1} << (kFinerBits - 1))) >> kFinerBits; }
@@ -36,11 +37,12 @@ std::vector<NeededBox> sorted(std::vector<NeededBox> boxes, const WalkPlan& plan
 }  // namespace
 
 SlabWalk::SlabWalk(const SlabPlan& plan_, std::vector<NeededBox> boxes_, const std::vector<Lines>& regions_,
-                   std::int64_t walkers_, const BatchLimits& limits_)
+                   const std::uint64_t* closed_tiles_, std::int64_t walkers_, const BatchLimits& limits_)
     : plan(plan_),
       boxes(sorted(std::move(boxes_), plan.walk)),
       regions(regions_, plan.walk),
       reach(sample_reach(plan.walk)),
+      closed_tiles(closed_tiles_ ? std::make_unique<ClosedTiles>(closed_tiles_, plan.walk, walkers_) : nullptr),
       walkers(walkers_),
       limits(limits_) {}
 
@@ -144,10 +146,40 @@ void SlabWalker::deliver(const NeededBox& box, const Range& samples, Batch& batc
     const NeededVoxel* const end = std::lower_bound(begin, box.rows->end(row), std::max(one, other) + 1, before);
     if (begin == end) return;
 
-    // The sample at position 0, and each region's part of what there is
-    const std::int64_t sample_at_0 = samples.begin - (ascending ? one : -one), towards = ascending ? 1 : -1;
+    leave_out_hidden(begin, end, samples.begin - (ascending ? one : -one), batch);
+}
+
+// Some neighbours at a time. `sample_at_0` is that at position 0.
+void SlabWalker::leave_out_hidden(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0,
+                                  Batch& batch) {
+    if (!walk_.closed_tiles) return cut_into_regions(begin, end, sample_at_0, batch);
+    const std::int64_t towards = plan_.ascending[2] ? 1 : -1;
+    const RowLine line{x_.at(sheet_, row_, sample_at_0), y_.at(sheet_, row_, sample_at_0), towards * x_.steps[2],
+                       towards * y_.steps[2]};
+    const std::int64_t count = end - begin;
+    std::int64_t open = 0;  // what is to be cut, before what is being looked at; in traversal order
+    const auto cut = [&](std::int64_t from, std::int64_t to) {
+        if (from == to) return;
+        if (towards > 0) cut_into_regions(begin + from, begin + to, sample_at_0, batch);
+        else cut_into_regions(end - to, end - from, sample_at_0, batch);
+    };
+    for (std::int64_t n = 0; n < count; n += kLookedAtOnce) {
+        const std::int64_t next = std::min(n + kLookedAtOnce, count);
+        const NeededVoxel& first = towards > 0 ? begin[n] : end[-next];
+        const NeededVoxel& last = towards > 0 ? begin[next - 1] : end[-n - 1];
+        if (!walk_.closed_tiles->hide(line, first.position, last.position)) continue;
+        cut(open, n);
+        open = next;
+    }
+    cut(open, count);
+}
+
+void SlabWalker::cut_into_regions(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0,
+                                  Batch& batch) {
+    const std::int64_t towards = plan_.ascending[2] ? 1 : -1;
     const std::int64_t start = y_.at(sheet_, row_, sample_at_0), step = towards * y_.steps[2];
     const std::int64_t first = begin->position, last = end[-1].position;
+    const auto before = [](const NeededVoxel& voxel, std::int64_t position) { return voxel.position < position; };
     const Regions::Range reached = walk_.regions.reached(start + first * step, start + last * step);
     for (std::size_t region = reached.first; region <= reached.last; ++region) {
         const Regions::Places& places = walk_.regions.places(region);

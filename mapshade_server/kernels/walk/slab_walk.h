@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "batch_walker.h"
+#include "closed_tiles.h"
 #include "needed_voxels.h"
 #include "regions.h"
 #include "sample_reach.h"
@@ -30,7 +31,7 @@ struct NeededBox {
 // What the walkers of a frame share.
 struct SlabWalk {
     SlabWalk(const SlabPlan& plan, std::vector<NeededBox> boxes, const std::vector<Lines>& regions,
-             std::int64_t walkers, const BatchLimits& limits);
+             const std::uint64_t* closed_tiles, std::int64_t walkers, const BatchLimits& limits);
     SlabWalk(const SlabWalk&) = delete;
     SlabWalk& operator=(const SlabWalk&) = delete;
 
@@ -38,6 +39,7 @@ struct SlabWalk {
     const std::vector<NeededBox> boxes;  // in order of samples
     const Regions regions;
     const SampleReach reach;
+    const std::unique_ptr<ClosedTiles> closed_tiles;  // null where nothing may be left out
     const std::int64_t walkers;
     const BatchLimits limits;
 };
@@ -75,6 +77,8 @@ private:
     bool find_rows();
     std::int64_t walk_row(Batch& batch);
     void deliver(const NeededBox& box, const Range& samples, Batch& batch);
+    void leave_out_hidden(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0, Batch& batch);
+    void cut_into_regions(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0, Batch& batch);
     void cut_into_runs(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0, ShadedPart& part);
 
     const SlabWalk& walk_;

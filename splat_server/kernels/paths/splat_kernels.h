@@ -16,8 +16,10 @@ struct SplatKernels {
     // Writes [offsets y][offsets x][height][pitch] weights into zeros.
     Kernel<void(const FootprintBox& box, float* weights)> fill_footprints;
 
-    // Add runs of voxels to the planes of a frame of slabs, in sums of 32 and of 64 bits.
-    Kernel<void(const SlabTableView& table, const SlabSums& sums, const SlabRuns& runs)> splat_slabs, splat_wide_slabs;
+    // Add runs of voxels to the planes of a frame of slabs, in sums of 32 and of 64 bits; return how many are hidden.
+    Kernel<std::uint64_t(const SlabTableView& table, const SlabSums& sums, const ImageView& image,
+                         const SlabRuns& runs)>
+        splat_slabs, splat_wide_slabs;
 };
 
 // Those of the CPU path in use.

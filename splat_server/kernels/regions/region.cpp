@@ -65,7 +65,7 @@ void Region::splat() {
     if (job_.row_begin == job_.row_end) return;
     if (planes_) {
         drawn_begin_ = job_.row_begin, drawn_end_ = job_.row_end;
-        planes_->add(spans_.data(), spans_.size());
+        hidden_packets_ += planes_->add(spans_.data(), spans_.size());
         return;
     }
     job_.spans = spans_.data(), job_.span_count = spans_.size();

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstring>
+#include <type_traits>
 #include <utility>
 
 #include "splat_server/kernels/paths/splat_kernels.h"
@@ -20,10 +21,13 @@ constexpr double kParallel = 1e-12;
 template <class Number>
 bool density_of(Number sum, float& density) {
     typedef SumLayout<Number> Layout;
-    const Number weight = sum >> Layout::kDensityBits;
-    const Number weighted = sum & ((Number{1} << Layout::kDensityBits) - 1);
-    density = static_cast<float>(static_cast<double>(weighted) / static_cast<double>(weight ? weight : 1));
-    return static_cast<double>(weight) >= kLeastKnown * Layout::kUnit;
+    typedef typename Layout::Quotient Quotient;
+    typedef std::make_signed_t<Number> Signed;  // which instruction sets convert
+    constexpr Signed kLeast = static_cast<Signed>(kLeastKnown * Layout::kUnit);
+    const Signed weight = static_cast<Signed>(sum >> Layout::kDensityBits);
+    const Signed weighted = static_cast<Signed>(sum & ((Number{1} << Layout::kDensityBits) - 1));
+    density = static_cast<float>(static_cast<Quotient>(weighted) / static_cast<Quotient>(std::max<Signed>(weight, 1)));
+    return weight >= kLeast;
 }
 
 int rounded_up(int number, int to) { return (number + to - 1) / to * to; }
@@ -52,10 +56,12 @@ void SlabPlanes::make_room() {
     sums_.sums = memory_.get();
     touched_.assign(static_cast<std::size_t>(sums_.ring) * sums_.tile_rows * sums_.tiles, 0);
     sums_.touched = touched_.data();
+    sums_.aside = frame_.baseline;
 }
 
-void SlabPlanes::add(const SpanView* spans, std::size_t count) {
+std::uint64_t SlabPlanes::add(const SpanView* spans, std::size_t count) {
     make_room();
+    std::uint64_t hidden = 0;
     for (const SpanView* span = spans; span != spans + count; ++span) {
         const unsigned char* packets = span->packets;
         for (std::uint64_t begin = 0; begin < span->run_count;) {
@@ -68,21 +74,23 @@ void SlabPlanes::add(const SpanView* spans, std::size_t count) {
                 work_[line / kTileSide] += run.count;
                 all += run.count;
             }
-            add_runs(*span, begin, end, packets);
+            hidden += add_runs(*span, begin, end, packets);
             packets += all * kPacketBytes;
             begin = end;
         }
     }
+    return hidden;
 }
 
-void SlabPlanes::add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end, const unsigned char* packets) {
+std::uint64_t SlabPlanes::add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end,
+                                   const unsigned char* packets) {
     const std::int64_t group = run_at(span.runs, begin).sheet;
     const std::int64_t first = kGroupPlanes * group - frame_.lead;
     shade_before(first - 1);
     const SlabRuns runs{span.runs + begin * sizeof(RowRun), packets, end - begin, first + frame_.before};
     const SlabTableView table = frame_.table->view();
-    if (frame_.table->wide()) splat_kernels().splat_wide_slabs(table, sums_, runs);
-    else splat_kernels().splat_slabs(table, sums_, runs);
+    if (frame_.table->wide()) return splat_kernels().splat_wide_slabs(table, sums_, image_, runs);
+    return splat_kernels().splat_slabs(table, sums_, image_, runs);
 }
 
 void SlabPlanes::finish() {
@@ -109,6 +117,7 @@ void SlabPlanes::shade_tile(std::int64_t slab, int row, int tile) {
     const int bottom = std::min((row + 1) * kTileLines, sums_.lines - frame_.baseline);
     if (left >= right) return;
     Densities front, back;
+    bool shaded = false;
     for (int line = top; line < bottom; ++line) {
         densities(slab, left, right - left, line, front);
         densities(slab + 1, left, right - left, line, back);
@@ -119,8 +128,32 @@ void SlabPlanes::shade_tile(std::int64_t slab, int row, int tile) {
                                     known[1] ? back.density[n] : front.density[n]};
             if (!frame_.shading->shows(std::min(found[0], found[1]), std::max(found[0], found[1]))) continue;
             shade_pixel(slab, left + n, line, found, known);
+            shaded = true;
         }
     }
+    if (shaded) note_closed(left, right, top + sums_.first_line, bottom + sums_.first_line);
+}
+
+// Others read the map meanwhile; only the region's owner writes to its rows.
+void SlabPlanes::note_closed(int left, int right, int top, int bottom) {
+    const auto frozen = [&](int column, int row) {
+        const int x_end = std::min((column + 1) * kTileSide, image_.width);
+        const int y_end = std::min((row + 1) * kTileSide, row_end_);
+        for (int y = row * kTileSide; y < y_end; ++y) {
+            const float* const alphas = image_.pixels + y * image_.pitch + 3 * image_.plane;
+            for (int x = column * kTileSide; x < x_end; ++x)
+                if (alphas[x] < static_cast<float>(kFrozenAlpha)) return false;
+        }
+        return true;
+    };
+    for (int row = top / kTileSide; row <= (bottom - 1) / kTileSide; ++row)
+        for (int column = left / kTileSide; column <= (right - 1) / kTileSide; ++column) {
+            std::uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / kWordTiles];
+            const std::uint64_t bit = std::uint64_t{1} << column % kWordTiles;
+            if ((word & bit) || !frozen(column, row)) continue;
+            __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
+            sums_.any_closed = true;
+        }
 }
 
 void SlabPlanes::shade_pixel(std::int64_t slab, int x, int line, const float (&densities)[2], const bool (&known)[2]) {

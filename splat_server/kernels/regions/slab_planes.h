@@ -33,8 +33,8 @@ class SlabPlanes {
 public:
     SlabPlanes(const SlabFrame& frame, const SplatJob& job);
 
-    // Voxels by rising groups. Throws std::bad_alloc.
-    void add(const SpanView* spans, std::size_t count);
+    // Voxels by rising groups. Returns how many were left out as hidden. Throws std::bad_alloc.
+    std::uint64_t add(const SpanView* spans, std::size_t count);
     // Nothing comes any more: shades what is left.
     void finish();
 
@@ -46,10 +46,11 @@ private:
     };
 
     void make_room();
-    void add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end, const unsigned char* packets);
+    std::uint64_t add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end, const unsigned char* packets);
     void shade_before(std::int64_t plane);
     void shade(std::int64_t slab);
     void shade_tile(std::int64_t slab, int row, int tile);
+    void note_closed(int left, int right, int top, int bottom);
     void shade_pixel(std::int64_t slab, int x, int line, const float (&densities)[2], const bool (&known)[2]);
     bool clip(std::int64_t slab, int x, int y, double& from, double& to) const;
     Vector3 gradient(std::int64_t slab, int x, int line, const float (&densities)[2], const bool (&known)[2]) const;
