@@ -26,6 +26,7 @@ from volsplat.client.session.frame_report import PAPER_SECONDS, STEP_WORDS
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 # Rows of the paper whose ratio says what more machines brought: above, below.
 PAPER_SPEED_UPS = (("4 Sun-3", "1 Sun-3"), ("4 Sun-4", "1 Sun-4"), ("TAAC-1", "1 Sun-3"))
@@ -105,11 +106,11 @@ def paper(
 
 def step_seconds(rows: Sequence[Row], scenes: Sequence[Scene]) -> Seconds:
     """Of each row and step, over the scenes: the rows take turns, each drawing all six steps of a view."""
-    found: dict[tuple[str, Step], list[float]] = {(row.name, step): [] for row in rows for step in Step}
+    found: dict[tuple[str, Step], list[float]] = {(row.name, step): [] for row in rows for step in PAPER_STEPS}
 
     def steps_of(row: Row, scene: Scene, keep: bool = True) -> float:
         taken = 0.0
-        for step in Step:
+        for step in PAPER_STEPS:
             outcome = row.renderer.finish(scene, step).outcome
             assert outcome is not None
             taken += outcome.wall_seconds
@@ -133,7 +134,7 @@ def timing_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable:
         table.add(f"1989, {name}", *(str(value) for value in paper_seconds))
     table.add()
     for name in names:
-        row = [_of(figures, name, step) for step in Step]
+        row = [_of(figures, name, step) for step in PAPER_STEPS]
         table.add(name, *(significant(one.median) for one in row))
         table.add("", *(give_or_take(one) for one in row))
     return table
@@ -148,24 +149,24 @@ def speed_up_table(names: Sequence[str], figures: Sequence[Figure]) -> TextTable
     table.add()
     one, *others = [name for name in names if name != SINGLE]
     for above in (*others, *(name for name in names if name == SINGLE)):
-        values = (_of(figures, one, step).median / _of(figures, above, step).median for step in Step)
+        values = (_of(figures, one, step).median / _of(figures, above, step).median for step in PAPER_STEPS)
         table.add(f"{above} over {one}", *(significant(value) for value in values))
     return table
 
 
 def panel(names: Sequence[str], figures: Sequence[Figure]) -> Panel:
     lines: dict[str, list[tuple[float | str, float]]] = {
-        f"1989, {name}": [(step.value, float(value)) for step, value in zip(Step, seconds, strict=True)]
+        f"1989, {name}": [(step.value, float(value)) for step, value in zip(PAPER_STEPS, seconds, strict=True)]
         for name, seconds in PAPER_SECONDS.items()
     }
     old = tuple(lines)
     for name in names:
-        lines[name] = [(step.value, _of(figures, name, step).median) for step in Step]
+        lines[name] = [(step.value, _of(figures, name, step).median) for step in PAPER_STEPS]
     return Panel("the paper's timing table, and this machine's", "step", "seconds", lines, logarithmic=True, faint=old)
 
 
 def _headings() -> list[str]:
-    return [f"{step}\n{STEP_WORDS[step]}" for step in Step]
+    return [f"{step}\n{STEP_WORDS[step]}" for step in PAPER_STEPS]
 
 
 def _of(figures: Sequence[Figure], name: str, step: Step) -> Figure:

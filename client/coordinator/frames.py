@@ -64,6 +64,7 @@ class Frames:
         geometry = volume.description.geometry
         frame.scene = volume.settled(frame.scene)
         try:
+            volume.check_step(frame.step)
             packing = holding.wanted(frame.scene, frame.step, steady=not frame.require_complete)
             if not holding.settled:
                 return holding.prepare(packing) if holding.gives_way(packing) else []

@@ -20,6 +20,7 @@ CAPTIONS = {
     Step.D: "footprints",
     Step.E: "diffuse light",
     Step.F: "specular light",
+    Step.G: "lit after reconstruction",
 }
 
 

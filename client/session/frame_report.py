@@ -18,6 +18,7 @@ from volsplat.protocol.description.machine import Machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput
 
 # Seconds for the steps A to F, from the paper's "Timing Tests": a CT of 96 x 128 x 113 voxels.
@@ -36,6 +37,7 @@ STEP_WORDS = {
     Step.D: "kernel",
     Step.E: "diffuse",
     Step.F: "specular",
+    Step.G: "slabs",
 }
 
 
@@ -135,7 +137,8 @@ def step_table(report: FrameReport) -> Table:
     table = Table(title=title, box=box.SIMPLE_HEAD, caption_justify="left")
     table.caption = "The paper's seconds are for a CT of 96 x 128 x 113 voxels."
     table.add_column("", no_wrap=True)
-    for letter in Step:
+    shown = [step for step in Step if step in steps or step in PAPER_STEPS]
+    for letter in shown:
         table.add_column(f"{letter.value}\n{STEP_WORDS[letter]}", justify="right", no_wrap=True)
     rows: dict[str, Callable[[StepReport], str]] = {
         "seconds": lambda s: f"{s.wall_seconds:.3f}",
@@ -155,10 +158,10 @@ def step_table(report: FrameReport) -> Table:
     }
     for name, figure in rows.items():
         style = "bold" if name == "seconds" else ""
-        table.add_row(name, *(figure(steps[letter]) if letter in steps else "" for letter in Step), style=style)
+        table.add_row(name, *(figure(steps[letter]) if letter in steps else "" for letter in shown), style=style)
     table.add_section()
     for machine, seconds in PAPER_SECONDS.items():
-        table.add_row(f"1989: {machine}", *(str(value) for value in seconds))
+        table.add_row(f"1989: {machine}", *map(str, seconds))
     return table
 
 

@@ -201,6 +201,7 @@ class SingleProcess:
 
     def _begun(self, scene: Scene, step: Step) -> tuple[messages.RenderFrame, FrameAssembly]:
         """Have the threads draw it, and nothing else any more."""
+        self.volume.check_step(step)
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
         self._frame += 1
         try:

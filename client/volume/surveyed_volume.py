@@ -13,12 +13,14 @@ from volsplat.client.volume.enclosing_ball import Ball
 from volsplat.client.volume.up_guess import StandsUp, stands_up
 from volsplat.client.volume.visible_part import fitting_view, visible_ball
 from volsplat.protocol.description.block_extremes import BlockExtremes
-from volsplat.protocol.description.scene import ColourTable, Quantise, Scene
+from volsplat.protocol.description.kind import CLASS_KINDS
+from volsplat.protocol.description.scene import ColourTable, Quantise, Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.rules import index_rules
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.levels import Prepared
+from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.text.errors import BadInput
 
 REMEMBERED = 16  # scenes
@@ -75,6 +77,18 @@ class SurveyedVolume:
     def stands_up(self) -> StandsUp:
         """Which physical axis is up where the scene leaves it open."""
         return stands_up(self.description, self.extremes)
+
+    def check_step(self, step: Step) -> None:
+        """Raises BadInput for a step that this volume has no picture of: values that are no more or less than others
+        have none in between."""
+        if not STEP_RULES[step].slabs:
+            return
+        told = self.description
+        if told.kind in CLASS_KINDS or told.second_scalar is not None:
+            what = (
+                f"{told.kind}, which have none" if told.kind in CLASS_KINDS else "two values each, which it would mix"
+            )
+            raise BadInput(f"step {step} reconstructs values between voxels, but {told.name} holds {what}; draw step F")
 
     def settled(self, scene: Scene) -> Scene:
         """The scene with numbers for all that its view leaves to the volume: up, and zoom and centre of a fit.

@@ -1,4 +1,4 @@
-"""The six steps of successive refinement, as a table (paper: "Successive Refinement"; design, section 6)."""
+"""The steps of successive refinement, as a table (paper: "Successive Refinement"; design, section 6)."""
 
 from dataclasses import dataclass
 
@@ -27,22 +27,23 @@ STEP_RULES = {
     Step.G: StepRule(stride=1, footprint=False, slabs=True),
 }
 
+PAPER_STEPS = tuple(step for step, rule in STEP_RULES.items() if not rule.slabs)
+
 GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
 
 
 def finer(step: Step) -> Step | None:
-    """The step that follows; None after the last."""
-    return _neighbour(step, 1)
+    """The step that follows by itself; None after F: G is drawn only if it is asked for."""
+    return _neighbour(PAPER_STEPS, step, 1)
 
 
 def coarser(step: Step) -> Step | None:
     """The step before; None before A."""
-    return _neighbour(step, -1)
+    return _neighbour(tuple(Step), step, -1)
 
 
-def _neighbour(step: Step, by: int) -> Step | None:
-    steps = list(Step)
-    n = steps.index(step) + by
+def _neighbour(steps: tuple[Step, ...], step: Step, by: int) -> Step | None:
+    n = steps.index(step) + by if step in steps else len(steps)
     return steps[n] if 0 <= n < len(steps) else None
 
 

@@ -75,12 +75,12 @@ class SceneEditor:
         """The edited scene. Raises ValueError as `change` does."""
         edited = edit(scene)
         if self._fits(scene):  # else whatever else is wrong with it would be told at this field
-            plan_frame(edited, self._geometry, max(Step))
+            plan_frame(edited, self._geometry, Step.F)
         return edited
 
     def _fits(self, scene: Scene) -> bool:
         try:
-            plan_frame(scene, self._geometry, max(Step))
+            plan_frame(scene, self._geometry, Step.F)
         except ValueError:
             return False
         return True

@@ -15,6 +15,7 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import ORDER_WORDS, Order, Scene, Step
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.resolved_view import resolved_order
 
 INTERVAL = 0.1  # seconds between updates
@@ -57,7 +58,9 @@ class StepChips(Element, component="step_chips_component.js"):
 
     def __init__(self) -> None:
         super().__init__()
-        self.props["steps"] = [{"letter": step.value, "title": f"step {step}: {STEP_WORDS[step]}"} for step in Step]
+        self.props["steps"] = [
+            {"letter": step.value, "title": f"step {step}: {STEP_WORDS[step]}"} for step in PAPER_STEPS
+        ]
         self._shown: list[ChipState] = []
 
     def show(self, states: list[ChipState]) -> None:
@@ -72,7 +75,7 @@ class StepsState:
 
     def __init__(self, viewing: Viewing) -> None:
         self._viewing = viewing
-        self._seconds = {step: viewing.loop.pacing.expected(step) for step in Step}
+        self._seconds = {step: viewing.loop.pacing.expected(step) for step in PAPER_STEPS}
         self._running: tuple[int, Step] | None = None  # revision and step
         self._fill: tuple[float, float] | None = None  # of the running one
 

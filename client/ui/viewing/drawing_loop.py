@@ -19,7 +19,7 @@ from volsplat.client.ui.viewing.picture import Picture, nothing_finer
 from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.rules.refinement import finer
+from volsplat.protocol.rules.refinement import PAPER_STEPS, finer
 from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
@@ -139,7 +139,7 @@ class DrawingLoop:
             assert shown is not None
             self._publish(state, Refinement(shown.step, shown.published, shown.outcome), measured=False)
             return
-        finest = max(Step)
+        finest = PAPER_STEPS[-1]
         for refinement in self._session.refine(state.scene, finest, PARTIAL_INTERVAL, first, exact=(finest,)):
             if self._model.now.revision != state.revision:
                 return
