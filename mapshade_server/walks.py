@@ -11,7 +11,9 @@ from volsplat.protocol.messages.frame_messages import RenderFrame
 Walk = FrameWalk | SlabWalk
 
 
-def walk_of(request: RenderFrame, sub_cubes: Sequence[SubCube], closed_tiles: "_kernels.Array", walkers: int) -> Walk:
+def walk_of(
+    request: RenderFrame, sub_cubes: Sequence[SubCube], closed_tiles: "_kernels.Array | None", walkers: int
+) -> Walk:
     """By so many walkers. See FrameWalk for `closed_tiles`."""
     plan = request.plan
     if plan.slabs is not None:

@@ -24,7 +24,7 @@ from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBP
 
 MOST_PLANES = 1 << 20
 LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to either side
-OFFSETS_IN_A_VOXEL = 8
+OFFSETS_IN_A_VOXEL = 16
 FINEST_OFFSET_BITS = 4
 
 

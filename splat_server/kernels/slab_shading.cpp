@@ -92,8 +92,12 @@ double SlabShading::depth(const Span& span, const std::array<int, 11>& bytes) co
     double others = 1;
     if (!by_density(kOpac)) others *= scene_.opac[bytes[number(scene_.cross_bar[kOpac])]];
     if (!by_density(kModu)) others *= scene_.modu[bytes[number(scene_.cross_bar[kModu])]];
-    const std::size_t level = depths_.size() == 1 ? 0 : static_cast<std::size_t>(others * (kOpacityLevels - 1) + 0.5);
-    return between(depths_[level], span) / (span.high - span.low);
+    const double width = span.high - span.low;
+    if (depths_.size() == 1) return between(depths_[0], span) / width;
+    const double place = std::clamp(others, 0.0, 1.0) * (kOpacityLevels - 1);
+    const int level = std::min(static_cast<int>(place), kOpacityLevels - 2);
+    const double low = between(depths_[level], span), high = between(depths_[level + 1], span);
+    return (low + (place - level) * (high - low)) / width;
 }
 
 Vector3 SlabShading::colour(int table, const Span& span, const std::array<int, 11>& bytes) const {

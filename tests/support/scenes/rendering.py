@@ -5,29 +5,32 @@ from collections.abc import Sequence
 from itertools import pairwise
 from random import Random
 
+import msgspec
 import torch
 from torch import Tensor
 
 from reference import mapping
 from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
-from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.client.coordinator.frame_request import frame_request
+from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.mapshade_server.frame_walk import ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.walks import walk_of
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
-from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.grid_on_screen import grid_on_screen
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.levels import Resolution, own_resolution
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.rules.regions import Region
-from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
 from volsplat.splat_server.footprint_table import footprint_table
 from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.slabs import slabs_of
 
 
 def rendered(
@@ -52,19 +55,30 @@ def rendered(
     """
     held = resolution.geometry if resolution else geometry
     holdings = workers or [[held.box]]
-    plan = plan_frame(scene, geometry, step, resolution)
-    regions = _regions(plan.height, threads, arrival)
+    request = frame_request(
+        1,
+        1,
+        scene,
+        step,
+        geometry,
+        quantisation,
+        resolution or own_resolution(geometry, step),
+        workers={1: walkers},
+        owners={1: threads},
+        shares=RegionShares(),
+    )
+    plan, regions = request.plan, _regions(request.plan.height, threads, arrival)
+    request = msgspec.structs.replace(request, regions=regions)
     walks = []
     for boxes in holdings:
         sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
-        shading = shading_rule(scene, step)
-        walks += FrameWalk(sub_cubes, geometry, quantisation, shading, plan, None, regions, walkers).walkers
+        walks += walk_of(request, sub_cubes, None, walkers).walkers
     news = Bell()
     budget = ReadBudget(1 << 62, news)
     with owners(threads) as made:
-        assembly = FrameAssembly(made, plan, frame=1)
+        assembly = FrameAssembly(made, plan, 1, slabs_of(request))
         assembly.begin(regions, len(walks), news)
         delivering = list(range(len(walks)))
         while delivering:

@@ -1,0 +1,135 @@
+"""Step G against its float64 reference, and what must hold of it whatever the view is."""
+
+import msgspec
+import pytest
+import torch
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+from torch import Tensor
+
+from reference import slabs, voxel_packets
+from support.scenes.arbitrary import turns
+from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
+from support.scenes.rendering import rendered
+from tolerances import FEW_TIES, MISMATCHED_SLABS, ONE_LEVEL
+from volsplat.protocol.description.scene import (
+    TRAVERSAL_ORDERS,
+    Bounds,
+    CrossBar,
+    Field,
+    Kernel,
+    Order,
+    Reconstruction,
+    ScalarTable,
+    Scene,
+    Step,
+    View,
+)
+from volsplat.protocol.description.volume import Geometry
+
+SIZE = 14
+PIXELS = 36
+SKEWED = Geometry((SIZE, SIZE, SIZE), ((0.8, 0.1, 0.0), (0.0, 0.9, 0.0), (0.05, 0.0, 1.3)))
+CUBIC = Geometry((SIZE, SIZE, SIZE))
+OBLIQUE = View(rotation=(0.1, 0.2, 0.3, 0.9), zoom=1.9)
+
+
+def scene_of(view: View, reconstruction: Reconstruction | None = None, **changes: object) -> Scene:
+    scene = shaded_scene(view, (PIXELS, PIXELS))
+    return msgspec.structs.replace(scene, reconstruction=reconstruction or Reconstruction(), **changes)
+
+
+def difference(scene: Scene, geometry: Geometry, exact: bool, values: Tensor | None = None) -> Tensor:
+    values = shells(SIZE) if values is None else values
+    packets = voxel_packets.pack(values, geometry, QUANTISATION)
+    expected = slabs.render(packets, geometry, QUANTISATION, scene, exact)
+    assert expected[..., 3].max() > 0.2
+    return (expected - rendered(values, geometry, scene, Step.G)).abs().amax(dim=-1)
+
+
+@settings(max_examples=8)
+@given(turns, st.floats(0.3, 3.0), st.sampled_from(Kernel), st.floats(0.5, 2.0), st.sampled_from([CUBIC, SKEWED]))
+@example((0.0, 0.0, 0.0, 1.0), 2.0, Kernel.GAUSSIAN, 1.0, CUBIC)
+@example((0.0, 0.0, 0.0, 1.0), 0.3, Kernel.GAUSSIAN, 1.0, CUBIC)
+def test_on_the_same_integers_it_is_the_references(
+    rotation: tuple[float, float, float, float], zoom: float, kernel: Kernel, slab: float, geometry: Geometry
+) -> None:
+    scene = scene_of(View(rotation=rotation, zoom=zoom), Reconstruction(kernel=kernel, slab=slab))
+    assert difference(scene, geometry, exact=False).max() <= ONE_LEVEL
+
+
+@pytest.mark.parametrize("view", [OBLIQUE, View(zoom=1.9)])
+def test_quantised_positions_and_weights_cost_little(view: View) -> None:
+    off = difference(scene_of(view), SKEWED, exact=True)
+    assert (off > ONE_LEVEL).double().mean() <= MISMATCHED_SLABS
+
+
+FALLING = ScalarTable(points=((0.0, 1.0), (1.0, 0.2)))
+
+
+@pytest.mark.parametrize(
+    "cross_bar",
+    [
+        CrossBar(emit=Field.GRADIENT_I, refl=Field.STRENGTH, modu=Field.SCREEN_Z),
+        CrossBar(emit=Field.GRID_K, refl=Field.GRADIENT_K, modu=Field.DENSITY),
+        CrossBar(emit=Field.SCREEN_X, refl=Field.SCREEN_Y, opac=Field.STRENGTH, modu=Field.DENSITY),
+        CrossBar(opac=Field.GRID_I, modu=Field.GRADIENT_J),
+    ],
+)
+def test_every_field_indexes_every_table(cross_bar: CrossBar) -> None:
+    scene = scene_of(OBLIQUE, cross_bar=cross_bar)
+    tables = msgspec.structs.replace(scene.tables, modu=FALLING)
+    off = difference(msgspec.structs.replace(scene, tables=tables), SKEWED, exact=False)
+    assert (off > ONE_LEVEL).double().mean() <= FEW_TIES  # where a byte is a hair from the next one
+
+
+def test_bounds_cut_between_voxels_and_look_beyond() -> None:
+    scene = scene_of(OBLIQUE, bounds=Bounds(low=(3, 0, 2), high=(-1, 9, 11)))
+    assert difference(scene, SKEWED, exact=False).max() <= ONE_LEVEL
+
+
+def test_what_has_no_data_is_left_out() -> None:
+    values = shells(SIZE)
+    values[4:9, 3:7, 5:] = torch.nan
+    assert difference(scene_of(OBLIQUE), CUBIC, exact=False, values=values).max() <= ONE_LEVEL
+
+
+@pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
+def test_both_orders_are_one(order: Order) -> None:
+    scene, values = scene_of(OBLIQUE), shells(SIZE)
+    drawn = rendered(values, CUBIC, msgspec.structs.replace(scene, order=order), Step.G)
+    assert torch.equal(drawn, rendered(values, CUBIC, scene, Step.G))
+
+
+def test_a_thin_surface_of_steep_tables_has_no_holes() -> None:
+    """Its densities lie between those of two neighbouring planes, and of two neighbouring voxels."""
+    k, j, i = torch.meshgrid(*(torch.arange(SIZE, dtype=torch.float64),) * 3, indexing="ij")
+    values = 30 * ((i - 6.5) ** 2 + (j - 6.5) ** 2 + (k - 6.5) ** 2).sqrt()
+    scene = scene_of(msgspec.structs.replace(OBLIQUE, zoom=3.0))
+    peak = ScalarTable(points=((0.46, 0.0), (0.465, 1.0), (0.475, 1.0), (0.48, 0.0)))
+    scene = msgspec.structs.replace(
+        scene, tables=msgspec.structs.replace(scene.tables, opac=peak, modu=ScalarTable(points=((0.0, 1.0),)))
+    )
+    alpha = rendered(values, CUBIC, scene, Step.G)[..., 3]
+    middle = (PIXELS - 1) / 2
+    y, x = torch.meshgrid(torch.arange(PIXELS) - middle, torch.arange(PIXELS) - middle, indexing="ij")
+    distance = (x**2 + y**2).sqrt() / 3.0
+    assert alpha[distance < 3.5].min() > 0.3
+    assert alpha[distance > 5.0].max() == 0.0
+
+
+@pytest.mark.parametrize("slab", [0.5, 1.0])
+def test_a_uniform_ball_is_as_bright_from_every_side(slab: float) -> None:
+    """Its mean over the image; fog, so that every voxel counts as much."""
+    k, j, i = torch.meshgrid(*(torch.arange(SIZE, dtype=torch.float64),) * 3, indexing="ij")
+    distance = ((i - 6.5) ** 2 + (j - 6.5) ** 2 + (k - 6.5) ** 2).sqrt()
+    values = 255 * torch.sigmoid((4.5 - distance) / 0.4)
+    fog = ScalarTable(points=((0.0, 0.0), (1.0, 0.02)))
+    directions = torch.randn((25, 4), generator=torch.Generator().manual_seed(3), dtype=torch.float64).tolist()
+    means = []
+    for x, y, z, w in directions:
+        scene = scene_of(View(rotation=(x, y, z, w), zoom=2.3), Reconstruction(slab=slab))
+        tables = msgspec.structs.replace(scene.tables, opac=fog, modu=ScalarTable(points=((0.0, 1.0),)))
+        drawn = rendered(values, CUBIC, msgspec.structs.replace(scene, tables=tables), Step.G)
+        means.append(float(drawn[..., 3].double().mean()))
+    assert max(means) - min(means) <= 0.005 * max(means)

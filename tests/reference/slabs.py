@@ -1,0 +1,329 @@
+"""Step G in plain float64: densities on planes parallel to the screen, then colour and opacity of the slabs between.
+
+After Mueller and Crawfis 1998, Mueller, Möller and Crawfis 1999 and Engel et al. 2001; see protocol/rules/slab_shape.py
+for what the words mean. Every voxel is added up, whether anything can be seen near it or not. The white edges are left
+out.
+"""
+
+import math
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from reference import mapping
+from reference.combining import FROZEN_ALPHA
+from reference.footprint import integral, kernel_density
+from volsplat.protocol.description.scene import Field, Scene, Step
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS
+from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
+from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.packet_layout import DEPTH_BITS, NO_DATA_BIT, SUBPIXEL_BITS
+from volsplat.protocol.rules.refinement import active_shading
+from volsplat.protocol.rules.resolved_view import resolved_zoom, screen_rotation
+from volsplat.protocol.rules.slab_shape import SlabShape
+
+LEAST_KNOWN = 1 / 16  # of what weights sum to
+UNIT, WIDE_UNIT = 3000, 1 << 26  # that integer weights sum to
+LEAST_NARROW_GAIN = 0.25
+MOST_OPAQUE = 1 - 1 / 4096
+
+
+@dataclass(frozen=True)
+class Planes:
+    """Sums on all planes, with so many more lines and columns around the image as gradients look aside."""
+
+    weights: Tensor  # (planes, lines, columns)
+    densities: Tensor  # times weights
+    unit: float  # what weights sum to
+
+    @property
+    def known(self) -> Tensor:
+        return self.weights >= math.floor(LEAST_KNOWN * self.unit)
+
+    @property
+    def density(self) -> Tensor:
+        return self.densities / self.weights.clamp(min=1e-300)
+
+
+def render(packets: Tensor, geometry: Geometry, quantisation: Quantisation, scene: Scene, exact: bool) -> Tensor:
+    """The image (H, W, 4) float64, associated alpha, of voxel packets (k, j, i) int64.
+
+    `exact`: neither positions nor weights are quantised; else they are integers, as on the wire and in the table.
+    """
+    plan = plan_frame(scene, geometry, Step.G)
+    assert plan.slabs is not None
+    planes = reconstructed(packets, geometry, scene, plan, plan.slabs, exact)
+    image = torch.zeros((plan.height, plan.width, 4), dtype=torch.float64)
+    for slab in range(plan.slabs.planes - 1):
+        colour, opacity = _shaded(planes, slab, geometry, quantisation, scene, plan, plan.slabs)
+        alpha = image[..., 3:]
+        more = (1 - alpha) * opacity[..., None] * torch.cat((colour, torch.ones_like(alpha)), dim=-1)
+        image = torch.where(alpha >= FROZEN_ALPHA, image, image + more)
+    return image
+
+
+def reconstructed(
+    packets: Tensor, geometry: Geometry, scene: Scene, plan: FramePlan, slabs: SlabShape, exact: bool
+) -> Planes:
+    """What the kernels of all voxels sum to on the planes."""
+    k, j, i = torch.meshgrid(*map(torch.arange, packets.shape), indexing="ij")
+    indices = torch.stack((i, j, k), dim=-1).reshape(-1, 3)[packets.flatten() >> NO_DATA_BIT == 0]
+    density = (packets & 255)[indices[:, 2], indices[:, 1], indices[:, 0]].double()
+    position = _positions(indices, geometry, scene, plan, slabs, exact)
+    aside, before = slabs.baseline, [math.ceil(extent) for extent in slabs.half_extents]
+    form, gain = _form(scene, geometry)
+    unit = 1.0 if exact else WIDE_UNIT if gain < LEAST_NARROW_GAIN else UNIT
+    shape = (slabs.planes, plan.height + 2 * aside, plan.width + 2 * aside)
+    weights, densities = (torch.zeros(math.prod(shape), dtype=torch.float64) for _ in range(2))
+    box = torch.cartesian_prod(*(torch.arange(-n, n + 2) for n in before))  # (m, 3) of x, y and plane
+    first = position.floor().long()
+    for part in torch.arange(len(indices)).split(max(1, 4_000_000 // len(box))):
+        place = first[part, None] + box
+        off = place - position[part, None]
+        weight = unit * gain * _kernel(scene, ((off @ form) * off).sum(dim=-1).clamp(min=0).sqrt())
+        weight = weight if exact else (weight + 0.5).floor()
+        x, y, plane = (place[..., 0] + aside, place[..., 1] + aside, place[..., 2])
+        inside = (0 <= x) & (x < shape[2]) & (0 <= y) & (y < shape[1]) & (0 <= plane) & (plane < shape[0])
+        at = ((plane * shape[1] + y) * shape[2] + x)[inside]
+        weights.index_add_(0, at, weight[inside])
+        densities.index_add_(0, at, (weight * density[part, None])[inside])
+    return Planes(weights.reshape(shape), densities.reshape(shape), unit)
+
+
+def _positions(
+    indices: Tensor, geometry: Geometry, scene: Scene, plan: FramePlan, slabs: SlabShape, exact: bool
+) -> Tensor:
+    """(n, 3) float64: pixels right, pixels down, and planes from plane 0."""
+    if exact:
+        middle = (torch.tensor(geometry.dims, dtype=torch.float64) - 1) / 2
+        spacing = scene.reconstruction.slab * resolved_zoom(scene, geometry)
+        depth = -((indices - middle) @ mapping.steps_on_screen(scene, geometry)[2]) / spacing
+        # The middle of the volume lies on a plane
+        doubled = geometry.dims[0] - 1, geometry.dims[1] - 1, geometry.dims[2] - 1
+        depth = depth + round(slabs.depth.at_half_indices(doubled) / 2**FRACTION_BITS)
+        return torch.cat((mapping.on_screen(indices.double(), scene, geometry), depth[:, None]), dim=1)
+    doubled_indices, nearest = 2 * indices, torch.full((len(indices),), (1 << 31) + (1 << 25))
+    finer, offsets = SUBPIXEL_BITS - slabs.offset_bits, 1 << slabs.offset_bits
+    half = (1 << finer) // 2
+    x, y = (
+        ((mapping.on_lattice(dda, doubled_indices, nearest) + half) >> finer).double() / offsets
+        for dda in (plan.x, plan.y)
+    )
+    fixed = slabs.depth.origin + (doubled_indices * torch.tensor(slabs.depth.half_steps)).sum(dim=1)
+    bits = FRACTION_BITS - DEPTH_BITS
+    return torch.stack((x, y, ((fixed + (1 << (bits - 1))) >> bits).double() / (1 << DEPTH_BITS)), dim=1)
+
+
+def _form(scene: Scene, geometry: Geometry) -> tuple[Tensor, float]:
+    """rho^2 as a form of pixels right, pixels down and planes behind (3, 3), and what keeps sums 1."""
+    steps = mapping.steps_on_screen(scene, geometry)
+    spacing = scene.reconstruction.slab * resolved_zoom(scene, geometry)
+    covariance = steps @ steps.T
+    squares, axes = torch.linalg.eigh(covariance[:2, :2])
+    widened = covariance.clone()
+    widened[:2, :2] = axes @ torch.diag(squares.clamp(min=1.0)) @ axes.T
+    widened[2, 2] = widened[2, 2].clamp(min=spacing**2)
+    gain = (torch.linalg.det(covariance) / torch.linalg.det(widened)).sqrt()
+    flipped = torch.diag(torch.tensor([1.0, -1.0, -spacing], dtype=torch.float64))  # to screen, y up
+    return flipped @ torch.linalg.inv(widened) @ flipped, float(gain)
+
+
+def _kernel(scene: Scene, rho: Tensor) -> Tensor:
+    """The kernel of unit integral over space."""
+    reconstruction = scene.reconstruction
+    kernel, radius = reconstruction.kernel, reconstruction.radius
+    radius = DEFAULT_RADIUS[kernel] if radius == "default" else radius
+    end = torch.tensor([radius], dtype=torch.float64)
+    whole = integral(lambda r: 4 * math.pi * r**2 * kernel_density(kernel, r, radius), end)
+    return torch.where(rho < radius, kernel_density(kernel, rho.clamp(max=radius), radius) / whole, 0.0)
+
+
+def _shaded(
+    planes: Planes,
+    slab: int,
+    geometry: Geometry,
+    quantisation: Quantisation,
+    scene: Scene,
+    plan: FramePlan,
+    slabs: SlabShape,
+) -> tuple[Tensor, Tensor]:
+    """Colour (H, W, 3) and opacity (H, W) of a slab."""
+    aside = slabs.baseline
+    inner = (slice(aside, aside + plan.height), slice(aside, aside + plan.width))
+    known = planes.known[slab : slab + 2][:, *inner]
+    density = planes.density[slab : slab + 2][:, *inner]
+    front = torch.where(known[0], density[0], density[1])
+    back = torch.where(known[1], density[1], density[0])
+    begin, end = _clipped(slab, geometry, scene, plan, slabs)
+    drawn = known.any(dim=0) & (begin < end)
+    rise = back - front
+    one, other = front + (begin - slab) * rise, front + (end - slab) * rise
+    gradient = _gradient(planes, slab, geometry, scene, aside, inner)
+    middle = (begin + end) / 2
+    place = _grid_coordinates(geometry, scene, plan, slabs, middle)
+    fields = _fields(one, other, gradient, place, geometry, quantisation, plan)
+    low, high = _span(one, other)
+    depth = _mean(_depths(scene, fields), low, high)
+    emitted, reflected = (_colour(scene, table, fields, low, high) for table in ("emit", "refl"))
+    active = active_shading(scene, Step.G)
+    colour = reflected * _light(gradient, scene)[..., None]
+    if active.emitted:
+        colour = colour + emitted
+    opacity = -torch.expm1(-depth * scene.reconstruction.slab * (end - begin))
+    return colour.clamp(0, 1), torch.where(drawn, opacity, 0.0)
+
+
+def _pixels(plan: FramePlan) -> Tensor:
+    """(H, W, 2): x and y of each pixel."""
+    y, x = torch.meshgrid(torch.arange(plan.height), torch.arange(plan.width), indexing="ij")
+    return torch.stack((x, y), dim=-1).double()
+
+
+def _grid_coordinates(geometry: Geometry, scene: Scene, plan: FramePlan, slabs: SlabShape, depth: Tensor) -> Tensor:
+    """(H, W, 3): i, j, k at a depth (H, W) in each pixel."""
+    steps = mapping.steps_on_screen(scene, geometry)
+    middle = (torch.tensor(geometry.dims, dtype=torch.float64) - 1) / 2
+    spacing = scene.reconstruction.slab * resolved_zoom(scene, geometry)
+    doubled = geometry.dims[0] - 1, geometry.dims[1] - 1, geometry.dims[2] - 1
+    at_middle = round(slabs.depth.at_half_indices(doubled) / 2**FRACTION_BITS)
+    off = _pixels(plan) - mapping.on_screen(middle[None], scene, geometry)
+    up = torch.stack((off[..., 0], -off[..., 1], (at_middle - depth) * spacing), dim=-1)
+    return middle + up @ torch.linalg.inv(steps).T
+
+
+def _clipped(slab: int, geometry: Geometry, scene: Scene, plan: FramePlan, slabs: SlabShape) -> tuple[Tensor, Tensor]:
+    """Where each pixel's ray enters and leaves the bounds within the slab (H, W), in planes."""
+    zero = torch.zeros((plan.height, plan.width), dtype=torch.float64)
+    start = _grid_coordinates(geometry, scene, plan, slabs, zero)
+    step = _grid_coordinates(geometry, scene, plan, slabs, zero + 1) - start
+    begin, end = zero + slab, zero + slab + 1
+    for axis in range(3):
+        high = geometry.dims[axis] if scene.bounds.high[axis] == -1 else scene.bounds.high[axis]
+        ends = [(bound - 0.5 - start[..., axis]) / step[..., axis] for bound in (scene.bounds.low[axis], high)]
+        across = step[..., axis].abs() < 1e-12
+        inside = (start[..., axis] >= scene.bounds.low[axis] - 0.5) & (start[..., axis] <= high - 0.5)
+        nearest, farthest = torch.minimum(*ends), torch.maximum(*ends)
+        begin = torch.where(across, torch.where(inside, begin, math.inf), torch.maximum(begin, nearest))
+        end = torch.where(across, end, torch.minimum(end, farthest))
+    return begin.clamp(max=slab + 1), torch.maximum(end, begin.clamp(max=slab + 1))
+
+
+def _gradient(
+    planes: Planes, slab: int, geometry: Geometry, scene: Scene, aside: int, inner: tuple[slice, slice]
+) -> Tensor:
+    """(H, W, 3) along physical axes: central differences in the middle of the slab, one-sided if one is not known."""
+    density, known = planes.density[slab : slab + 2], planes.known[slab : slab + 2]
+    here = density[:, *inner], known[:, *inner]
+    sums = []
+    for dx, dy in ((aside, 0), (0, aside)):
+        moved = []
+        for way in (-1, 1):
+            there = (slice(None), *(slice(s.start + way * d, s.stop + way * d) for s, d in zip(inner, (dy, dx))))
+            moved.append((torch.where(known[there], density[there], here[0]), known[there]))
+        (low, low_known), (high, high_known) = moved
+        sides = low_known.double() + high_known.double()
+        slope = (high - low) / (aside * sides.clamp(min=1))
+        sums.append((slope * here[1]).sum(dim=0) / here[1].sum(dim=0).clamp(min=1))
+    along = torch.where(here[1].all(dim=0), here[0][1] - here[0][0], 0.0)
+    pixels = resolved_zoom(scene, geometry) / geometry.reference_spacing  # a unit of length
+    spacing = scene.reconstruction.slab * resolved_zoom(scene, geometry)
+    screen = torch.stack((sums[0], -sums[1], -along / spacing), dim=-1) * pixels
+    rotation = torch.tensor(screen_rotation(scene.view), dtype=torch.float64)
+    return screen @ rotation
+
+
+def _fields(
+    one: Tensor,
+    other: Tensor,
+    gradient: Tensor,
+    place: Tensor,
+    geometry: Geometry,
+    quantisation: Quantisation,
+    plan: FramePlan,
+) -> dict[Field, Tensor]:
+    """The bytes (H, W) that index the tables."""
+    size = torch.linalg.vector_norm(gradient, dim=-1)
+    strength = size * quantisation.strength_scale / quantisation.density_scale
+    found = {
+        Field.DENSITY: ((one + other) / 2 + 0.5).floor().clamp(0, 255).long(),
+        Field.STRENGTH: (strength.clamp(max=255) + 0.5).floor().long(),
+    }
+    for axis, letter in enumerate("ijk"):
+        along = torch.tensor(
+            matrices.normalised(matrices.column(geometry.index_to_physical, axis)), dtype=torch.float64
+        )
+        component = torch.where(size < 1e-9, 0.0, gradient @ along / size.clamp(min=1e-300))
+        found[Field(f"gradient-{letter}")] = (128.5 + 127 * component).floor().clamp(0, 255).long()
+        index = (place[..., axis] + 0.5).floor().clamp(0, geometry.dims[axis] - 1)
+        found[Field(f"grid-{letter}")] = (256 * index / geometry.dims[axis]).floor().long()
+    for dda, letter in zip(plan.screen_index, "xyz", strict=True):
+        value = (dda.origin + place @ (2 * torch.tensor(dda.half_steps, dtype=torch.float64))) / 2**FRACTION_BITS
+        found[Field(f"screen-{letter}")] = value.floor().clamp(0, 255).long()
+    return found
+
+
+def _span(one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
+    """Of densities, entry n of a table lying from n to n + 1: one entry wide at least."""
+    middle, half = (one + other) / 2 + 0.5, ((other - one).abs() / 2).clamp(min=0.5)
+    return (middle - half).clamp(0, 255.5), (middle + half).clamp(0.5, 256)
+
+
+def _mean(entries: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """The mean of entries (..., 256) between two places (H, W)."""
+    cell = torch.arange(256)
+    within = (torch.minimum(high[..., None], cell + 1) - torch.maximum(low[..., None], cell)).clamp(min=0)
+    return (entries * within).sum(dim=-1) / (high - low)
+
+
+def _depths(scene: Scene, fields: dict[Field, Tensor]) -> Tensor:
+    """The optical depth of one reference spacing, for each density (H, W, 256)."""
+    return -torch.log1p(-_opacity(scene, fields).clamp(max=MOST_OPAQUE))
+
+
+def _opacity(scene: Scene, fields: dict[Field, Tensor] | None) -> Tensor:
+    opacity = torch.ones(256, dtype=torch.float64)
+    tables = [(scene.tables.opac, scene.cross_bar.opac)]
+    if scene.shading.modulation:
+        tables.append((scene.tables.modu, scene.cross_bar.modu))
+    for table, field in tables:
+        entries = torch.tensor(table.entries(), dtype=torch.float64)
+        if field == Field.DENSITY:
+            opacity = opacity * entries
+        elif fields is not None:
+            opacity = opacity * entries[fields[field]][..., None]
+    return opacity
+
+
+def _colour(scene: Scene, table: str, fields: dict[Field, Tensor], low: Tensor, high: Tensor) -> Tensor:
+    """(H, W, 3): of a table that density indexes the mean, by the depth that density alone gives."""
+    entries = torch.tensor(getattr(scene.tables, table).entries(), dtype=torch.float64)
+    field = getattr(scene.cross_bar, table)
+    if field != Field.DENSITY:
+        return entries[fields[field]]
+    depth = -torch.log1p(-_opacity(scene, None).clamp(max=MOST_OPAQUE))
+    whole = _mean(depth, low, high)
+    means = [_mean(depth * entries[:, channel], low, high) / whole.clamp(min=1e-300) for channel in range(3)]
+    return torch.where((whole < 1e-12)[..., None], entries[fields[field]], torch.stack(means, dim=-1))
+
+
+def _light(gradient: Tensor, scene: Scene) -> Tensor:
+    """What multiplies the reflected colour (H, W)."""
+    active = active_shading(scene, Step.G)
+    to_physical = matrices.transposed(screen_rotation(scene.view))
+    light = matrices.normalised(scene.light.direction)
+    if scene.light.fixed_to == "world":
+        light = matrices.applied(to_physical, light)
+    between = matrices.plus(light, matrices.applied(to_physical, (0.0, 0.0, 1.0)))
+    half = matrices.normalised(between) if any(between) else (0.0, 0.0, 0.0)
+    size = torch.linalg.vector_norm(gradient, dim=-1)
+    outward = -gradient / size.clamp(min=1e-300)[..., None]
+    lambert, towards_half = (outward @ torch.tensor(v, dtype=torch.float64) for v in (light, half))
+    if scene.shading.two_sided:
+        lambert, towards_half = lambert.abs(), towards_half.abs()
+    specular = torch.where(lambert > 0, towards_half.clamp(min=0) ** scene.shading.specular_power, 0.0)
+    total = lambert.clamp(min=0) * float(active.diffuse) + specular * float(active.specular)
+    return torch.where(size < 1e-9, 0.0, total)
