@@ -75,11 +75,14 @@ SlabColour SlabShading::shade(const SlabSample& sample) const {
     Vector3 gradient;
     for (int axis = 0; axis < 3; ++axis) gradient[axis] = dot(grid_.gradient[axis], sample.gradient);
     const double size = std::sqrt(dot(gradient, gradient));
-    const std::array<int, 11> bytes = field_bytes(sample, gradient, size);
+    const auto byte = [&](int table) { return index(table, sample, gradient, size); };
     const Span span = span_of(sample.from, sample.to);
-    const double through = depth(span, bytes) * sample.thickness;
+    double others = 1;
+    if (!by_density(kOpac)) others *= scene_.opac[byte(kOpac)];
+    if (!by_density(kModu)) others *= scene_.modu[byte(kModu)];
+    const double through = depth(span, others) * sample.thickness;
     if (through < kNoDepth) return {{}, 0};
-    const Vector3 emitted = colour(kEmit, span, bytes), reflected = colour(kRefl, span, bytes);
+    const Vector3 emitted = colour(kEmit, span, byte(kEmit)), reflected = colour(kRefl, span, byte(kRefl));
     const double lit = light(gradient, size);
     SlabColour shaded{{}, -std::expm1(-through)};
     for (int channel = 0; channel < 3; ++channel)
@@ -87,11 +90,8 @@ SlabColour SlabShading::shade(const SlabSample& sample) const {
     return shaded;
 }
 
-// For one reference spacing.
-double SlabShading::depth(const Span& span, const std::array<int, 11>& bytes) const {
-    double others = 1;
-    if (!by_density(kOpac)) others *= scene_.opac[bytes[number(scene_.cross_bar[kOpac])]];
-    if (!by_density(kModu)) others *= scene_.modu[bytes[number(scene_.cross_bar[kModu])]];
+// For one reference spacing; `others` is the opacity of what is not indexed by density.
+double SlabShading::depth(const Span& span, double others) const {
     const double width = span.high - span.low;
     if (depths_.size() == 1) return between(depths_[0], span) / width;
     const double place = std::clamp(others, 0.0, 1.0) * (kOpacityLevels - 1);
@@ -100,11 +100,11 @@ double SlabShading::depth(const Span& span, const std::array<int, 11>& bytes) co
     return (low + (place - level) * (high - low)) / width;
 }
 
-Vector3 SlabShading::colour(int table, const Span& span, const std::array<int, 11>& bytes) const {
+Vector3 SlabShading::colour(int table, const Span& span, int index) const {
     const ColourEntries& entries = table == kEmit ? scene_.emit : scene_.refl;
-    if (!by_density(table)) return entries[bytes[number(scene_.cross_bar[table])]];
+    if (!by_density(table)) return entries[index];
     const double all = between(depths_.back(), span);
-    if (all < kNoDepth) return entries[bytes[number(Field::density)]];
+    if (all < kNoDepth) return entries[index];
     Vector3 mean;
     for (int channel = 0; channel < 3; ++channel) mean[channel] = between(colours_[table][channel], span) / all;
     return mean;
@@ -120,22 +120,23 @@ double SlabShading::light(const Vector3& gradient, double size) const {
     return sum;
 }
 
-std::array<int, 11> SlabShading::field_bytes(const SlabSample& sample, const Vector3& gradient, double size) const {
-    std::array<int, 11> bytes;
-    bytes[number(Field::density)] = byte_of((sample.from + sample.to) / 2 + 0.5);
-    bytes[number(Field::strength)] = byte_of(std::min(size * grid_.strength, 255.0) + 0.5);
-    for (int axis = 0; axis < 3; ++axis) {
-        const double along = size < kNoGradient ? 0 : dot(gradient, grid_.axes[axis]) / size;
-        bytes[number(Field::gradient_i) + axis] = byte_of(128.5 + 127 * along);
-        const auto& screen = grid_.screen_bytes[axis];
-        bytes[number(Field::screen_x) + axis] = byte_of(screen[0] + screen[1] * sample.place[0] +
-                                                        screen[2] * sample.place[1] + screen[3] * sample.place[2]);
-        const std::int64_t dim = grid_.dims[axis], factor = grid_.factors[axis];
-        const auto voxel = static_cast<std::int64_t>(std::floor(sample.place[axis] + 0.5));
-        const std::int64_t middle = std::clamp<std::int64_t>(voxel * factor + factor / 2, 0, dim - 1);
-        bytes[number(Field::grid_i) + axis] = static_cast<int>(256 * middle / dim);
+// The byte of the field that indexes a table.
+int SlabShading::index(int table, const SlabSample& sample, const Vector3& gradient, double size) const {
+    const Field field = scene_.cross_bar[table];
+    if (field == Field::density) return byte_of((sample.from + sample.to) / 2 + 0.5);
+    if (field == Field::strength) return byte_of(std::min(size * grid_.strength, 255.0) + 0.5);
+    if (field <= Field::gradient_k) {
+        const Vector3& axis = grid_.axes[number(field) - number(Field::gradient_i)];
+        return byte_of(128.5 + (size < kNoGradient ? 0 : 127 * dot(gradient, axis) / size));
     }
-    return bytes;
+    if (field <= Field::screen_z) {
+        const auto& screen = grid_.screen_bytes[number(field) - number(Field::screen_x)];
+        return byte_of(screen[0] + dot({screen[1], screen[2], screen[3]}, sample.place));
+    }
+    const int axis = number(field) - number(Field::grid_i);
+    const std::int64_t dim = grid_.dims[axis], factor = grid_.factors[axis];
+    const auto voxel = static_cast<std::int64_t>(std::floor(sample.place[axis] + 0.5));
+    return static_cast<int>(256 * std::clamp<std::int64_t>(voxel * factor + factor / 2, 0, dim - 1) / dim);
 }
 
 }  // namespace volsplat

@@ -67,10 +67,10 @@ private:
     static double between(const Integral& integral, const Span& span);
 
     bool by_density(int table) const { return scene_.cross_bar[table] == Field::density; }
-    double depth(const Span& span, const std::array<int, 11>& bytes) const;
-    Vector3 colour(int table, const Span& span, const std::array<int, 11>& bytes) const;
+    double depth(const Span& span, double others) const;
+    Vector3 colour(int table, const Span& span, int index) const;
     double light(const Vector3& gradient, double size) const;
-    std::array<int, 11> field_bytes(const SlabSample& sample, const Vector3& gradient, double size) const;
+    int index(int table, const SlabSample& sample, const Vector3& gradient, double size) const;
 
     const SlabScene scene_;
     const SlabGrid grid_;

@@ -81,7 +81,7 @@ def reconstructed(
     weights, densities = (torch.zeros(math.prod(shape), dtype=torch.float64) for _ in range(2))
     box = torch.cartesian_prod(*(torch.arange(-n, n + 2) for n in before))  # (m, 3) of x, y and plane
     first = position.floor().long()
-    for part in torch.arange(len(indices)).split(max(1, 4_000_000 // len(box))):
+    for part in torch.split(torch.arange(len(indices)), max(1, 4_000_000 // len(box))):
         place = first[part, None] + box
         off = place - position[part, None]
         weight = unit * gain * _kernel(scene, ((off @ form) * off).sum(dim=-1).clamp(min=0).sqrt())
@@ -192,7 +192,8 @@ def _grid_coordinates(geometry: Geometry, scene: Scene, plan: FramePlan, slabs: 
     at_middle = round(slabs.depth.at_half_indices(doubled) / 2**FRACTION_BITS)
     off = _pixels(plan) - mapping.on_screen(middle[None], scene, geometry)
     up = torch.stack((off[..., 0], -off[..., 1], (at_middle - depth) * spacing), dim=-1)
-    return middle + up @ torch.linalg.inv(steps).T
+    place: Tensor = middle + up @ torch.linalg.inv(steps).T
+    return place
 
 
 def _clipped(slab: int, geometry: Geometry, scene: Scene, plan: FramePlan, slabs: SlabShape) -> tuple[Tensor, Tensor]:
@@ -222,7 +223,10 @@ def _gradient(
     for dx, dy in ((aside, 0), (0, aside)):
         moved = []
         for way in (-1, 1):
-            there = (slice(None), *(slice(s.start + way * d, s.stop + way * d) for s, d in zip(inner, (dy, dx))))
+            there = (
+                slice(None),
+                *(slice(s.start + way * d, s.stop + way * d) for s, d in zip(inner, (dy, dx), strict=True)),
+            )
             moved.append((torch.where(known[there], density[there], here[0]), known[there]))
         (low, low_known), (high, high_known) = moved
         sides = low_known.double() + high_known.double()
