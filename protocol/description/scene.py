@@ -411,7 +411,7 @@ class Scene(Part, frozen=True):
     view: Annotated[View, Section("The orthographic view. Screen x runs right, y up, z towards the viewer.")] = View()
     bounds: Annotated[Bounds, Section("The part of the grid that is drawn: low <= (i, j, k) < high.")] = Bounds()
     reconstruction: Annotated[
-        Reconstruction, Section("The kernel that carries samples to the screen in the steps D to F.")
+        Reconstruction, Section("The kernel that carries samples to the screen in the steps D to G.")
     ] = Reconstruction()
     order: Annotated[
         Order,

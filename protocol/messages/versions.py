@@ -20,4 +20,4 @@ class VersionRange(NamedTuple):
         return newest if newest >= max(self.oldest, other.oldest) else None
 
 
-SPOKEN = VersionRange(oldest=5, newest=5)
+SPOKEN = VersionRange(oldest=6, newest=6)
