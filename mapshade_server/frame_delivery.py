@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 
 from volsplat.mapshade_server.data_link import DataLink, Sent
 from volsplat.mapshade_server.frame_tally import FrameTally, LinkTally
-from volsplat.mapshade_server.frame_walk import ShadedBatch
-from volsplat.mapshade_server.walks import Walk
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.program.frame_spans import UNTRACED, FrameSpans
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.regions import Region
@@ -31,7 +30,7 @@ class FrameDelivery:
         self,
         frame: int,
         worker: int,
-        walk: Walk,
+        walk: FrameWalk,
         regions: Sequence[Region],
         links: Mapping[int, DataLink],
         wanted: Callable[[], bool],

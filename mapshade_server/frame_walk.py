@@ -5,17 +5,22 @@ from dataclasses import dataclass
 
 from volsplat.mapshade_server import _kernels, shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.description.scene import Field, Order
+from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Order
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import ShadingRule
+from volsplat.protocol.rules.slab_shape import SlabShape
 
 DEFAULT_PACKETS = 1 << 17  # 1 MiB of all walkers: few hand-overs, and the next stage still finds it in the cache
 LEAST_PACKETS = 1 << 14  # of one walker of many
 DEFAULT_VOXELS = 1 << 22  # some 5 ms where each of them must be looked at, so that an abort is heard soon
+
+SLAB_PACKETS = 1 << 14  # of a batch of unshaded voxels: few of those that follow are then hidden
+SLAB_ROUNDING = 1.0  # pixels: by which a voxel may be moved on its way to the planes, at most
 
 NEAREST = 0.5  # pixels: no centre of a pixel is further away than the nearest one
 
@@ -93,48 +98,107 @@ class FrameWalk:
         `closed_tiles` is the image's map of closed tiles, uint64 shaped `protocol.closed_tiles.tile_map_shape`; it may
         be written meanwhile. What is hidden by it is left out where the plan allows that.
 
+        Of a frame of slabs voxels are handed out unshaded (see packet_layout). Raises ValueError for sub-cubes that are
+        too long for it.
+
         `regions` are those of the plan's lines; without any the image is one. A batch has a part for each.
         """
-        octahedral = quantisation.directions == "octahedral"
-        cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
-        hides = plan.order == Order.FRONT_TO_BACK and plan.reach != Reach.PIXEL
-        max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS)
-        distinct = sorted(set(plan.opacity_exponents))
-        walk = _kernels.FrameWalk(
-            boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
-            axes=plan.traversal.axes,
-            ascending=plan.traversal.ascending,
-            visits=[(v.low, v.high, v.stride, v.first, v.count) for v in plan.visits],
-            x=dda_numbers(plan.x),
-            y=dda_numbers(plan.y),
-            screen_index=[dda_numbers(dda) for dda in plan.screen_index],
-            image=(plan.width, plan.height),
-            reach=sample_reach(plan),
-            thresholds=plan.thresholds,
-            cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
-            emit=shading_tables.colours(shading.emit),
-            refl=shading_tables.colours(shading.refl),
-            light=shading_tables.light_of_directions(shading.lighting, octahedral),
-            opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
-            opacity_of_class=[distinct.index(exponent) for exponent in plan.opacity_exponents],
-            visibility=shading_tables.visibility(rule),
-            gradient_bytes=shading_tables.gradient_bytes(octahedral, geometry.index_to_physical),
-            grid_bytes=[
-                shading_tables.grid_bytes(size, factor)
-                for size, factor in zip(geometry.dims, plan.factors, strict=True)
-            ],
-            closed_tiles=closed_tiles if hides else None,
-            regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
-            walkers=walkers,
-            limits=(max_packets, DEFAULT_VOXELS),
-        )
+        if plan.slabs is not None:
+            max_packets = SLAB_PACKETS
+            walk: _kernels.SlabWalk | _kernels.FrameWalk = _slab_walk(sub_cubes, geometry, shading, plan, plan.slabs, closed_tiles, regions, walkers)
+        else:
+            max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS)
+            walk = _sheet_walk(
+                sub_cubes, geometry, quantisation, shading, plan, closed_tiles, regions, walkers, max_packets
+            )
         self.walkers = [Walker(walk.walker(number), max_packets) for number in range(walkers)]
+
+
+def _sheet_walk(
+    sub_cubes: Sequence[SubCube],
+    geometry: Geometry,
+    quantisation: Quantisation,
+    shading: ShadingRule,
+    plan: FramePlan,
+    closed_tiles: "_kernels.Array | None",
+    regions: Sequence[Region],
+    walkers: int,
+    max_packets: int,
+) -> _kernels.FrameWalk:
+    """Sheet by sheet, shaded."""
+    octahedral = quantisation.directions == "octahedral"
+    cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
+    hides = plan.order == Order.FRONT_TO_BACK and plan.reach != Reach.PIXEL
+    distinct = sorted(set(plan.opacity_exponents))
+    return _kernels.FrameWalk(
+        boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
+        axes=plan.traversal.axes,
+        ascending=plan.traversal.ascending,
+        visits=[(v.low, v.high, v.stride, v.first, v.count) for v in plan.visits],
+        x=_numbers(plan.x),
+        y=_numbers(plan.y),
+        screen_index=[_numbers(dda) for dda in plan.screen_index],
+        image=(plan.width, plan.height),
+        reach=sample_reach(plan),
+        thresholds=plan.thresholds,
+        cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
+        emit=shading_tables.colours(shading.emit),
+        refl=shading_tables.colours(shading.refl),
+        light=shading_tables.light_of_directions(shading.lighting, octahedral),
+        opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
+        opacity_of_class=[distinct.index(exponent) for exponent in plan.opacity_exponents],
+        visibility=shading_tables.visibility(rule),
+        gradient_bytes=shading_tables.gradient_bytes(octahedral, geometry.index_to_physical),
+        grid_bytes=[
+            shading_tables.grid_bytes(size, factor) for size, factor in zip(geometry.dims, plan.factors, strict=True)
+        ],
+        closed_tiles=closed_tiles if hides else None,
+        regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
+        walkers=walkers,
+        limits=(max_packets, DEFAULT_VOXELS),
+    )
+
+
+def _slab_walk(
+    sub_cubes: Sequence[SubCube],
+    geometry: Geometry,
+    shading: ShadingRule,
+    plan: FramePlan,
+    slabs: SlabShape,
+    closed_tiles: "_kernels.Array | None",
+    regions: Sequence[Region],
+    walkers: int,
+) -> _kernels.SlabWalk:
+    """By groups of planes from the front, unshaded: the voxels that slabs take."""
+    return _kernels.SlabWalk(
+        boxes=[(cube.packets, cube.box.low, cube.needed_voxels) for cube in sub_cubes],
+        axes=plan.traversal.axes,
+        ascending=plan.traversal.ascending,
+        visits=[(v.low, v.high, v.stride, v.first, v.count) for v in plan.visits],
+        x=_numbers(plan.x),
+        y=_numbers(plan.y),
+        depth=_numbers(slabs.depth),
+        image=(plan.width, plan.height),
+        reach=sample_reach(plan),
+        groups=(slabs.groups, slabs.lead, slabs.before),
+        dims=dims_at_level(geometry.dims, plan.factors),
+        visible=shading_tables.visibility(shading_tables.opacity_rule(shading))[: TABLE_ENTRIES // 8],
+        look=slabs.looks,
+        spread=slabs.needs,
+        closed_tiles=closed_tiles,
+        regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
+        walkers=walkers,
+        limits=(SLAB_PACKETS, DEFAULT_VOXELS),
+    )
 
 
 def sample_reach(plan: FramePlan) -> tuple[float, float]:
     """No sample of a frame reaches pixel centres further away than this, in x and y; pixels."""
     if plan.footprint is not None:
         return (plan.footprint.half_width, plan.footprint.half_height)
+    if plan.slabs is not None:
+        aside = plan.slabs.baseline + SLAB_ROUNDING
+        return (plan.slabs.half_extents[0] + aside, plan.slabs.half_extents[1] + aside)
     if plan.reach == Reach.PIXEL:
         return (NEAREST, NEAREST)
     sheet, *within = plan.traversal.axes
@@ -147,5 +211,5 @@ def sample_reach(plan: FramePlan) -> tuple[float, float]:
     return (half_x, half_y)
 
 
-def dda_numbers(dda: Dda) -> tuple[int, int, int, int]:
+def _numbers(dda: Dda) -> tuple[int, int, int, int]:
     return (dda.origin, *dda.half_steps)

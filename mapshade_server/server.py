@@ -17,11 +17,11 @@ import msgspec
 from volsplat.mapshade_server.data_links import DataLinks
 from volsplat.mapshade_server.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frame_tally import FrameTally
+from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
-from volsplat.mapshade_server.walks import walk_of
 from volsplat.program.available_memory import available_memory
 from volsplat.program.counts import Counts
 from volsplat.program.frame_spans import UNTRACED, FrameSpans, clock
@@ -190,7 +190,16 @@ class MapShadeServer:
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
         closed_tiles = self._links.begin_frame(request.frame, request.plan)
-        walk = walk_of(request, sub_cubes, closed_tiles, request.workers[self._client.id])
+        walk = FrameWalk(
+            sub_cubes,
+            request.geometry,
+            request.quantisation,
+            request.shading,
+            request.plan,
+            closed_tiles,
+            request.regions,
+            request.workers[self._client.id],
+        )
         planned = time.perf_counter()
         delivery = FrameDelivery(
             request.frame,

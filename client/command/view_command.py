@@ -30,14 +30,14 @@ from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
-from volsplat.protocol.description.scene import Refine, Step
+from volsplat.protocol.description.scene import PaperStep, Refine
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 
 GRACE_SECONDS = 600
 PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page")  # takes a second to import
-LIT_FROM = Step.C  # shading by tables costs nothing, so that the page need not wait for light until E
+LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 
 @click.command()

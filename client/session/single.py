@@ -34,10 +34,10 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.volume_answers import Answer
-from volsplat.mapshade_server.walks import walk_of
 from volsplat.program.available_memory import available_memory
 from volsplat.program.frame_spans import FrameSpans
 from volsplat.program.peak_memory import peak_memory
@@ -224,7 +224,16 @@ class SingleProcess:
         except ValueError as error:
             raise BadInput(str(error)) from error
         self._say(f"step {step}")
-        walk = walk_of(request, self._held.sub_cubes(resolution.level), assembly.closed_tiles, self._threads)
+        walk = FrameWalk(
+            self._held.sub_cubes(resolution.level),
+            geometry,
+            packing.quantisation,
+            request.shading,
+            request.plan,
+            assembly.closed_tiles,
+            request.regions,
+            self._threads,
+        )
         assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return request, assembly
 

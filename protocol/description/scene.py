@@ -75,6 +75,17 @@ class Step(StrEnum):
     G = "G"
 
 
+class PaperStep(StrEnum):
+    """Those of the paper."""
+
+    A = "A"
+    B = "B"
+    C = "C"
+    D = "D"
+    E = "E"
+    F = "F"
+
+
 class ColourTable(Part, frozen=True):
     """256 colours, given as points (position 0..1, colour) that are joined by straight lines.
 
@@ -306,12 +317,12 @@ class Refine(Part, frozen=True):
     """
 
     lit_from: Annotated[
-        Step,
+        PaperStep,
         Key(
             "The step at which diffuse light joins; specular joins one step later, at F, when this is E.",
             Buttons("lit from step"),
         ),
-    ] = Step.E
+    ] = PaperStep.E
     bare_buffer: Annotated[
         bool,
         Key(

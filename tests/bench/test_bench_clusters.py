@@ -14,7 +14,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.deploy.cluster_file import Cluster, Machine, cluster_from_toml
 from volsplat.deploy.launcher_keys import DaskKeys, SshKeys
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 LOCAL = 'launcher = "local"\nthreads = 1\nmap-shade-servers = 2\nsplat-servers = 1\n'
 LAB = Cluster(
@@ -63,7 +63,7 @@ def test_each_size_of_a_cluster_is_a_row_with_its_links_and_limits(person: Perso
     assert "what limits 2 servers" in found.facts
     if command == "paper":
         rows = ("1 thread", "1 server", "2 servers")
-        assert {one.name for one in found.figures} == {f"{row}, step {step}" for row in rows for step in Step}
+        assert {one.name for one in found.figures} == {f"{row}, step {step}" for row in rows for step in PAPER_STEPS}
     assert person.runs("deploy", "status", cluster).returncode == 2, "it is up"
     wait_until(lambda: not servers_of(person), "without servers")
 

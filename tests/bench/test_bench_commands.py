@@ -24,7 +24,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.program import extras
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.machine import Machine
-from volsplat.protocol.description.scene import Step
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput
 
 INTERRUPTED = 130
@@ -57,7 +57,7 @@ def test_the_paper_s_table_stands_beside_this_machine_s(person: Person) -> None:
     options = ("--size", "64x48", "--workers", "1,2", "--repeats", "2")
     found, markdown, printed = measured(person, "paper", *PHANTOM, *options, plot=True)
     rows = ("1 thread", "1 server", "2 servers")
-    assert {one.name for one in found.figures} == {f"{row}, step {step}" for row in rows for step in Step}
+    assert {one.name for one in found.figures} == {f"{row}, step {step}" for row in rows for step in PAPER_STEPS}
     assert all(len(one.samples) == 2 and one.low > 0 for one in found.figures)
     for machine, seconds in PAPER_SECONDS.items():
         assert f"| 1989, {machine} | {' | '.join(map(str, seconds))} |" in markdown

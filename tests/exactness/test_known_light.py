@@ -14,6 +14,7 @@ from tolerances import CODED_DIRECTION, ONE_LEVEL, ROUNDED_COLOUR
 from volsplat.protocol.description.scene import (
     ColourTable,
     Light,
+    PaperStep,
     Refine,
     ScalarTable,
     Scene,
@@ -41,7 +42,7 @@ def lit_scene(
         tables=Tables(emit=black, refl=reflected, opac=ScalarTable(points=((0.0, 1.0),))),
         light=light,
         shading=Shading(diffuse=diffuse, specular=specular, specular_power=power, two_sided=two_sided),
-        refine=Refine(lit_from=Step.A),
+        refine=Refine(lit_from=PaperStep.A),
     )
 
 

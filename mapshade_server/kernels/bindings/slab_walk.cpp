@@ -14,7 +14,7 @@
 #include <tuple>
 #include <utility>
 
-#include "mapshade_server/kernels/walk/slab_walk.h"
+#include "mapshade_server/kernels/slabs/slab_walk.h"
 #include "walk_arguments.h"
 
 namespace nb = nanobind;

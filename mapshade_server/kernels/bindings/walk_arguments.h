@@ -7,7 +7,7 @@
 #include <cstdint>
 #include <vector>
 
-#include "mapshade_server/kernels/walk/batch_walker.h"
+#include "mapshade_server/kernels/batches/batch_walker.h"
 #include "mapshade_server/kernels/walk/regions.h"
 #include "mapshade_server/kernels/walk/walk_plan.h"
 

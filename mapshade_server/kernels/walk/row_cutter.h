@@ -4,7 +4,7 @@
 #include <cstddef>
 #include <cstdint>
 
-#include "batch.h"
+#include "mapshade_server/kernels/batches/batch.h"
 #include "mapshade_server/kernels/paths/map_shade_kernels.h"
 #include "regions.h"
 #include "walk_plan.h"

@@ -7,8 +7,8 @@
 #include <memory>
 #include <vector>
 
-#include "batch_walker.h"
 #include "closed_tiles.h"
+#include "mapshade_server/kernels/batches/batch_walker.h"
 #include "regions.h"
 #include "row_cutter.h"
 #include "row_shading.h"

@@ -14,9 +14,8 @@ from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.region_shares import RegionShares
-from volsplat.mapshade_server.frame_walk import ShadedBatch
+from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.walks import walk_of
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
@@ -74,7 +73,8 @@ def rendered(
         sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
-        walks += walk_of(request, sub_cubes, None, walkers).walkers
+        shading = request.shading
+        walks += FrameWalk(sub_cubes, geometry, quantisation, shading, plan, None, regions, walkers).walkers
     news = Bell()
     budget = ReadBudget(1 << 62, news)
     with owners(threads) as made:

@@ -18,7 +18,7 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.ui.viewing.image_size import sized
-from volsplat.protocol.description.scene import Refine, Step
+from volsplat.protocol.description.scene import PaperStep, Refine
 
 SIDE = 96  # pixels of the image
 
@@ -64,7 +64,7 @@ def test_a_still_image_refines_through_the_steps_to_a_lossless_one(view: Viewed,
     numbers = [picture.header["number"] for picture in shown]
     assert numbers == sorted(set(numbers))
     with SingleProcess(volume) as single:
-        first = msgspec.structs.replace(single.volume.default_scene(), refine=Refine(lit_from=Step.C))
+        first = msgspec.structs.replace(single.volume.default_scene(), refine=Refine(lit_from=PaperStep.C))
         scene = sized(single.volume.fitted(first), width=SIDE + 7, height=SIDE)
         expected = coded(single.finish(scene).published.pixels, scene.image.background, "uint8")
     assert shown[-1].data.startswith(b"\x89PNG")

@@ -6,7 +6,7 @@
 #include <utility>
 
 #include "kernels/rounding.h"
-#include "narrow.h"
+#include "mapshade_server/kernels/walk/narrow.h"
 
 namespace volsplat {
 

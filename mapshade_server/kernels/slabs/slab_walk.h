@@ -6,12 +6,12 @@
 #include <memory>
 #include <vector>
 
-#include "batch_walker.h"
-#include "closed_tiles.h"
+#include "mapshade_server/kernels/batches/batch_walker.h"
+#include "mapshade_server/kernels/walk/closed_tiles.h"
+#include "mapshade_server/kernels/walk/regions.h"
+#include "mapshade_server/kernels/walk/sample_reach.h"
+#include "mapshade_server/kernels/walk/walk_plan.h"
 #include "needed_voxels.h"
-#include "regions.h"
-#include "sample_reach.h"
-#include "walk_plan.h"
 
 namespace volsplat {
 
