@@ -105,7 +105,9 @@ class FrameWalk:
         """
         if plan.slabs is not None:
             max_packets = SLAB_PACKETS
-            walk: _kernels.SlabWalk | _kernels.FrameWalk = _slab_walk(sub_cubes, geometry, shading, plan, plan.slabs, closed_tiles, regions, walkers)
+            walk: _kernels.SlabWalk | _kernels.FrameWalk = _slab_walk(
+                sub_cubes, geometry, shading, plan, plan.slabs, closed_tiles, regions, walkers
+            )
         else:
             max_packets = max(DEFAULT_PACKETS // walkers, LEAST_PACKETS)
             walk = _sheet_walk(

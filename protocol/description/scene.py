@@ -86,6 +86,16 @@ class PaperStep(StrEnum):
     F = "F"
 
 
+class FinestStep(StrEnum):
+    """Those that a refinement may end with."""
+
+    F = "F"
+    G = "G"
+
+
+FINEST_WORDS = {FinestStep.F: "refine to F", FinestStep.G: "refine to G"}
+
+
 class ColourTable(Part, frozen=True):
     """256 colours, given as points (position 0..1, colour) that are joined by straight lines.
 
@@ -323,6 +333,13 @@ class Refine(Part, frozen=True):
             Buttons("lit from step"),
         ),
     ] = PaperStep.E
+    finest: Annotated[
+        FinestStep,
+        Key(
+            "The step that refinement ends with on the page: F, or G, which is crisp at any zoom, and slower.",
+            Buttons("finest step", labelled=False, words=FINEST_WORDS),
+        ),
+    ] = FinestStep.F
     bare_buffer: Annotated[
         bool,
         Key(
@@ -432,7 +449,7 @@ class Scene(Part, frozen=True):
             Buttons("order", labelled=False, words=ORDER_WORDS),
         ),
     ] = Order.FASTEST
-    refine: Annotated[Refine, Section("How the image refines through the steps A to F.")] = Refine()
+    refine: Annotated[Refine, Section("How the image refines, step by step.")] = Refine()
     image: Annotated[Image, Section("The picture.")] = Image()
     quantise: Annotated[
         Quantise,

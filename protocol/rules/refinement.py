@@ -32,18 +32,24 @@ PAPER_STEPS = tuple(step for step, rule in STEP_RULES.items() if not rule.slabs)
 GREATEST_STRIDE = max(rule.stride for rule in STEP_RULES.values())
 
 
-def finer(step: Step) -> Step | None:
-    """The step that follows by itself; None after F: G is drawn only if it is asked for."""
-    return _neighbour(PAPER_STEPS, step, 1)
+def finest_step(scene: Scene) -> Step:
+    """The one that refinement ends with if nobody names another."""
+    return Step(scene.refine.finest)
+
+
+def finer(step: Step, finest: Step) -> Step | None:
+    """The step that follows; None after the finest."""
+    return _neighbour(step, 1) if step < finest else None
 
 
 def coarser(step: Step) -> Step | None:
     """The step before; None before A."""
-    return _neighbour(tuple(Step), step, -1)
+    return _neighbour(step, -1)
 
 
-def _neighbour(steps: tuple[Step, ...], step: Step, by: int) -> Step | None:
-    n = steps.index(step) + by if step in steps else len(steps)
+def _neighbour(step: Step, by: int) -> Step | None:
+    steps = list(Step)
+    n = steps.index(step) + by
     return steps[n] if 0 <= n < len(steps) else None
 
 

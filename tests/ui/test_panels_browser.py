@@ -26,8 +26,9 @@ from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.view_rotation import VIEW_NAMES, named_view
 from volsplat.client.ui.panels.light_controls import screen_direction
-from volsplat.protocol.description.scene import Bounds, Field, Kernel, Order, Scene, Step
+from volsplat.protocol.description.scene import Bounds, Field, FinestStep, Kernel, Order, Scene, Step
 from volsplat.protocol.geometry import matrices
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 if TYPE_CHECKING:
     from playwright.sync_api import Browser, Locator, Page
@@ -345,6 +346,9 @@ def test_the_order_is_chosen(tab: Tab, words: str, order: Order) -> None:
 
 
 def test_refinement_and_kernel_are_chosen(tab: Tab) -> None:
+    for words, finest in (("refine to G", FinestStep.G), ("refine to F", FinestStep.F)):
+        tab.button(words, "refinement").click()
+        tab.becomes(lambda scene: scene.refine.finest, finest)
     tab.button("C", "refinement").click()
     tab.becomes(lambda scene: scene.refine.lit_from, Step.C)
     tab.page.get_by_role("switch", name="bare buffer").click()
@@ -547,10 +551,20 @@ def test_two_tabs_stay_in_step(tab: Tab, url: str) -> None:
 def test_every_step_is_ticked_and_timed_once_the_image_is_finished(tab: Tab) -> None:
     tab.button("roll left", "view").click()
     tab.page.wait_for_function("() => document.querySelectorAll('.vs-step.vs-done').length === 6")
-    for step in Step:
+    for step in PAPER_STEPS:
         chip = tab.page.locator(f'.vs-step[data-step="{step}"]')
         assert chip.locator(".vs-step-time").inner_text().split()[-1] in ("ms", "s")
     assert tab.page.locator(".vs-step.vs-now").count() == 1
+
+
+def test_at_rest_the_image_refines_to_g_if_that_is_asked_for(tab: Tab) -> None:
+    tab.button("refine to G", "refinement").click()
+    tab.page.locator('.vs-step[data-step="G"].vs-done').wait_for()
+    assert tab.page.locator('.vs-step[data-step="G"] .vs-step-time').inner_text().split()[-1] in ("ms", "s")
+    tab.button("roll left", "view").click()
+    tab.page.locator('.vs-step[data-step="G"]:not(.vs-done)').wait_for()
+    tab.page.locator('.vs-step[data-step="G"].vs-done').wait_for()
+    tab.page.wait_for_function("() => document.querySelectorAll('.vs-step.vs-done').length === 7")
 
 
 def test_one_click_shows_the_papers_order_and_another_the_fastest(tab: Tab) -> None:

@@ -1,4 +1,4 @@
-"""The steps A to F: which one is being drawn, how far it is, and what each took; and in which order images form."""
+"""The steps: which one is being drawn, how far it is, and what each took; and in which order images form."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import ORDER_WORDS, Order, Scene, Step
-from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.resolved_view import resolved_order
 
 INTERVAL = 0.1  # seconds between updates
@@ -58,9 +57,7 @@ class StepChips(Element, component="step_chips_component.js"):
 
     def __init__(self) -> None:
         super().__init__()
-        self.props["steps"] = [
-            {"letter": step.value, "title": f"step {step}: {STEP_WORDS[step]}"} for step in PAPER_STEPS
-        ]
+        self.props["steps"] = [{"letter": step.value, "title": f"step {step}: {STEP_WORDS[step]}"} for step in Step]
         self._shown: list[ChipState] = []
 
     def show(self, states: list[ChipState]) -> None:
@@ -75,7 +72,7 @@ class StepsState:
 
     def __init__(self, viewing: Viewing) -> None:
         self._viewing = viewing
-        self._seconds = {step: viewing.loop.pacing.expected(step) for step in PAPER_STEPS}
+        self._seconds = {step: viewing.loop.pacing.expected(step) for step in Step}
         self._running: tuple[int, Step] | None = None  # revision and step
         self._fill: tuple[float, float] | None = None  # of the running one
 

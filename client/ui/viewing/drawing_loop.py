@@ -1,7 +1,8 @@
 """Draws the newest scene, again and again, on a thread of its own.
 
 While a person is at it (the scene is not settled) each picture is one step, the finest that holds the rate. Once it is
-settled, the image refines from there to step F. A newer scene takes the place of whatever is being refined.
+settled, the image refines from there to the scene's finest step. A newer scene takes the place of whatever is being
+refined.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from volsplat.client.ui.viewing.picture import Picture, nothing_finer
 from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.rules.refinement import PAPER_STEPS, finer
+from volsplat.protocol.rules.refinement import finer, finest_step
 from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
@@ -129,17 +130,16 @@ class DrawingLoop:
             self._publish(state, refinement)
 
     def _refine(self, state: SceneState) -> None:
-        shown = self._shown
+        shown, finest = self._shown, finest_step(state.scene)
         first: Step | None = Step.A
         if shown is not None and shown.state.scene == state.scene:
-            first = finer(shown.step)
+            first = finer(shown.step, finest)
             if first is None and not shown.published.exact:  # it was only looked at
                 first = shown.step
         if first is None:
             assert shown is not None
             self._publish(state, Refinement(shown.step, shown.published, shown.outcome), measured=False)
             return
-        finest = PAPER_STEPS[-1]
         for refinement in self._session.refine(state.scene, finest, PARTIAL_INTERVAL, first, exact=(finest,)):
             if self._model.now.revision != state.revision:
                 return

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from volsplat.protocol.description.scene import Step
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 IMAGES_PER_SECOND = 30.0
 _NEWEST_WEIGHT = 0.4  # of the newest time in the running mean
@@ -36,7 +37,7 @@ class StepPacing:
             for other in self._seconds.keys() - {step}:
                 self._seconds[other] *= change
             self._began_at = new
-        self._moving = max((step for step in self._seconds if self._holds(step)), default=Step.A)
+        self._moving = max((step for step in PAPER_STEPS if self._holds(step)), default=Step.A)
 
     def expected(self, step: Step) -> float | None:
         """Seconds that the step will take, if that is known."""
@@ -51,5 +52,7 @@ class StepPacing:
         return self._moving
 
     def _holds(self, step: Step) -> bool:
+        if step not in self._seconds:
+            return False
         share = 1.0 if step <= self._moving else _MARGIN
         return self._seconds[step] <= share * self._interval

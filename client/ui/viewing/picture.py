@@ -8,7 +8,7 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.rules.refinement import PAPER_STEPS
+from volsplat.protocol.rules.refinement import finest_step
 from volsplat.protocol.rules.regions import Rectangle
 
 
@@ -36,4 +36,4 @@ class Picture:
 
 def nothing_finer(state: SceneState, step: Step, complete: bool) -> bool:
     """Whether an image of this step, complete or not, is the last that is drawn of the scene."""
-    return complete and state.settled and step == PAPER_STEPS[-1]
+    return complete and state.settled and step == finest_step(state.scene)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.rules.refinement import coarser, finer
+from volsplat.protocol.rules.refinement import coarser, finer, finest_step
 
 
 @dataclass(frozen=True)
@@ -26,4 +26,4 @@ def progress(picture: Picture | None, state: SceneState, while_moving: Step) -> 
         return Progress(running=picture.step, finished=coarser(picture.step))
     if not state.settled:
         return Progress(running=None, finished=picture.step)
-    return Progress(running=finer(picture.step), finished=picture.step)
+    return Progress(running=finer(picture.step, finest_step(state.scene)), finished=picture.step)

@@ -16,7 +16,7 @@ from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.geometry.upright import Up, upright
 from volsplat.protocol.messages.frame_messages import ProbedVoxel
-from volsplat.protocol.rules.refinement import finer
+from volsplat.protocol.rules.refinement import finer, finest_step
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, resolved_zoom
 
@@ -253,7 +253,7 @@ def _following(picture: Picture) -> Step | None:
     """The step that is drawn while this picture is looked at."""
     if not picture.complete:
         return picture.step
-    return finer(picture.step) if picture.state.settled else None
+    return finer(picture.step, finest_step(picture.state.scene)) if picture.state.settled else None
 
 
 def _view(scene: Scene, geometry: Geometry) -> ViewShown:
