@@ -2,8 +2,8 @@
 
 import msgspec
 
-from volsplat.client.scene.view_rotation import Quaternion, rotation_from_angles
 from volsplat.protocol.description.scene import Image, Scene, View
+from volsplat.protocol.description.view_rotation import Quaternion, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 
 ELEVATION = 12.0  # degrees, so that no view lies along an axis

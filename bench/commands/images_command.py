@@ -14,13 +14,13 @@ from volsplat.bench.tables.progress import shown_progress
 from volsplat.bench.tables.record import Figure, figure, record
 from volsplat.bench.tables.text_table import TextTable, significant
 from volsplat.bench.views import ELEVATION, FIRST_AZIMUTH, seen
-from volsplat.client.scene.view_rotation import rotation_from_angles
 from volsplat.client.session.image_decoder import ImageDecoder
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Step
+from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.messages.image_messages import RGBA_BYTES, ImageRead, RawPixels
 from volsplat.splat_server.image_coder import ImageCoder
 

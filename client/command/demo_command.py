@@ -12,13 +12,13 @@ from volsplat.client.image.image_properties import image_properties
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.presets import preset_scene
-from volsplat.client.scene.view_rotation import rotation_from_angles
 from volsplat.client.session.frame_report import report_of, step_table, write_report
 from volsplat.client.session.renderer import finished_whole
 from volsplat.client.session.session import Session
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, View
+from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.text.errors import BadInput
 
 DEMO_WORKERS = 2

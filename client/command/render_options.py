@@ -14,10 +14,10 @@ import msgspec
 from volsplat.client.image.image_formats import DEPTHS
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import read_scene_file
-from volsplat.client.scene.scene_keys import KEYS
-from volsplat.client.scene.view_rotation import rotation_from_option
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
+from volsplat.protocol.description.scene_keys import KEYS
+from volsplat.protocol.description.view_rotation import rotation_from_option
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.geometry.upright import UPS
 from volsplat.protocol.text.errors import BadInput

@@ -9,7 +9,6 @@ from typing import Literal, get_args
 
 import msgspec
 
-from volsplat.client.scene.view_rotation import Quaternion, product
 from volsplat.protocol.description.scene import (
     Bounds,
     Colour,
@@ -20,6 +19,7 @@ from volsplat.protocol.description.scene import (
     Tables,
     View,
 )
+from volsplat.protocol.description.view_rotation import Quaternion, product
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector

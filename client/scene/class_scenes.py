@@ -2,8 +2,8 @@
 
 from volsplat.client.histogram.density_histogram import LAST
 from volsplat.client.histogram.subject import Subject
-from volsplat.client.scene.colours import colour_from_hex
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, dimmed, scalars
+from volsplat.protocol.description.colours import colour_from_hex
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import Colour, ColourTable, Scene, Shading, Tables
 

@@ -11,9 +11,9 @@ from volsplat.client.scene.class_scenes import CPK, classes_scene
 from volsplat.client.scene.glow_scenes import spectral_scene, structure_factors_scene
 from volsplat.client.scene.seismic_scene import seismic_scene
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, both_sides, colours, dimmed, scalars
-from volsplat.client.scene.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, Shading, Tables, View
+from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
 from volsplat.protocol.text.errors import BadInput
 
 SPECTRUM_ANGLES = (30.0, 20.0)  # azimuth and elevation: in front, the spectral axis leads straight away

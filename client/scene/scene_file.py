@@ -10,10 +10,10 @@ from typing import Any
 
 import msgspec
 
-from volsplat.client.scene.colours import colour_from_hex, hex_of_colour
-from volsplat.client.scene.scene_keys import KEYS, SECTIONS, SceneKey
+from volsplat.protocol.description.colours import colour_from_text, hex_of_colour
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_key import Part, Section, declarations
+from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
 from volsplat.protocol.text.errors import BadInput
 
 _COMMENT_WIDTH = 110
@@ -148,7 +148,7 @@ def _read_hex_colours(name: str, given: dict[str, Any]) -> None:
         if not isinstance(value, str):
             return value
         try:
-            return colour_from_hex(value)
+            return colour_from_text(value)
         except ValueError as error:
             raise BadInput(f"{name}: {place}: {error}") from error
 

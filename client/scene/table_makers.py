@@ -1,6 +1,6 @@
 """What scenes that are made here share: tables by points, and the light."""
 
-from volsplat.client.scene.colours import colour_from_hex
+from volsplat.protocol.description.colours import colour_from_hex
 from volsplat.protocol.description.scene import ColourTable, Light, ScalarTable
 
 KEY_LIGHT = Light(direction=(0.35, 0.45, 1.0))  # a little from the right and above, so that form casts shade

@@ -8,7 +8,7 @@ path when it decodes one.
 
 import math
 from enum import StrEnum
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from volsplat.protocol.description.scene_key import (
     UNIT_INTERVAL,
@@ -455,3 +455,13 @@ class Scene(Part, frozen=True):
         Quantise,
         Section("How the volume's values become the 8 bits that index the tables. A change reads the volume anew."),
     ] = Quantise()
+
+    def with_(self, **changes: Any) -> "Scene":
+        """The scene with other values, by the names of its keys: `scene.with_(zoom=2, background="white")`.
+
+        Also size=300 or (width, height), rotation="front" or (azimuth, elevation[, roll]) in degrees, and of the
+        tables points as [(position, value), ...]. Raises BadInput for what a scene does not have, naming the cure.
+        """
+        from volsplat.protocol.description.scene_changes import changed  # which knows the scene
+
+        return changed(self, changes)

@@ -11,7 +11,6 @@ from tolerances import ALIKE_SMOOTH, UNLIKE_MIRRORED
 from volsplat.bench.ssim import luminance, ssim
 from volsplat.bench.views import seen
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.scene.view_rotation import rotation_from_angles
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import (
     Bounds,
@@ -25,6 +24,7 @@ from volsplat.protocol.description.scene import (
     Shading,
     Tables,
 )
+from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.index_rules import Quantisation

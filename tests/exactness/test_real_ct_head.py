@@ -16,10 +16,10 @@ from support.scenes.rendering import TableWeights
 from tolerances import ONE_LEVEL, SURFACE_VOXELS
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_toml
-from volsplat.client.scene.view_rotation import named_view, rotation_from_option
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Image, Quantise, Scene, Step, View
+from volsplat.protocol.description.view_rotation import named_view, rotation_from_option
 
 PAPER_SIZE = "ct_head/ct_head_96x128x113.nrrd"
 FULL_SIZE = "ct_head/cthead_256x256x113.nrrd"

@@ -12,7 +12,6 @@ from torch.nn.functional import conv2d
 
 from support.scenes.arbitrary import plain_scene
 from tolerances import MIRRORED_SILHOUETTE, SAME_SILHOUETTE
-from volsplat.client.scene.view_rotation import VIEW_NAMES, rotation_from_option
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import (
     Bounds,
@@ -24,6 +23,7 @@ from volsplat.protocol.description.scene import (
     Shading,
     View,
 )
+from volsplat.protocol.description.view_rotation import VIEW_NAMES, rotation_from_option
 from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS
 
 try:

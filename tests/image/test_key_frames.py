@@ -13,7 +13,6 @@ from support.scenes.scenes import colour_tables, scalar_tables
 from tolerances import ROTATION_ENTRY, ROUNDING
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.movie.key_frames import TURNING_AXES, TurningAxis, key_framed, rotation_between, turntable
-from volsplat.client.scene.view_rotation import Quaternion, rotation_from_angles
 from volsplat.protocol.description.scene import (
     Bounds,
     Light,
@@ -24,6 +23,7 @@ from volsplat.protocol.description.scene import (
     Tables,
     View,
 )
+from volsplat.protocol.description.view_rotation import Quaternion, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix

@@ -16,13 +16,13 @@ from tolerances import ROUNDING
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.scene.view_rotation import VIEW_NAMES, named_view, rotation_from_angles
 from volsplat.client.scene.view_sides import sides
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.up_guess import guessed_up
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Shading, View
+from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view, rotation_from_angles
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.upright import UPS, Up, upright

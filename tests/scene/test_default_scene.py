@@ -13,9 +13,9 @@ from volsplat.client.histogram.subject import subject_of
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.histogram_scene import LEAST_SEEN, MOST_SEEN
 from volsplat.client.scene.presets import PRESETS, preset_scene
-from volsplat.client.scene.view_rotation import named_view
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Field, Image, Scene, View
+from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey, density_window
 

@@ -10,12 +10,12 @@ from hypothesis import strategies as st
 
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.scene.view_rotation import rotation_from_angles
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.enclosing_ball import enclosing_ball, squared_distances
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.protocol.description.scene import Bounds, CrossBar, Field, Scene, View
+from volsplat.protocol.description.view_rotation import rotation_from_angles
 from volsplat.protocol.description.volume import Geometry
 
 SIZE = 96

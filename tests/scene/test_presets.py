@@ -25,10 +25,10 @@ from volsplat.client.histogram.density_histogram import (
 )
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
-from volsplat.client.scene.view_rotation import named_view
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, View
+from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey
 from volsplat.protocol.text.errors import BadInput
 

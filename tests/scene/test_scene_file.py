@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 from support.scenes.scenes import scenes
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml, scene_toml
-from volsplat.client.scene.scene_keys import KEYS, SECTIONS
 from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, Tables, View
 from volsplat.protocol.description.scene_key import Part, declarations
+from volsplat.protocol.description.scene_keys import KEYS, SECTIONS
 from volsplat.protocol.text.errors import BadInput
 
 BASE = Scene(
@@ -112,7 +112,10 @@ def test_colours_may_be_hexadecimal_or_numbers() -> None:
         ("cross_bar.emit = 'depth'", "cross_bar.emit: 'depth' cannot be used; allowed: one of \"density\""),
         ("image.width = 0", "image.width: must be 1 to 16384 pixels, not 0"),
         ("image.width = 1.5", "image.width: 1.5 cannot be used; allowed: 1 to 16384 pixels"),
-        ("image.background = 'red'", "image.background: 'red' is not a colour; write \"#rrggbb\" or [r, g, b]"),
+        (
+            "image.background = 'reddish'",
+            "image.background: 'reddish' is not a colour; write \"#rrggbb\", a name of CSS or [r, g, b]",
+        ),
         ("image.background = [0, 0, 2]", "image: a background channel must be 0 to 1, not 2.0"),
         ("tables.emit.points = [[0, '#12']]", "tables.emit.points[0][1]: '#12' is not a colour"),
         ("tables.opac.points = [[0, 0.5], [0.5]]", "tables.opac.points[1]: [0.5] cannot be used; allowed: [[position,"),

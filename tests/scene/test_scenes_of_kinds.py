@@ -9,14 +9,14 @@ from tolerances import ONE_BYTE
 from volsplat.client.histogram.density_histogram import LAST
 from volsplat.client.histogram.subject import Subject, subject_of
 from volsplat.client.scene.class_scenes import CPK
-from volsplat.client.scene.colours import colour_from_hex
 from volsplat.client.scene.contour_scenes import contour_level
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.glow_scenes import phase_colours
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
-from volsplat.client.scene.view_rotation import named_view
+from volsplat.protocol.description.colours import colour_from_hex
 from volsplat.protocol.description.kind import Band, Kind
 from volsplat.protocol.description.scene import Colour, Field, Scene
+from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey, density_window
 

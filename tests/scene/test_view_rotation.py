@@ -5,7 +5,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tolerances import ROTATION_ENTRY
-from volsplat.client.scene.view_rotation import VIEW_NAMES, named_view, rotation_from_angles, rotation_from_option
+from volsplat.protocol.description.view_rotation import (
+    VIEW_NAMES,
+    named_view,
+    rotation_from_angles,
+    rotation_from_option,
+)
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.text.errors import BadInput
 

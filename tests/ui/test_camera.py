@@ -16,9 +16,9 @@ from starlette.staticfiles import StaticFiles
 from support.pages.browser import browser, browser_page, serving
 from support.scenes.arbitrary import plain_scene
 from tolerances import CAMERA_PIXELS, ROUNDING
-from volsplat.client.scene.view_rotation import Quaternion, named_view
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.protocol.description.scene import View
+from volsplat.protocol.description.view_rotation import Quaternion, named_view
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector

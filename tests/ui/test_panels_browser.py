@@ -24,9 +24,9 @@ from support.patience import PATIENCE
 from tolerances import BALL_DIRECTION, ROTATION_ENTRY
 from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.client.scene.view_rotation import VIEW_NAMES, named_view
 from volsplat.client.ui.panels.light_controls import screen_direction
 from volsplat.protocol.description.scene import Bounds, Field, FinestStep, Kernel, Order, Scene, Step
+from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 

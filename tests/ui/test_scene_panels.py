@@ -1,9 +1,9 @@
 """The panels of the scene's keys: no key without a control, no control without a key."""
 
-from volsplat.client.scene.scene_keys import KEYS
 from volsplat.client.ui.controls.key_controls import MEANT_NUMBERS
 from volsplat.client.ui.panels.scene_panels import CONTROLS, PANELS
 from volsplat.protocol.description.scene_key import PartOf, Slide
+from volsplat.protocol.description.scene_keys import KEYS
 
 TABLES = PartOf("tables")  # which tables_panel.py builds
 

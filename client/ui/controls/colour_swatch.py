@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from volsplat.client.scene.colours import colour_from_hex, nearest_hex
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.controls.hand_led import HandLed
+from volsplat.protocol.description.colours import colour_from_hex, nearest_hex
 from volsplat.protocol.description.scene import Colour, Scene
 
 

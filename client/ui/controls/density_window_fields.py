@@ -7,11 +7,11 @@ from typing import Literal
 from nicegui import ui
 
 from volsplat.client.histogram.density_histogram import window_of_shares
-from volsplat.client.scene.scene_keys import KEYS
 from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
 from volsplat.client.ui.controls.text_field import number_field
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene_keys import KEYS
 
 Window = tuple[float, float]
 

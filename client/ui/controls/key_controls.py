@@ -6,14 +6,14 @@ import math
 
 from nicegui import ui
 
-from volsplat.client.scene.colours import colour_from_hex, nearest_hex
-from volsplat.client.scene.scene_keys import SceneKey
 from volsplat.client.ui.controls.colour_swatch import ColourSwatch
 from volsplat.client.ui.controls.controls import TOGGLE_PROPS, SceneEditor, choose, pressable, show_pressed
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.controls.text_field import TextField, number_field
+from volsplat.protocol.description.colours import colour_from_hex, nearest_hex
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_key import Buttons, Menu, PartOf, Slide, Swatch, Switch
+from volsplat.protocol.description.scene_keys import SceneKey
 from volsplat.protocol.rules.footprint_shape import kernel_radius
 
 # The number that a word stands for, of keys with a slider.

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from nicegui import context, ui
 
-from volsplat.client.scene.scene_keys import KEYS, TABLES, why_unused
 from volsplat.client.ui.controls.controls import SceneEditor, show_prop
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Field, Scene
+from volsplat.protocol.description.scene_keys import KEYS, TABLES, why_unused
 
 HEADS = {Field.DENSITY: "dens.", Field.STRENGTH: "stren."}  # of the columns; the others have a group and a letter
 GROUPS = ("gradient", "screen", "grid")

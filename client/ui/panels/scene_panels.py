@@ -8,7 +8,6 @@ from typing import NamedTuple
 
 from nicegui import ui
 
-from volsplat.client.scene.scene_keys import KEYS, SceneKey
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.controls.density_window_fields import density_window_fields
 from volsplat.client.ui.controls.image_size_fields import image_size_fields
@@ -19,6 +18,7 @@ from volsplat.client.ui.panels.light_controls import light_controls
 from volsplat.client.ui.panels.view_controls import center_fields, move_buttons, side_buttons, up_menu
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene_key import PartOf, Switch
+from volsplat.protocol.description.scene_keys import KEYS, SceneKey
 
 
 class ScenePanel(NamedTuple):

@@ -7,8 +7,6 @@ from functools import partial
 import msgspec
 from nicegui import ui
 
-from volsplat.client.scene.scene_keys import KEYS
-from volsplat.client.scene.view_rotation import Quaternion, about, named_view, product
 from volsplat.client.scene.view_sides import STANDPOINTS, sides
 from volsplat.client.ui.controls.controls import SceneEditor, choose, pressable, show_pressed
 from volsplat.client.ui.controls.key_controls import menu
@@ -16,6 +14,8 @@ from volsplat.client.ui.controls.text_field import number_field
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene_keys import KEYS
+from volsplat.protocol.description.view_rotation import Quaternion, about, named_view, product
 from volsplat.protocol.geometry.upright import UPS
 from volsplat.protocol.rules.resolved_view import resolved_center
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import tomllib
 
 from volsplat.client.scene.scene_file import scene_from_toml, toml_value
-from volsplat.client.scene.scene_keys import KEYS, SECTIONS
 from volsplat.client.ui.tables.table_edits import Table
 from volsplat.protocol.description.scene import ColourTable, Scene
+from volsplat.protocol.description.scene_keys import KEYS, SECTIONS
 from volsplat.protocol.text.errors import BadInput
 
 

@@ -9,7 +9,6 @@ from functools import lru_cache, partial
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.scene.scene_keys import TABLES, why_unused
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
@@ -34,6 +33,7 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Field as PacketField
 from volsplat.protocol.description.scene import Scene, Tables
+from volsplat.protocol.description.scene_keys import TABLES, why_unused
 
 STYLE = STATIC / "tables" / "table_editor.css"
 TITLES = {table: called.split()[0].capitalize() for table, called in TABLES.items()}

@@ -5,8 +5,8 @@ from __future__ import annotations
 from nicegui import context, ui
 from nicegui.element import Element
 
-from volsplat.client.scene.view_rotation import Quaternion, named_view
 from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.protocol.description.view_rotation import Quaternion, named_view
 
 
 class ViewportElement(Element, component="viewport_component.js", esm={"volsplat": "../static/viewport"}):

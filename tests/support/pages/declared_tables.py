@@ -13,8 +13,8 @@ import msgspec
 from support.checkout import ROOT
 from support.generated_docs import Parts, remake
 from volsplat.client.scene.scene_file import default_toml
-from volsplat.client.scene.scene_keys import KEYS, SECTIONS
 from volsplat.client.ui.viewport.viewport_messages import PageMessage, ProcessMessage
+from volsplat.protocol.description.scene_keys import KEYS, SECTIONS
 
 PAGES = (ROOT / "docs" / "scene.md", ROOT / "docs" / "page.md")
 

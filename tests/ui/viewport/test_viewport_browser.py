@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page
 from support.pages.browser import browser, browser_page, patient_context, serving
 from support.pages.viewport_process import FIT, SIZE, VIEW, VOLUME, Message, ShownViewport, ViewportProcess
 from tolerances import CAMERA_PIXELS, ROUNDING
-from volsplat.client.scene.view_rotation import named_view
+from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 

@@ -12,7 +12,14 @@ from playwright.sync_api import Browser, Locator, Page, expect
 from support.pages.browser import browser, browser_page, patient_context, serving
 from support.pages.viewport_process import SIZE, VIEW, VOLUME, ShownViewport, ViewportProcess, plain
 from tolerances import CAMERA_PIXELS, HALF_A_CSS_PIXEL
-from volsplat.client.scene.view_rotation import VIEW_NAMES, Quaternion, about, named_view, product, rotation_from_angles
+from volsplat.protocol.description.view_rotation import (
+    VIEW_NAMES,
+    Quaternion,
+    about,
+    named_view,
+    product,
+    rotation_from_angles,
+)
 
 __all__ = ["browser", "browser_page"]
 

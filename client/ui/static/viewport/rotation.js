@@ -1,5 +1,5 @@
 // Rotations as unit quaternions [x, y, z, w] from the volume's upright axes to the screen's (x right, y up, z to the
-// viewer), and the named views; client/scene/view_rotation.py has the same ones.
+// viewer), and the named views; protocol/description/view_rotation.py has the same ones.
 
 /** @typedef {[number, number, number, number]} Quaternion */
 /** @typedef {[number, number, number]} Vector */
