@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
 
@@ -63,6 +64,11 @@ def checked_count(value: int, name: str) -> int:
     if number < 1:
         raise BadInput(f"{name} must be 1 or more, not {number}")
     return number
+
+
+def checked_bytes(value: int | str, name: str) -> int:
+    """A number of bytes, "2G" as well. Raises BadInput."""
+    return bytes_from_option(name, value) if isinstance(value, str) else checked_count(value, name)
 
 
 def checked_volume(volume: "str | os.PathLike[str]") -> str:

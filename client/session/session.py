@@ -11,6 +11,7 @@ Importing this module does not import torch, nor does the session until a tensor
 
 from __future__ import annotations
 
+import atexit
 import logging
 import queue
 import threading
@@ -20,12 +21,13 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from volsplat.client.caller.arguments import (
     checked_address,
+    checked_bytes,
     checked_count,
     checked_number,
     checked_scene,
@@ -52,6 +54,7 @@ from volsplat.client.coordinator.coordinator_events import (
     VolumeAsked,
 )
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState
+from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.frame_counts import count_outcome
@@ -74,7 +77,7 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
-from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
@@ -93,32 +96,34 @@ ANY_LOOPBACK_PORT = Address(LOOPBACK, 0)
 class Session:
     """A volume held by map/shade servers, and drawn by splat servers that share out the image.
 
-    `volume` is a path as the servers see it. With `spawn` the servers are started on this machine, and share out its
-    cores or as many `threads`; without it they are started by hand and join at `listen`. `memory` is how many bytes
-    each map/shade server may hold of a prepared volume; by default half of what its machine has left, shared with the
-    others there. With the path of a `cluster` file its servers are used, brought up for this session alone if they are
-    not yet. A volume that is not `held` is surveyed a few sheets at a time, and only read when something is drawn
-    of it. A server that says nothing for `silence` seconds, or 15 times as long while it reads, counts as lost: others
-    take over what it held. Links between machines are encrypted, with `tls` those of this one as well, with False none;
-    servers that are started by hand must be told the same. Of each finished frame what every process did when goes into
-    the file `trace`, as JSON that chrome://tracing and Perfetto load. `on_progress` gets one line for each thing that
-    takes time, on a thread of the session.
+    `volume` is a path as the servers see it, or an array or image in memory, which servers of this machine share. With
+    `spawn` the servers are started on this machine, and share out its cores or as many `threads`; without it they are
+    started by hand and join at `listen`. `memory` is how many bytes each map/shade server may hold of a prepared
+    volume; by default half of what its machine has left, shared with the others there. With the path of a `cluster`
+    file its servers are used, brought up for this session alone if they are not yet. A volume that is not `held` is
+    surveyed a few sheets at a time, and only read when something is drawn of it. A server that says nothing for
+    `silence` seconds, or 15 times as long while it reads, counts as lost: others take over what it held. Links between
+    machines are encrypted, with `tls` those of this one as well, with False none; servers that are started by hand must
+    be told the same. Of each finished frame what every process did when goes into the file `trace`, as JSON that
+    chrome://tracing and Perfetto load. `on_progress` gets one line for each thing that takes time, on a thread of the
+    session.
 
-    Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT. Raises BadInput for what
-    is none, as all methods do, and the session goes on.
+    Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT, `memory` a text as "2G".
+    Raises BadInput for what is none, as all methods do, and the session goes on. A session that nobody closes ends with
+    the script.
     """
 
     def __init__(
         self,
-        volume: str | Path,
+        volume: str | Path | Any,
         *,
         workers: int | None = None,
         splat_servers: int = 1,
         threads: int | None = None,
-        listen: Address = ANY_LOOPBACK_PORT,
+        listen: Address | str = ANY_LOOPBACK_PORT,
         spawn: bool = True,
         token: Token | None = None,
-        memory: int | None = None,
+        memory: int | str | None = None,
         held: bool = True,
         silence: float = SILENCE_SECONDS,
         tls: bool | None = None,
@@ -126,9 +131,12 @@ class Session:
         trace: str | Path | None = None,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
-        name = checked_volume(volume)
+        self._in_memory = volume_in_memory(volume)  # given back when nobody holds it
+        if self._in_memory is not None and (cluster is not None or not spawn):
+            raise BadInput(SAVE_FIRST)
+        name = checked_volume(volume if self._in_memory is None else self._in_memory.place)
         listen = checked_address(listen, "listen")
-        memory = None if memory is None else checked_count(memory, "memory")
+        memory = None if memory is None else checked_bytes(memory, "memory")
         splat_servers = checked_count(splat_servers, "splat_servers")
         silence = min(checked_number(silence, "silence", least=LEAST_SILENCE), MOST_SILENCE)
         encryption = Encryption.of(tls)
@@ -154,6 +162,7 @@ class Session:
         self._volume_known = threading.Event()  # set when _volume or _failure is
         self._closed = False
         self._closing = threading.Lock()  # guards _closed, until nothing is left
+        atexit.register(self.close)  # a script may forget to
 
         with self._cluster.beginning() if self._cluster is not None else nullcontext():
             self._links = ServerLinks(
@@ -348,6 +357,7 @@ class Session:
                 self._close()
 
     def _close(self) -> None:
+        atexit.unregister(self.close)
         if self._cluster is not None:
             self._cluster.close()
         self._links.take_no_more()  # resident servers look for the next client at once

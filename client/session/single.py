@@ -9,9 +9,10 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from volsplat.client.caller.arguments import (
+    checked_bytes,
     checked_count,
     checked_number,
     checked_scene,
@@ -30,6 +31,7 @@ from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.trace.frame_tracer import FrameTracer
@@ -69,10 +71,10 @@ class SingleProcess:
 
     def __init__(
         self,
-        volume: str | Path,
+        volume: str | Path | Any,
         *,
         threads: int = 1,
-        memory: int | None = None,
+        memory: int | str | None = None,
         trace: str | Path | None = None,
         on_progress: Callable[[str], None] | None = None,
     ) -> None:
@@ -82,8 +84,9 @@ class SingleProcess:
         `memory` is how many bytes of a prepared volume may be held; by default half of what the machine has left.
         `trace`: see Session.
         """
-        name = checked_volume(volume)
-        memory = None if memory is None else checked_count(memory, "memory")
+        self._in_memory = volume_in_memory(volume)
+        name = checked_volume(volume if self._in_memory is None else self._in_memory.place)
+        memory = None if memory is None else checked_bytes(memory, "memory")
         threads = checked_count(threads, "threads")
         self._say = on_progress or (lambda text: None)
         self._tracer = None if trace is None else FrameTracer(Path(trace))

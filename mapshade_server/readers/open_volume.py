@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import unquote
 
-from volsplat.mapshade_server.readers.arrays import hdf5_dataset, netcdf_classic, numpy_array, raw_voxels
+from volsplat.mapshade_server.readers.arrays import hdf5_dataset, netcdf_classic, numpy_array, raw_voxels, shared_array
 from volsplat.mapshade_server.readers.astronomy import fits_cube
 from volsplat.mapshade_server.readers.geology import segy
 from volsplat.mapshade_server.readers.medicine import (
@@ -96,6 +96,7 @@ FORMATS = (
     VolumeFormat("VTK image or grid (.vti, .vtr)", vtk_image.open_vtk_image, vtk_image.recognises),
     VolumeFormat("VTK image or grid (.vtk)", legacy_vtk.open_legacy_vtk, legacy_vtk.recognises),
     VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, zarr_store.ZIP_EXTENSIONS),
+    VolumeFormat("array in memory", shared_array.open_shared_array, shared_array.recognises),
     VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS, gzip=True),
 )
 

@@ -18,6 +18,8 @@ from PIL import Image
 from support.files.map_files import map_file, map_values
 from support.files.reflection_files import mtz
 from support.files.volume_files import dicom_series, values_of, written
+from volsplat.protocol.description.shared_array import packed_header
+from volsplat.protocol.description.volume import Geometry, VolumeDescription
 
 VALUES = np.random.default_rng(0).integers(0, 30000, (20, 30, 40)).astype(np.int16)  # half of which is not all of it
 DIMS = "40 30 20"
@@ -123,6 +125,13 @@ CUBE = (
     " v\n density\n    0 0.0 0.0 0.0\n    4 1.0 0.0 0.0\n    5 0.0 1.0 0.0\n    6 0.0 0.0 1.0\n" + "1.5 " * 120 + "\n"
 )
 
+
+def shared(folder: Path) -> Path:
+    geometry = Geometry((VALUES.shape[2], VALUES.shape[1], VALUES.shape[0]))
+    told = VolumeDescription(name="v", format="array in memory", geometry=geometry, scalar_type="int16")
+    return _with(folder / "v", packed_header(told) + VALUES.tobytes())
+
+
 SAMPLES: dict[str, Callable[[Path], Path]] = {
     "NRRD (.nrrd, .nhdr)": image("v.nrrd"),
     "MetaImage (.mha, .mhd)": image("v.mha"),
@@ -148,6 +157,7 @@ SAMPLES: dict[str, Callable[[Path], Path]] = {
         folder / "v.vtk", LEGACY.encode() + VALUES.astype(">i2").tobytes()
     ),
     "Zarr (.zarr, .zarr.zip)": lambda folder: Path(shutil.make_archive(str(folder / "v"), "zip", zarr_folder(folder))),
+    "array in memory": shared,
     "raw voxels (.raw)": lambda folder: _with(folder / "v_40x30x20_int16.raw", VALUES.tobytes()),
 }
 

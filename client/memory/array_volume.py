@@ -1,0 +1,197 @@
+"""An array in memory as a volume: its place in space as its library or the caller tells it, shared with the servers.
+
+What is shared is an open file without a name: it is gone with the last process that has it open, however that ends.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from volsplat.client.memory.array_source import ArraySource
+from volsplat.client.memory.known_arrays import source_of
+from volsplat.client.memory.shared_memory import SharedMemory, shared_memory
+from volsplat.protocol.description.kind import Kind
+from volsplat.protocol.description.volume import SCALAR_BYTES, Geometry, VolumeDescription
+from volsplat.protocol.text.errors import BadInput
+
+LPS = {"L": (0, 1.0), "R": (0, -1.0), "P": (1, 1.0), "A": (1, -1.0), "S": (2, 1.0), "I": (2, -1.0)}
+PATIENT_KINDS = (Kind.CT, Kind.MR, Kind.SCAN)
+HOW_TO_PLACE = "give spacing=(x, y, z) and space='LPS' (or 'RAS', 'LAS', ...), or affine= and space="
+UNPLACED = (
+    "the array does not say how it lies in space: it is drawn as [z, y, x] with cubic voxels, and may be mirrored; "
+    "Volume(array, spacing=..., axes=...) says more"
+)
+SAVE_FIRST = (
+    "an array in memory is seen by servers of this machine and this session alone; save it first, as by "
+    "numpy.save('volume.npy', array), where all servers see it, and give its path"
+)
+
+
+class OrientationUnknown(UserWarning):
+    """Nobody says how an array lies in space."""
+
+
+class Volume:
+    """A volume in memory: an array of numpy, torch, xarray, dask, zarr or h5py, an image of ITK, nibabel or VTK.
+
+    What the object's library tells of its place is taken from it; what is given here counts before that. `axes` names
+    the array's axes in their order, "zyx" as numpy users have them or "xyz" as nibabel has. `spacing` and `origin` are
+    along x, y and z; or `affine`, 4 x 4, leads from indices (x, y, z) to physical axes, which `space` names by where
+    they grow to: "RAS" as nibabel's, "LPS" as ITK's; "" where there is no patient. Raises BadInput.
+    """
+
+    def __init__(
+        self,
+        array: Any,
+        *,
+        axes: str = "zyx",
+        spacing: Sequence[float] | None = None,
+        origin: Sequence[float] | None = None,
+        affine: Any = None,
+        space: str = "",
+        unit: str = "",
+        value_unit: str = "",
+        kind: Kind | str = Kind.UNKNOWN,
+        name: str = "",
+    ) -> None:
+        source = source_of(array)
+        if source is None:
+            raise BadInput(f"a volume is wanted, not a {type(array).__name__}: an array or an image of three axes")
+        source = _in_order(source, axes)
+        if affine is not None and (spacing is not None or origin is not None):
+            raise BadInput("affine= says spacing and origin, too; leave out spacing= and origin=")
+        if not (spacing is None and origin is None and affine is None and not space):
+            source = _placed(source, spacing, origin, affine, space)
+        self._description = _description(source, _kind(kind), unit, value_unit, name)
+        self._shared: SharedMemory = shared_memory(self._description, source.values)
+
+    @property
+    def description(self) -> VolumeDescription:
+        return self._description
+
+    @property
+    def place(self) -> str:
+        """The path by which processes of this machine open it while this one lives."""
+        return self._shared.place
+
+    def close(self) -> None:
+        """Give the memory back once the servers have; else that happens when nobody holds the volume any more."""
+        self._shared.close()
+
+
+def volume_in_memory(volume: Any) -> Volume | None:
+    """Any array or image as a volume; None of what is named by a path or is no array. Raises BadInput."""
+    if isinstance(volume, Volume):
+        return volume
+    if isinstance(volume, str | bytes | os.PathLike) or source_of(volume) is None:
+        return None
+    return Volume(volume)
+
+
+def _in_order(source: ArraySource, axes: str) -> ArraySource:
+    """With values indexed [z, y, x]. Raises BadInput unless there are three axes of one or more voxels."""
+    if sorted(axes) != sorted("xyz"):
+        raise BadInput(f"axes={axes!r}: name each of x, y and z once, in the order of the array's axes, as 'zyx'")
+    shape = tuple(source.values.shape)
+    if len(shape) != 3 or min(shape) < 1:
+        raise BadInput(f"an array of shape {shape} is no volume, which has three axes; choose a part, as array[0]")
+    if axes == "zyx":
+        return source
+    return replace(source, values=np.asarray(source.values).transpose([axes.index(axis) for axis in "zyx"]))
+
+
+def _placed(source: ArraySource, spacing: Any, origin: Any, affine: Any, space: str) -> ArraySource:
+    """Placed as the caller says."""
+    if affine is not None:
+        matrix = _numbers("affine", affine, (4, 4))
+        to_physical, first = matrix[:3, :3], matrix[:3, 3]
+    else:
+        own = np.array(source.matrix)
+        lengths = np.linalg.norm(own, axis=0)
+        given = lengths if spacing is None else _numbers("spacing", spacing, (3,))
+        to_physical = np.diag(given) if space else own / lengths * given
+        first = _numbers("origin", origin, (3,)) if origin is not None else np.array(source.origin)
+    if space:
+        turn = _lps(space)
+        to_physical, first = turn @ to_physical, turn @ first
+    rows = [tuple(map(float, row)) for row in to_physical]
+    return replace(
+        source,
+        matrix=(rows[0], rows[1], rows[2]),  # type: ignore[arg-type]
+        origin=tuple(map(float, first)),  # type: ignore[arg-type]
+        anatomical=bool(space) or source.anatomical and affine is None,
+        placed=True,
+    )
+
+
+def _lps(space: str) -> Any:
+    """The matrix from axes that grow to these sides of a patient to left, posterior and superior."""
+    sides = [LPS.get(letter) for letter in space.upper()]
+    turn = np.zeros((3, 3))
+    for column, side in enumerate(sides[:3]):
+        if side is not None:
+            turn[side[0], column] = side[1]
+    if len(sides) != 3 or np.linalg.matrix_rank(turn) < 3:
+        raise BadInput(f"space={space!r}: name the sides of the patient that x, y and z grow to, as 'LPS' or 'RAS'")
+    return turn
+
+
+def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> Any:
+    try:
+        numbers = np.asarray(value, float)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != shape or not np.isfinite(numbers).all():
+        raise BadInput(f"{name} must be {' x '.join(map(str, shape))} finite numbers, not {value!r:.60}")
+    return numbers
+
+
+def _kind(kind: Kind | str) -> Kind:
+    for one in Kind:
+        if one.value.lower() == str(kind).lower():
+            return one
+    raise BadInput(f"kind={kind!r}: is none of {', '.join(Kind)}")
+
+
+def _description(source: ArraySource, kind: Kind, unit: str, value_unit: str, name: str) -> VolumeDescription:
+    if not source.placed:
+        if kind in PATIENT_KINDS:
+            raise BadInput(f"a {kind} is of a patient, whose sides the array does not tell; {HOW_TO_PLACE}")
+        warnings.warn(UNPLACED, OrientationUnknown, stacklevel=4)
+    dims = source.values.shape[::-1]
+    try:
+        geometry = Geometry((int(dims[0]), int(dims[1]), int(dims[2])), source.matrix, source.origin)
+    except (ValueError, ArithmeticError) as error:
+        raise BadInput(f"the array has no place in space: {error}") from None
+    return VolumeDescription(
+        name=name or source.name,
+        format="array in memory",
+        geometry=geometry,
+        scalar_type=_scalar_type(str(source.values.dtype)),
+        unit=unit or source.unit,
+        value_unit=value_unit or source.value_unit,
+        warnings=source.warnings if source.placed else (*source.warnings, UNPLACED),
+        anatomical=source.anatomical,
+        kind=kind,
+        kind_from="the script" if kind is not Kind.UNKNOWN else "",
+    )
+
+
+def _scalar_type(dtype: str) -> str:
+    """The type that a volume of such numbers has. Raises BadInput."""
+    try:
+        name = np.dtype(dtype).name
+    except TypeError:
+        name = dtype
+    name = {"bool": "uint8", "float16": "float32"}.get(name, name)
+    if name not in SCALAR_BYTES:
+        raise BadInput(
+            f"an array of {dtype} is no volume; convert it to numbers such as float32, complex ones by abs()"
+        )
+    return name

@@ -1,0 +1,175 @@
+"""What each library's arrays and images tell of their place in space.
+
+A library is recognised by the module of the object's type, so that none is imported that the script has not imported.
+Physical axes of a patient are left, posterior, superior throughout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+
+from volsplat.client.memory.array_source import ArraySource
+from volsplat.protocol.geometry.matrices import Matrix, Vector
+from volsplat.protocol.text.errors import BadInput
+
+PATIENT_UNIT = "mm"  # of ITK's images, and of NIfTI's where the header says none
+RAS_TO_LPS = np.diag([-1.0, -1.0, 1.0])
+UNEVEN = 1e-3  # of a step: coordinates further from their even places are worth a warning
+
+
+def source_of(array: Any) -> ArraySource | None:
+    """What an object in memory tells, None if it is no array at all. Raises BadInput if it is one that cannot be drawn.
+
+    Also of types that are derived from a library's own.
+    """
+    for one in type(array).__mro__:
+        told = _BY_MODULE.get(one.__module__.partition(".")[0])
+        if told is not None and hasattr(array, told[0]):
+            return told[1](array)
+    if hasattr(array, "shape") and hasattr(array, "dtype") and hasattr(array, "__getitem__"):
+        return ArraySource(array)  # numpy's, dask's, zarr's, h5py's
+    return ArraySource(np.asarray(array)) if hasattr(array, "__array__") else None
+
+
+def _torch(tensor: Any) -> ArraySource:
+    values = tensor.detach().cpu()
+    return ArraySource((values.float() if str(values.dtype) == "torch.bfloat16" else values).numpy())
+
+
+def _xarray(array: Any) -> ArraySource:
+    """Of axes with the names x, y and z each is itself; otherwise the last is x."""
+    _check_axes(array.ndim, "choose the others' places, as in array.isel(time=0)")
+    named = {str(name).lower(): name for name in array.dims}
+    order = [named[axis] for axis in "zyx"] if set(named) == set("xyz") else list(array.dims)
+    array = array.transpose(*order)
+    steps, origin, units, warnings = [], [], [], []
+    for name in reversed(order):
+        first, step, even = _even(array.coords[name].values) if name in array.coords else (0.0, 1.0, True)
+        if not even:
+            warnings.append(f"the coordinate {name} is uneven: its voxels are drawn as if they lay evenly")
+        steps.append(step)
+        origin.append(first)
+        units.append(str(array.coords[name].attrs.get("units", "")) if name in array.coords else "")
+    return ArraySource(
+        array.data,
+        name=str(array.name or "array"),
+        matrix=_matrix(np.diag(steps)),
+        origin=_vector(origin),
+        unit=units[0] if len(set(units)) == 1 else "",
+        value_unit=str(array.attrs.get("units", "")),
+        placed=all(name in array.coords for name in order),
+        warnings=tuple(warnings),
+    )
+
+
+def _simple_itk(image: Any) -> ArraySource:
+    import SimpleITK
+
+    _check_image(image.GetDimension(), image.GetNumberOfComponentsPerPixel())
+    directions = np.array(image.GetDirection()).reshape(3, 3)
+    values = SimpleITK.GetArrayViewFromImage(image)
+    return _itk_source(values, directions * np.array(image.GetSpacing()), image.GetOrigin())
+
+
+def _itk(image: Any) -> ArraySource:
+    import itk
+
+    _check_image(image.GetImageDimension(), image.GetNumberOfComponentsPerPixel())
+    directions = itk.array_from_matrix(image.GetDirection())
+    return _itk_source(itk.array_view_from_image(image), directions * np.array(image.GetSpacing()), image.GetOrigin())
+
+
+def _itk_source(values: Any, matrix: Any, origin: Any) -> ArraySource:
+    return ArraySource(
+        values,
+        name="image",
+        matrix=_matrix(matrix),
+        origin=_vector(origin),
+        unit=PATIENT_UNIT,
+        anatomical=True,
+        placed=True,
+    )
+
+
+def _nibabel(image: Any) -> ArraySource:
+    _check_axes(len(image.shape), "choose one volume, as in image.slicer[..., 0]")
+    affine = np.asarray(image.affine, float)
+    units = getattr(image.header, "get_xyzt_units", lambda: ("", ""))()[0]
+    path = image.get_filename()
+    return ArraySource(
+        np.asarray(image.dataobj).T,
+        name=PurePath(path).name if path else "image",
+        matrix=_matrix(RAS_TO_LPS @ affine[:3, :3]),
+        origin=_vector(RAS_TO_LPS @ affine[:3, 3]),
+        unit={"meter": "m", "micron": "um"}.get(units, PATIENT_UNIT),
+        anatomical=True,
+        placed=True,
+    )
+
+
+def _vtk(image: Any) -> ArraySource:
+    """Of points, else of cells; pyvista's images are VTK's."""
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+
+    dims, scalars, shift = np.array(image.GetDimensions()), image.GetPointData().GetScalars(), 0.0
+    if scalars is None:
+        scalars, dims, shift = image.GetCellData().GetScalars(), np.maximum(dims - 1, 1), 0.5
+    if scalars is None:
+        raise BadInput("the VTK image has no active scalars; choose them, as by SetActiveScalars")
+    _check_image(3, scalars.GetNumberOfComponents())
+    direction = np.array([[image.GetDirectionMatrix().GetElement(r, c) for c in range(3)] for r in range(3)])
+    matrix = direction * np.array(image.GetSpacing())
+    first = np.array(image.GetExtent()[::2], float) + shift
+    return ArraySource(
+        vtk_to_numpy(scalars).reshape(dims[::-1]),
+        name=scalars.GetName() or "image",
+        matrix=_matrix(matrix),
+        origin=_vector(np.array(image.GetOrigin()) + matrix @ first),
+        placed=True,
+    )
+
+
+def _check_axes(count: int, cure: str) -> None:
+    if count != 3:
+        raise BadInput(f"the array has {count} axes, a volume has 3; {cure}")
+
+
+def _check_image(axes: int, components: int) -> None:
+    _check_axes(axes, "join slices to a volume, or take one of several")
+    if components != 1:
+        raise BadInput(f"the image has {components} numbers a voxel, volsplat needs one; take one of them")
+
+
+def _even(coordinates: Any) -> tuple[float, float, bool]:
+    """The first of an axis's coordinates, their step, and whether they lie evenly."""
+    if len(coordinates) < 2 or np.asarray(coordinates).dtype.kind not in "iuf":
+        return 0.0, 1.0, len(coordinates) < 2
+    numbers = np.asarray(coordinates, float)
+    step = (numbers[-1] - numbers[0]) / (len(numbers) - 1)
+    off = np.abs(numbers - (numbers[0] + step * np.arange(len(numbers)))).max()
+    return float(numbers[0]), float(step), bool(off <= UNEVEN * abs(step))
+
+
+def _matrix(rows: Any) -> Matrix:
+    a, b, c = (_vector(row) for row in rows)
+    return (a, b, c)
+
+
+def _vector(numbers: Any) -> Vector:
+    x, y, z = (float(number) for number in numbers)
+    return (x, y, z)
+
+
+_BY_MODULE: dict[str, tuple[str, Callable[[Any], ArraySource]]] = {
+    "torch": ("detach", _torch),
+    "xarray": ("coords", _xarray),
+    "SimpleITK": ("GetDirection", _simple_itk),
+    "itk": ("GetDirection", _itk),
+    "nibabel": ("dataobj", _nibabel),
+    "vtkmodules": ("GetPointData", _vtk),
+}
+"""By the top of a type's module: what such an object has, beside others of its library, and what it tells."""

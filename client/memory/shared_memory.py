@@ -1,0 +1,61 @@
+"""Memory without a name that other processes of this machine open by this one's number."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import weakref
+from typing import Any
+
+import numpy as np
+
+from volsplat.protocol.description.shared_array import packed_header
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.text.errors import BadInput
+
+SLAB_BYTES = 1 << 26  # copied at a time, so that what is not in memory yet is never held twice
+_NO_CHANGES = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_WRITE
+
+
+class SharedMemory:
+    """An open file in memory; closed with the object."""
+
+    def __init__(self, name: str) -> None:
+        self.descriptor = os.memfd_create(name[:200].replace("\0", " "), os.MFD_CLOEXEC | os.MFD_ALLOW_SEALING)
+        self.place = f"/proc/{os.getpid()}/fd/{self.descriptor}"
+        self.close = weakref.finalize(self, os.close, self.descriptor)
+
+
+def shared_memory(description: VolumeDescription, values: Any) -> SharedMemory:
+    """The voxels of an array [k, j, i] with their description before them; nobody can change them any more."""
+    memory = SharedMemory(description.name)
+    try:
+        _write(memory.descriptor, packed_header(description))
+        for slab in _slabs(values, description.scalar_type):
+            _write(memory.descriptor, memoryview(slab).cast("B"))
+    except (OSError, MemoryError) as error:
+        memory.close()
+        raise BadInput(f"the array does not fit into this machine's memory once more: {error}") from None
+    fcntl.fcntl(memory.descriptor, fcntl.F_ADD_SEALS, _NO_CHANGES)
+    return memory
+
+
+def _slabs(values: Any, scalar_type: str) -> Any:
+    """Whole sheets in order: dask and zarr compute and read no more of them at once."""
+    sheets, rows, columns = values.shape
+    step = max(1, SLAB_BYTES // (rows * columns * np.dtype(scalar_type).itemsize))
+    step += -step % _chunk(values) if step > _chunk(values) else 0
+    for first in range(0, sheets, step):
+        yield np.ascontiguousarray(values[first : first + step], scalar_type)
+
+
+def _chunk(values: Any) -> int:
+    """Sheets that come together at the least, of an array that comes in chunks."""
+    chunks = getattr(values, "chunksize", None) or getattr(values, "chunks", None)
+    return int(chunks[0]) if chunks and isinstance(chunks[0], int) else 1
+
+
+def _write(descriptor: int, data: bytes | memoryview) -> None:
+    rest = memoryview(data)
+    while rest:
+        rest = rest[os.write(descriptor, rest) :]

@@ -1,0 +1,185 @@
+"""Arrays and images of every library that is known: where they lie in space, and that servers draw what they hold."""
+
+from __future__ import annotations
+
+import os
+import sys
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import dask.array
+import h5py
+import nibabel
+import numpy as np
+import pytest
+import pyvista
+import SimpleITK
+import torch
+import xarray
+import zarr
+
+from support.files.refusals import assert_refused_in_one_line
+from volsplat.client import Session
+from volsplat.client.memory.array_volume import OrientationUnknown, Volume
+from volsplat.client.memory.known_arrays import source_of
+from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.protocol.text.errors import BadInput
+
+VALUES = np.random.default_rng(1).integers(0, 3000, (6, 7, 8)).astype(np.int16)  # [z, y, x]
+STEPS, ORIGIN = (0.5, 0.75, 2.0), (10.0, -20.0, 30.0)
+UNKNOWN = pytest.mark.filterwarnings("ignore::volsplat.client.memory.array_volume.OrientationUnknown")
+
+
+def labelled() -> Any:
+    coords = {
+        axis: (axis, first + step * np.arange(length), {"units": "um"})
+        for axis, first, step, length in zip("xyz", ORIGIN, STEPS, VALUES.shape[::-1], strict=True)
+    }
+    return xarray.DataArray(VALUES, coords, ("z", "y", "x"), name="cells", attrs={"units": "counts"}).transpose(
+        "y", ...
+    )
+
+
+def itk_image() -> Any:
+    image = SimpleITK.GetImageFromArray(VALUES)
+    image.SetSpacing(STEPS)
+    image.SetOrigin(ORIGIN)
+    image.SetDirection((0, 1, 0, -1, 0, 0, 0, 0, 1))
+    return image
+
+
+def nifti() -> Any:
+    affine = np.diag([-STEPS[0], STEPS[1], STEPS[2], 1.0])  # LAS: mirrored on the way to RAS
+    affine[:3, 3] = ORIGIN
+    return nibabel.Nifti1Image(VALUES.T, affine)
+
+
+def vtk_image(of_cells: bool = False) -> Any:
+    image = pyvista.ImageData(dimensions=[n + of_cells for n in VALUES.shape[::-1]], spacing=STEPS, origin=ORIGIN)
+    (image.cell_data if of_cells else image.point_data)["density"] = VALUES.ravel()
+    return image
+
+
+BARE: dict[str, Callable[[Path], Any]] = {
+    "numpy": lambda folder: VALUES,
+    "numpy in Fortran's order": lambda folder: np.asfortranarray(VALUES),
+    "big-endian": lambda folder: VALUES.astype(">i2"),
+    "torch": lambda folder: torch.from_numpy(VALUES),
+    "dask": lambda folder: dask.array.from_array(VALUES, chunks=(4, 3, 8)),
+    "zarr": lambda folder: zarr.create_array(store=folder / "v.zarr", data=VALUES, chunks=(4, 3, 8)),
+    "h5py": lambda folder: h5py.File(folder / "v.h5", "w").create_dataset("v", data=VALUES),
+}
+PLACED: dict[str, tuple[Callable[[], Any], tuple[tuple[float, ...], ...], tuple[float, ...], str, bool]] = {
+    "xarray": (labelled, ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2)), ORIGIN, "um", False),
+    "SimpleITK": (itk_image, ((0, 0.75, 0), (-0.5, 0, 0), (0, 0, 2)), ORIGIN, "mm", True),
+    "nibabel": (nifti, ((0.5, 0, 0), (0, -0.75, 0), (0, 0, 2)), (-10.0, 20.0, 30.0), "mm", True),
+    "pyvista": (vtk_image, ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2)), ORIGIN, "", False),
+    "cells of VTK": (
+        lambda: vtk_image(True),
+        ((0.5, 0, 0), (0, 0.75, 0), (0, 0, 2)),
+        (10.25, -19.625, 31.0),
+        "",
+        False,
+    ),
+}
+
+
+def read(volume: Volume) -> Any:
+    reader = open_volume(volume.place)
+    return reader.read(reader.describe().geometry.box)
+
+
+@UNKNOWN
+@pytest.mark.parametrize("library", BARE)
+def test_servers_read_the_numbers_of_a_bare_array(library: str, tmp_path: Path) -> None:
+    volume = Volume(BARE[library](tmp_path))
+    assert np.array_equal(read(volume), VALUES)
+    assert open_volume(volume.place).describe().scalar_type == "int16"
+    assert any("does not say how it lies" in warning for warning in volume.description.warnings)
+
+
+@pytest.mark.parametrize("library", PLACED)
+def test_an_image_lies_where_its_library_says(library: str) -> None:
+    make, matrix, origin, unit, anatomical = PLACED[library]
+    volume = Volume(make())
+    told = open_volume(volume.place).describe()
+    assert np.allclose(told.geometry.index_to_physical, matrix) and np.allclose(told.geometry.origin, origin)
+    assert (told.unit, told.anatomical, told.warnings) == (unit, anatomical, ())
+    assert np.array_equal(read(volume), VALUES)
+
+
+def test_what_the_caller_says_of_an_array_counts() -> None:
+    affine = np.diag([-1.0, 1.0, 2.0, 1.0])
+    by_affine = Volume(VALUES.T, axes="xyz", affine=affine, space="RAS", kind="ct", unit="mm").description
+    by_space = Volume(VALUES, spacing=(1, 1, 2), space="LAS", kind="CT", unit="mm").description
+    assert by_affine == by_space and by_space.anatomical
+    assert by_space.geometry.index_to_physical == ((1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 2.0))
+    assert Volume(nifti(), spacing=(1, 1, 1)).description.geometry.index_to_physical[1] == (0.0, -1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("array", "options", "message"),
+    [
+        (VALUES[0], {}, "of shape (7, 8) is no volume"),
+        (VALUES.astype(complex), {}, "an array of complex128 is no volume"),
+        (VALUES, {"kind": "CT"}, "a CT is of a patient, whose sides the array does not tell; give spacing="),
+        (VALUES, {"axes": "xxz"}, "name each of x, y and z once"),
+        (VALUES, {"space": "LRS"}, "name the sides of the patient"),
+        (VALUES, {"spacing": (1, 2)}, "spacing must be 3 finite numbers"),
+        (VALUES, {"spacing": (1, 2, 0)}, "the array has no place in space"),
+        (VALUES, {"kind": "CAT"}, "is none of"),
+        (object(), {}, "a volume is wanted, not a object"),
+    ],
+)
+@UNKNOWN
+def test_what_is_no_volume_is_refused_in_a_line(array: Any, options: dict[str, Any], message: str) -> None:
+    with pytest.raises(BadInput) as raised:
+        Volume(array, **options)
+    assert message in str(raised.value) and "\n" not in str(raised.value)
+
+
+def test_a_bare_array_is_drawn_with_a_note() -> None:
+    with pytest.warns(OrientationUnknown, match="may be mirrored"):
+        Volume(VALUES)
+    with warnings.catch_warnings(action="error"):
+        Volume(VALUES, spacing=(1, 1, 1))
+
+
+def test_a_path_is_no_array() -> None:
+    assert source_of("head.nrrd") is None and source_of(3) is None
+
+
+def test_servers_draw_an_array_as_a_single_process_does_and_it_is_given_back() -> None:
+    volume = Volume(VALUES, spacing=(1, 1, 1))
+    with Session(volume, workers=2, threads=2, memory="1G", listen="127.0.0.1:0") as session:
+        scene = session.default_scene().with_(size=48)
+        drawn = session.finish(scene).published.pixels
+    with SingleProcess(volume) as single:
+        assert drawn.max() > 0 and np.array_equal(drawn, single.finish(scene).published.pixels)
+    volume.close()
+    assert not os.path.exists(volume.place)
+
+
+@pytest.mark.parametrize("options", [{"spawn": False}, {"cluster": "lab.toml"}])
+def test_a_session_across_machines_names_the_cure(options: dict[str, Any]) -> None:
+    with pytest.raises(BadInput, match=r"save it first, as by numpy\.save"):
+        Session(Volume(VALUES, spacing=(1, 1, 1)), **options)
+
+
+def test_a_damaged_array_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "v"
+    path.write_bytes(b"volsplat-array-1" + (200).to_bytes(8, "little") + bytes(5000))
+    assert_refused_in_one_line(lambda named: open_volume(str(named)), path, "no array that volsplat shares", capfd)
+
+
+def test_no_library_is_imported_that_the_script_has_not_imported(tmp_path: Path) -> None:
+    import subprocess
+
+    code = (
+        "import sys, numpy, volsplat as vs; vs.Volume(numpy.ones((2, 2, 2)), spacing=(1, 1, 1))\n"
+        "assert not {'torch', 'xarray', 'dask', 'zarr', 'itk', 'nibabel', 'vtkmodules'} & set(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", code], cwd=tmp_path, check=True)
