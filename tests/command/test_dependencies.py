@@ -28,7 +28,10 @@ MAY_USE = {
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},
+    "client/memory/known_arrays.py": {ALWAYS, "itk", "vtk"},  # of an image that is theirs, so that they are there
     "client/phantoms": {ALWAYS, "torch"},
+    "client/scene/colour_maps.py": {ALWAYS, "matplotlib"},
+    "client/script/rendered_image.py": {ALWAYS, "ui"},
     "client/session/published_image.py": {ALWAYS, "torch"},  # a tensor for whoever asks for one
     "client/ui": {ALWAYS, "ui"},
     "client/ui/notebook_widget.py": {ALWAYS, "notebook"},

@@ -16,6 +16,7 @@ from support.layout import (
     AT_LAST,
     BOTH_SERVERS,
     FLOORS,
+    FRONT_DOOR,
     IMPURE,
     MAY_IMPORT,
     MOST_FILES,
@@ -94,7 +95,10 @@ def test_the_type_checkers_find_each_part_through_its_link(part: str) -> None:
 
 
 def test_there_is_a_link_for_each_part_and_for_nothing_else() -> None:
-    assert {path.name for path in (ROOT / "tests" / "typings" / "volsplat").iterdir()} == set(PARTS)
+    links = ROOT / "tests" / "typings" / "volsplat"
+    assert {path.name for path in links.iterdir()} == {*PARTS, FRONT_DOOR.name}
+    assert (links / FRONT_DOOR.name).resolve() == ROOT / FRONT_DOOR
+    assert (ROOT / FRONT_DOOR).with_name("py.typed").exists()
 
 
 def run_python(code: str, folder: Path) -> "subprocess.CompletedProcess[str]":
@@ -113,6 +117,19 @@ def test_no_part_lands_at_the_top_of_site_packages(part: str, tmp_path: Path) ->
 )
 def test_servers_and_session_start_without_torch(module: str, tmp_path: Path) -> None:
     done = run_python(f"import sys, {module}; sys.exit('torch' in sys.modules)", tmp_path)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_front_door_loads_nothing_and_opens_to_every_name(tmp_path: Path) -> None:
+    code = """
+import sys, volsplat as vs
+loaded = [name for name in sys.modules if name.startswith("volsplat.") or name in ("torch", "nicegui", "numpy")]
+assert not loaded, loaded
+assert all(getattr(vs, name) is not None for name in vs.__all__) and set(vs.__all__) <= set(dir(vs))
+assert "torch" not in sys.modules and "nicegui" not in sys.modules
+assert not hasattr(vs, "Sesion")
+"""
+    done = run_python(code, tmp_path)
     assert done.returncode == 0, done.stderr
 
 

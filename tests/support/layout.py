@@ -20,6 +20,7 @@ MAY_IMPORT = {
     "bench": {"client", "protocol", "program", "deploy", "mapshade_server", "splat_server"},  # and nobody imports it
 }
 PARTS = tuple(MAY_IMPORT)
+FRONT_DOOR = Path("front/volsplat/__init__.py")  # what `import volsplat` offers; names rooms, and no room names it
 BOTH_SERVERS = Path("client/session/single.py")  # the single process runs their very stages
 
 FLOORS = {
@@ -34,7 +35,7 @@ FLOORS = {
     ),
     "client": (
         "caller histogram phantoms trace",
-        "image scene ui/doors",
+        "image scene ui/doors memory",
         "volume",
         "coordinator",
         "session",
@@ -43,6 +44,7 @@ FLOORS = {
         "ui/viewport ui/controls",
         "ui/panels ui/tables",
         "ui",
+        "script",
         "command .",
     ),
     "deploy": (".", "launchers", "cluster batch", "doctor"),

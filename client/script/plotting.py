@@ -1,0 +1,123 @@
+"""One line for one volume: an image of it, the picture or viewport that suits where it is asked for, the page."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from volsplat.client.caller.arguments import checked_scene, checked_step
+from volsplat.client.scene.presets import preset_scene
+from volsplat.client.script.rendered_image import RenderedImage
+from volsplat.client.session.renderer import Renderer
+from volsplat.client.session.session import Session
+from volsplat.client.session.single import SingleProcess
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.extras import need
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.scene import Scene, Step
+
+GRACE_SECONDS = 600.0
+DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
+NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's cannot show pictures
+
+
+def render(volume: Any, scene: Scene | str | None = None, step: Step | str = Step.F, **changes: Any) -> RenderedImage:
+    """The image of a volume: a path, an array or image in memory, a `Volume`, or a `Session` that has it open.
+
+    `scene` is a Scene or a preset's name, else one chosen from the data; `changes` are those of `Scene.with_`, as
+    size=300, rotation="front". Draws in this process; a Session is quicker for many images. Raises BadInput.
+    """
+    step = checked_step(step)  # type: ignore[arg-type]
+    if isinstance(volume, Session | SingleProcess):
+        return _rendered(volume, scene, step, changes)
+    with SingleProcess(volume, threads=usable_cores()) as renderer:
+        return _rendered(renderer, scene, step, changes)
+
+
+def plot(volume: Any, scene: Scene | str | None = None, *, save: str | Path | None = None, **changes: Any) -> Any:
+    """Show a volume, as `render` takes it: in a notebook, on the desktop, or as a file.
+
+    In a notebook it is a viewport that turns (extra [notebook]), else a picture. In a script with a display it is the
+    page in the browser (extra [ui]), until Ctrl-C; without one a PNG beside the script, named after the volume. With
+    `save` it is that file, wherever. Returns the widget or the image.
+    """
+    if save is None and in_notebook():
+        return _in_notebook(volume, scene, changes)
+    if save is None and _has_display():
+        return view(volume, scene, **changes)
+    image = render(volume, scene, **changes)
+    path = Path(save) if save is not None else Path(f"{_name(volume)}.png")
+    image.save(path)
+    print(path)
+    return image
+
+
+def view(
+    volume: Any,
+    scene: Scene | str | None = None,
+    *,
+    port: int = 0,
+    browser: bool = True,
+    grace: float = GRACE_SECONDS,
+    **changes: Any,
+) -> None:
+    """Show a volume, as `render` takes it, in the browser with every control of the scene, until Ctrl-C.
+
+    Ends also when no page has been open for `grace` seconds. Its address is printed; it is for this machine alone.
+    Raises BadInput without the extra [ui].
+    """
+    for library in ("nicegui", "PIL"):
+        need(library, "the page", "ui")
+    from volsplat.client.script.page_window import show_page
+
+    if isinstance(volume, Session):
+        show_page(volume, _scene(volume.volume, scene, changes), port, browser, grace)
+        return
+    with Session(volume) as session:
+        show_page(session, _scene(session.volume, scene, changes), port, browser, grace)
+
+
+def in_notebook() -> bool:
+    """Whether a Jupyter kernel runs this."""
+    shell = sys.modules.get("IPython")
+    return shell is not None and type(shell.get_ipython()).__name__ == NOTEBOOK_SHELL
+
+
+def _in_notebook(volume: Any, scene: Scene | str | None, changes: dict[str, Any]) -> Any:
+    from importlib.util import find_spec
+
+    if any(find_spec(library) is None for library in ("anywidget", "nicegui")):
+        return render(volume, scene, **changes)
+    session = volume if isinstance(volume, Session) else Session(volume)  # which the kernel's end closes
+    return session.widget(_scene(session.volume, scene, changes))
+
+
+def _rendered(renderer: Renderer, scene: Scene | str | None, step: Step, changes: dict[str, Any]) -> RenderedImage:
+    of = renderer.volume
+    of.check_has_values()
+    wanted = _scene(of, scene, changes)
+    published = renderer.finish(wanted, step).published
+    return RenderedImage(published, wanted, of.settled(wanted), of.description)
+
+
+def _scene(volume: SurveyedVolume, scene: Scene | str | None, changes: dict[str, Any]) -> Scene:
+    if scene is None:
+        base = volume.default_scene()
+    else:
+        base = preset_scene(scene, volume.subject()) if isinstance(scene, str) else checked_scene(scene)
+    return base.with_(**changes)
+
+
+def _has_display() -> bool:
+    from importlib.util import find_spec
+
+    return any(map(os.environ.get, DISPLAYS)) and find_spec("nicegui") is not None
+
+
+def _name(volume: Any) -> str:
+    """What a file of a volume's picture is called: as the volume, without its extensions."""
+    if isinstance(volume, str | os.PathLike):
+        return Path(str(volume).partition("#")[0]).name.partition(".")[0] or "volume"
+    return "volume"

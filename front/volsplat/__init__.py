@@ -1,0 +1,79 @@
+"""The front door: what `import volsplat` offers to scripts and notebooks, each name imported when it is asked for.
+
+import volsplat as vs
+
+vs.plot("head.nrrd")
+vs.render(array, rotation="front").save("front.png")
+"""
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from volsplat.client.memory.array_volume import OrientationUnknown as OrientationUnknown
+    from volsplat.client.memory.array_volume import Volume as Volume
+    from volsplat.client.scene.colour_maps import colormap as colormap
+    from volsplat.client.scene.presets import PRESETS as presets
+    from volsplat.client.script.plotting import plot as plot
+    from volsplat.client.script.plotting import render as render
+    from volsplat.client.script.plotting import view as view
+    from volsplat.client.script.rendered_image import RenderedImage as RenderedImage
+    from volsplat.client.session.session import Session as Session
+    from volsplat.client.session.session import Session as open
+    from volsplat.protocol.description.scene import Scene as Scene
+    from volsplat.protocol.description.scene import Step as Step
+    from volsplat.protocol.text.errors import BadInput as BadInput
+    from volsplat.protocol.text.errors import VolsplatError as VolsplatError
+
+    __version__: str
+
+_ROOMS = {
+    "BadInput": "volsplat.protocol.text.errors",
+    "OrientationUnknown": "volsplat.client.memory.array_volume",
+    "RenderedImage": "volsplat.client.script.rendered_image",
+    "Scene": "volsplat.protocol.description.scene",
+    "Session": "volsplat.client.session.session",
+    "Step": "volsplat.protocol.description.scene",
+    "Volume": "volsplat.client.memory.array_volume",
+    "VolsplatError": "volsplat.protocol.text.errors",
+    "colormap": "volsplat.client.scene.colour_maps",
+    "open": "volsplat.client.session.session",
+    "plot": "volsplat.client.script.plotting",
+    "presets": "volsplat.client.scene.presets",
+    "render": "volsplat.client.script.plotting",
+    "view": "volsplat.client.script.plotting",
+}
+_OTHERWISE = {"open": "Session", "presets": "PRESETS"}  # as they are called at home
+
+__all__ = [
+    "__version__",
+    "BadInput",
+    "OrientationUnknown",
+    "RenderedImage",
+    "Scene",
+    "Session",
+    "Step",
+    "VolsplatError",
+    "Volume",
+    "colormap",
+    "open",
+    "plot",
+    "presets",
+    "render",
+    "view",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("volsplat")
+    if name not in _ROOMS:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module
+
+    return getattr(import_module(_ROOMS[name]), _OTHERWISE.get(name, name))
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

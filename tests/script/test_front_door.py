@@ -1,0 +1,117 @@
+"""`import volsplat as vs` in scripts as people write them: images, files, pages, and ends without a word."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+import torch
+from PIL import Image
+
+import volsplat as vs
+from support.patience import PATIENCE, wait_until
+from volsplat.client.image.image_file import read_scene
+
+Z, Y, X = np.mgrid[:16, :16, :16] - 8
+BALL = vs.Volume((X * X + Y * Y + Z * Z < 30).astype(np.uint8) * 200, spacing=(1, 1, 1), name="ball")
+SCRIPT = """
+import numpy, volsplat as vs
+array = numpy.zeros((16, 16, 16), "uint8"); array[4:12, 4:12, 4:12] = 200
+volume = vs.Volume(array, spacing=(1, 1, 1), name="cube")
+"""
+
+
+@pytest.fixture(scope="module")
+def image() -> vs.RenderedImage:
+    return vs.render(BALL, size=(40, 30), background="white", rotation="front")
+
+
+def test_an_image_is_numbers_and_a_picture(image: vs.RenderedImage) -> None:
+    assert image.numpy().shape == (30, 40, 4) and image.numpy().dtype == np.float32 and image.numpy().max() > 0
+    assert torch.equal(image.tensor, torch.from_numpy(image.numpy())) and np.array_equal(
+        np.asarray(image), image.tensor
+    )
+    assert image.pil().size == (40, 30) and image.pil().getpixel((0, 0)) == (255, 255, 255)
+    with Image.open(BytesIO(image._repr_png_())) as shown:
+        assert np.array_equal(np.asarray(shown), np.asarray(image.pil()))
+    assert isinstance(image.view.zoom, float)
+
+
+def test_a_saved_image_holds_its_scene(image: vs.RenderedImage, tmp_path: Path) -> None:
+    image.save(tmp_path / "ball.png")
+    assert read_scene(tmp_path / "ball.png") == image.scene
+
+
+def test_presets_are_there_by_name() -> None:
+    drawn = vs.render(BALL, "depth-cue", size=16)
+    assert drawn.scene.cross_bar.modu == "screen-z" and "depth-cue" in vs.presets
+    with pytest.raises(vs.BadInput, match="no such preset"):
+        vs.render(BALL, "ct-bones")
+
+
+def test_a_session_that_is_open_is_drawn_by(image: vs.RenderedImage) -> None:
+    with vs.open(BALL, workers=1, threads=1) as session:
+        drawn = vs.render(session, image.scene)
+        assert np.array_equal(drawn.numpy(), image.numpy()) and session.server_processes
+
+
+def test_plot_without_a_display_writes_a_picture(tmp_path: Path) -> None:
+    np.save(tmp_path / "ball.v1.npy", np.arange(4096, dtype=np.uint16).reshape(16, 16, 16))
+    said = in_script(tmp_path, "import volsplat as vs; vs.plot('ball.v1.npy', size=20)")
+    assert said == "ball.png\n"
+    with Image.open(tmp_path / "ball.png") as picture:
+        assert picture.size == (20, 20) and np.asarray(picture).max() > 0
+
+
+def test_a_script_that_forgets_to_close_ends_without_a_word_and_leaves_no_process(tmp_path: Path) -> None:
+    code = "session = vs.Session(volume, workers=1, threads=1); session.volume; print(*session.server_processes)"
+    processes = [int(number) for number in in_script(tmp_path, SCRIPT + code).split()]
+    assert len(processes) == 2 and not any(map(psutil.pid_exists, processes))
+
+
+def test_a_script_that_is_killed_leaves_neither_processes_nor_memory(tmp_path: Path) -> None:
+    code = "session = vs.Session(volume, workers=1, threads=1); session.volume\n"
+    code += "print(*session.server_processes, flush=True); input()"
+    with started(tmp_path, SCRIPT + code) as script:
+        assert script.stdout is not None
+        processes = [int(number) for number in script.stdout.readline().split()]
+        script.kill()
+    assert len(processes) == 2
+    wait_until(lambda: not any(map(psutil.pid_exists, processes)), "the servers end, and with them what they share")
+
+
+def test_view_serves_the_page_until_it_is_interrupted(tmp_path: Path) -> None:
+    with started(tmp_path, SCRIPT + "vs.view(volume, browser=False, size=32); print('and on')") as script:
+        assert script.stdout is not None
+        assert re.match(r"cube is at http://127\.0\.0\.1:\d+/\?", script.stdout.readline())
+        script.send_signal(signal.SIGINT)
+        assert script.communicate(timeout=PATIENCE) == ("and on\n", "")
+
+
+def started(folder: Path, code: str) -> subprocess.Popen[str]:
+    bare = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    return subprocess.Popen(
+        [sys.executable, "-W", "ignore", "-c", code],
+        cwd=folder,
+        env=bare,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        encoding="utf-8",
+    )
+
+
+def in_script(folder: Path, code: str) -> str:
+    """What a script prints that ends without a complaint."""
+    with started(folder, code) as script:
+        said, complaint = script.communicate(timeout=PATIENCE)
+    assert (script.returncode, complaint) == (0, "")
+    return said

@@ -1,0 +1,1 @@
+../../../front/volsplat/__init__.py
