@@ -34,7 +34,7 @@ TABLE_ENTRIES = 256
 LEAST_ZOOM, GREATEST_ZOOM = 1 / 64, 256.0  # pixels per reference spacing
 LARGEST_EXTENT = 16384  # pixels, of an image along either axis
 
-_COLOUR = '"#rrggbb" or [r, g, b], each 0 to 1'
+_COLOUR = '"#rrggbb", a name of CSS or [r, g, b], each 0 to 1'
 
 
 class Field(StrEnum):
