@@ -163,7 +163,7 @@ def _description(source: ArraySource, kind: Kind, unit: str, value_unit: str, na
     if not source.placed:
         if kind in PATIENT_KINDS:
             raise BadInput(f"a {kind} is of a patient, whose sides the array does not tell; {HOW_TO_PLACE}")
-        warnings.warn(UNPLACED, OrientationUnknown, stacklevel=4)
+        warnings.warn(UNPLACED, OrientationUnknown, stacklevel=3)
     dims = source.values.shape[::-1]
     try:
         geometry = Geometry((int(dims[0]), int(dims[1]), int(dims[2])), source.matrix, source.origin)

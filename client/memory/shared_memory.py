@@ -9,8 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from volsplat.program.available_memory import available_memory
 from volsplat.protocol.description.shared_array import packed_header
-from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.description.volume import SCALAR_BYTES, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
 SLAB_BYTES = 1 << 26  # copied at a time, so that what is not in memory yet is never held twice
@@ -28,6 +29,7 @@ class SharedMemory:
 
 def shared_memory(description: VolumeDescription, values: Any) -> SharedMemory:
     """The voxels of an array [k, j, i] with their description before them; nobody can change them any more."""
+    _check_room(description)
     memory = SharedMemory(description.name)
     try:
         _write(memory.descriptor, packed_header(description))
@@ -38,6 +40,16 @@ def shared_memory(description: VolumeDescription, values: Any) -> SharedMemory:
         raise BadInput(f"the array does not fit into this machine's memory once more: {error}") from None
     fcntl.fcntl(memory.descriptor, fcntl.F_ADD_SEALS, _NO_CHANGES)
     return memory
+
+
+def _check_room(description: VolumeDescription) -> None:
+    """Raises BadInput where the voxels would drive other programs out of memory: nothing else limits them."""
+    needed, left = description.geometry.box.voxels * SCALAR_BYTES[description.scalar_type], available_memory()
+    if needed > left:
+        raise BadInput(
+            f"the array takes {needed / 2**30:.1f} GiB once more, and {left / 2**30:.1f} GiB of memory are left; "
+            "save it as a file, as a Zarr store, and prepare that (volsplat prepare)"
+        )
 
 
 def _slabs(values: Any, scalar_type: str) -> Any:

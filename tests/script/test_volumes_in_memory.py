@@ -148,6 +148,12 @@ def test_a_bare_array_is_drawn_with_a_note() -> None:
         Volume(VALUES, spacing=(1, 1, 1))
 
 
+def test_an_array_that_does_not_fit_into_memory_is_refused_before_any_of_it_is_computed() -> None:
+    array = dask.array.zeros((1 << 14, 1 << 14, 1 << 14), chunks=1 << 8, dtype="float32")
+    with pytest.raises(BadInput, match=r"takes 16384\.0 GiB once more.*prepare"):
+        Volume(array, spacing=(1, 1, 1))
+
+
 def test_a_path_is_no_array() -> None:
     assert source_of("head.nrrd") is None and source_of(3) is None
 
