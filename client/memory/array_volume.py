@@ -108,6 +108,8 @@ def _in_order(source: ArraySource, axes: str) -> ArraySource:
 
 def _placed(source: ArraySource, spacing: Any, origin: Any, affine: Any, space: str) -> ArraySource:
     """Placed as the caller says."""
+    if source.anatomical and space and affine is None:
+        raise BadInput(f"the image says itself which sides of the patient are where; leave out space={space!r}")
     if affine is not None:
         matrix = _numbers("affine", affine, (4, 4))
         to_physical, first = matrix[:3, :3], matrix[:3, 3]
@@ -115,7 +117,7 @@ def _placed(source: ArraySource, spacing: Any, origin: Any, affine: Any, space: 
         own = np.array(source.matrix)
         lengths = np.linalg.norm(own, axis=0)
         given = lengths if spacing is None else _numbers("spacing", spacing, (3,))
-        to_physical = np.diag(given) if space else own / lengths * given
+        to_physical = own / lengths * given
         first = _numbers("origin", origin, (3,)) if origin is not None else np.array(source.origin)
     if space:
         turn = _lps(space)
@@ -160,9 +162,9 @@ def _kind(kind: Kind | str) -> Kind:
 
 
 def _description(source: ArraySource, kind: Kind, unit: str, value_unit: str, name: str) -> VolumeDescription:
+    if kind in PATIENT_KINDS and not source.anatomical:
+        raise BadInput(f"kind={kind.value}: is of a patient, whose sides the array does not tell; {HOW_TO_PLACE}")
     if not source.placed:
-        if kind in PATIENT_KINDS:
-            raise BadInput(f"a {kind} is of a patient, whose sides the array does not tell; {HOW_TO_PLACE}")
         warnings.warn(UNPLACED, OrientationUnknown, stacklevel=3)
     dims = source.values.shape[::-1]
     try:

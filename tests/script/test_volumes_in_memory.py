@@ -125,7 +125,9 @@ def test_what_the_caller_says_of_an_array_counts() -> None:
     [
         (VALUES[0], {}, "of shape (7, 8) is no volume"),
         (VALUES.astype(complex), {}, "an array of complex128 is no volume"),
-        (VALUES, {"kind": "CT"}, "a CT is of a patient, whose sides the array does not tell; give spacing="),
+        (VALUES, {"kind": "CT"}, "kind=CT: is of a patient, whose sides the array does not tell; give spacing="),
+        (VALUES, {"kind": "MR", "spacing": (1, 1, 1)}, "kind=MR: is of a patient"),
+        (itk_image(), {"space": "RAS"}, "the image says itself which sides"),
         (VALUES, {"axes": "xxz"}, "name each of x, y and z once"),
         (VALUES, {"space": "LRS"}, "name the sides of the patient"),
         (VALUES, {"spacing": (1, 2)}, "spacing must be 3 finite numbers"),
