@@ -24,6 +24,8 @@ from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBP
 
 MOST_PLANES = 1 << 20
 LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to either side
+GREATEST_BASELINE = 256  # pixels
+GREATEST_NUMBER = 1e30  # that is computed with, squared at most
 OFFSETS_IN_A_VOXEL = 16
 FINEST_OFFSET_BITS = 4
 
@@ -53,15 +55,17 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if not 2 <= self.planes <= MOST_PLANES:
             raise ValueError(f"a frame of slabs needs 2 to {MOST_PLANES} planes, not {self.planes}")
         numbers = [self.thickness, self.amplitude, *self.low, *self.high]
-        numbers += [number for row in (*self.form, *self.grid, *self.gradient) for number in row]
-        if not all(map(math.isfinite, numbers)) or not self.thickness > 0 or not self.amplitude >= 0:
-            raise ValueError("a frame of slabs needs finite numbers, a thickness above 0 and an amplitude not below it")
+        numbers += [number for row in (*self.grid, *self.gradient) for number in row]
+        if not all(abs(number) <= GREATEST_NUMBER for number in numbers):
+            raise ValueError(f"the numbers of a frame of slabs must be {GREATEST_NUMBER:g} at most")
+        if not (self.thickness > 0 and self.amplitude >= 0):
+            raise ValueError("slabs need a thickness above 0, and an amplitude not below it")
         if not all(abs(number) <= GREATEST_COEFFICIENT for row in self.form for number in row):
             raise ValueError(f"the coefficients of a kernel's ellipsoid must be {GREATEST_COEFFICIENT:g} at most")
         if not all(0 < extent <= LARGEST_REACH for extent in self.half_extents):
             raise ValueError(f"a kernel must reach 0 to {LARGEST_REACH} pixels and planes, not {self.half_extents}")
-        if not 1 <= self.baseline <= LARGEST_REACH:
-            raise ValueError(f"gradients look 1 to {LARGEST_REACH} pixels aside, not {self.baseline}")
+        if not 1 <= self.baseline <= GREATEST_BASELINE:
+            raise ValueError(f"gradients look 1 to {GREATEST_BASELINE} pixels aside, not {self.baseline}")
         if not all(0 <= voxels <= LONGEST_AXIS for voxels in (*self.looks, *self.needs)):
             raise ValueError(f"a kernel reaches 0 to {LONGEST_AXIS} voxels")
         if not 0 <= self.offset_bits <= FINEST_OFFSET_BITS:

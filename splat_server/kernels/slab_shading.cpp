@@ -17,7 +17,8 @@ double dot(const Vector3& a, const Vector3& b) { return a[0] * b[0] + a[1] * b[1
 
 double depth_of(double opacity) { return -std::log1p(-std::min(opacity, kMostOpaque)); }
 
-int byte_of(double value) { return static_cast<int>(std::floor(std::clamp(value, 0.0, 255.0))); }
+// 0 also for what is no number.
+int byte_of(double value) { return value > 0 ? static_cast<int>(std::min(value, 255.0)) : 0; }
 
 int number(Field field) { return static_cast<int>(field); }
 
@@ -135,7 +136,8 @@ int SlabShading::index(int table, const SlabSample& sample, const Vector3& gradi
     }
     const int axis = number(field) - number(Field::grid_i);
     const std::int64_t dim = grid_.dims[axis], factor = grid_.factors[axis];
-    const auto voxel = static_cast<std::int64_t>(std::floor(sample.place[axis] + 0.5));
+    const double place = std::clamp(sample.place[axis], 0.0, static_cast<double>(dim));
+    const auto voxel = static_cast<std::int64_t>(place + 0.5);
     return static_cast<int>(256 * std::clamp<std::int64_t>(voxel * factor + factor / 2, 0, dim - 1) / dim);
 }
 

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <stdexcept>
 
 namespace volsplat {
@@ -10,8 +11,8 @@ namespace {
 
 constexpr int kLanes = 8;
 constexpr int kPhases = 1 << kDepthBits;
-constexpr int kIntervals = 4096;  // of the kernel over rho^2
-constexpr double kLargestTable = 1 << 30;
+constexpr int kIntervals = 4096;           // of the kernel over rho^2
+constexpr double kLargestTable = 1 << 27;  // weights
 
 int padded(int width) { return (width + kLanes - 1) & -kLanes; }
 
@@ -52,6 +53,7 @@ SlabTable::SlabTable(const KernelProjection& kernel, const Ellipsoid& ellipsoid,
 template <class Number>
 std::vector<typename SumLayout<Number>::Weight> SlabTable::weights_of(const KernelProjection& kernel,
                                                                       const Ellipsoid& ellipsoid) {
+    typedef typename SumLayout<Number>::Weight Weight;
     const int offsets = 1 << offset_bits_, slices = 2 * before_ + 2, pitch = padded(width());
     const std::vector<double> table = over_square(kernel, ellipsoid.amplitude * SumLayout<Number>::kUnit);
     const double to_interval = kIntervals / (kernel.radius() * kernel.radius());
@@ -71,11 +73,12 @@ std::vector<typename SumLayout<Number>::Weight> SlabTable::weights_of(const Kern
                         const double dx = x - left_ - double(box % offsets) / offsets;
                         const double square = q[0][0] * dx * dx + q[1][1] * dy * dy + q[2][2] * d * d +
                                               2 * (q[0][1] * dx * dy + q[0][2] * dx * d + q[1][2] * dy * d);
-                        const double place = square * to_interval;
+                        const double place = std::max(square, 0.0) * to_interval;
                         if (!(place < kIntervals)) continue;
                         const int cell = static_cast<int>(place);
                         const double weight = table[cell] + (place - cell) * (table[cell + 1] - table[cell]);
-                        row[x] = static_cast<typename SumLayout<Number>::Weight>(weight + 0.5);
+                        row[x] =
+                            static_cast<Weight>(std::min(weight + 0.5, double(std::numeric_limits<Weight>::max())));
                         if (row[x] == 0) continue;
                         span = {std::min(span.row_begin, y), std::max(span.row_end, y + 1),
                                 std::min(span.column_begin, x & -kLanes),

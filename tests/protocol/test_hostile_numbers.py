@@ -35,6 +35,7 @@ from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
+from volsplat.splat_server.slabs import slabs_of
 
 GEOMETRY = Geometry((6, 5, 4), ((0.5, 0.0, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 2.0)))
 HALVES = [Box((0, 0, 0), (6, 5, 2)), Box((0, 0, 2), (6, 5, 4))]
@@ -143,7 +144,7 @@ def test_a_frame_of_any_numbers(path: Path, drawing: Owners, data: st.DataObject
     with told(request):
         sub_cubes = held.sub_cubes_drawn(request.level, request.geometry, request.plan)
         news = Bell()
-        assembly = FrameAssembly(drawing, request.plan, request.frame)
+        assembly = FrameAssembly(drawing, request.plan, request.frame, slabs_of(request))
         shading, plan, tiles = request.shading, request.plan, assembly.closed_tiles
         walk = FrameWalk(
             sub_cubes, request.geometry, request.quantisation, shading, plan, tiles, request.regions, walkers=2
