@@ -162,7 +162,6 @@ class Session:
         self._volume_known = threading.Event()  # set when _volume or _failure is
         self._closed = False
         self._closing = threading.Lock()  # guards _closed, until nothing is left
-        atexit.register(self.close)  # a script may forget to
 
         with self._cluster.beginning() if self._cluster is not None else nullcontext():
             self._links = ServerLinks(
@@ -178,6 +177,7 @@ class Session:
             )
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
+        atexit.register(self.close)  # a script may forget to
         path = absolute_name(name) if spawn else name
         try:
             if self._cluster is not None:

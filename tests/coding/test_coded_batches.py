@@ -28,6 +28,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_CODES
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.sample_lattice import sample_lattice
 from volsplat.protocol.rules.shading_rule import shading_rule
@@ -57,7 +58,7 @@ def plan_of(
     return plan_frame(scene, geometry, step)
 
 
-@given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step), limit=st.integers(1, 400))
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS), limit=st.integers(1, 400))
 def test_what_a_walk_sends_comes_back(data: st.DataObject, geometry: Geometry, step: Step, limit: int) -> None:
     scene = data.draw(shaded_scenes(geometry, Image(width=200, height=120)))
     plan = plan_frame(scene, geometry, step)

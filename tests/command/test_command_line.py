@@ -121,7 +121,7 @@ BAD_OPTIONS = {
     "zoom zero": (["-o", "a.png", "--zoom", "0"], "zoom"),
     "size": (["-o", "a.png", "--size", "12"], "--size"),
     "rotation": (["-o", "a.png", "--rotate", "sideways"], "front"),
-    "step": (["-o", "a.png", "--step", "G"], "--step"),
+    "step": (["-o", "a.png", "--step", "H"], "--step"),
     "preset": (["-o", "a.png", "--preset", "x"], "--preset"),
     "address": (["-o", "a.png", "--listen", "here"], "HOST:PORT"),
     "spawn none": (["-o", "a.png", "--spawn", "none"], "--listen"),
