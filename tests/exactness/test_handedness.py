@@ -48,6 +48,7 @@ def test_picture_is_the_same_however_the_axes_are_stored(order: Index, flips: tu
         (Step.C, Order.FRONT_TO_BACK),
         (Step.D, Order.FRONT_TO_BACK),
         (Step.F, Order.BACK_TO_FRONT),
+        (Step.G, Order.FRONT_TO_BACK),
     ):
         scene = shaded_scene(VIEW, (48, 48), combining)
         expected = rendered(as_it_was, original, scene, step)

@@ -45,7 +45,7 @@ def restored_cpu_paths() -> Iterator[None]:
     matrix=st.one_of(st.just(IDENTITY), index_to_physical()),
     bounds=st.one_of(st.just(Bounds()), bounds_within(DIMS)),
     order=st.sampled_from(TRAVERSAL_ORDERS),
-    step=st.sampled_from((Step.A, Step.B, Step.C, Step.F)),
+    step=st.sampled_from((Step.A, Step.B, Step.C, Step.F, Step.G)),
     threads=st.sampled_from((1, 2, 5)),
     walkers=st.sampled_from((1, 3)),
 )
@@ -103,7 +103,7 @@ def test_image_is_the_same_for_slices_along_any_axis(workers: int, axis: int, or
         assert torch.equal(rendered(VALUES, geometry, scene, step, workers=holdings, arrival=Random(workers)), expected)
 
 
-@pytest.mark.parametrize("step", [Step.A, Step.C, Step.F])
+@pytest.mark.parametrize("step", [Step.A, Step.C, Step.F, Step.G])
 def test_workers_may_run_on_any_cpu_path(step: Step, restored_cpu_paths: None) -> None:
     geometry = Geometry(DIMS)
     scene = shaded_scene(View(rotation=(0.2, 0.3, 0.1, 0.9), zoom=2.5), (50, 50))
@@ -116,7 +116,7 @@ def test_workers_may_run_on_any_cpu_path(step: Step, restored_cpu_paths: None) -
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
-@pytest.mark.parametrize("step", [Step.A, Step.C, Step.F])
+@pytest.mark.parametrize("step", [Step.A, Step.C, Step.F, Step.G])
 def test_splat_server_s_cpu_paths_agree(step: Step, order: Order, restored_cpu_paths: None) -> None:
     geometry = Geometry(DIMS)
     scene = shaded_scene(View(rotation=(0.2, 0.3, 0.1, 0.9), zoom=2.5), (50, 50), order)

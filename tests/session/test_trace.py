@@ -79,7 +79,7 @@ def path(head: Path, single: SingleProcess, tmp_path_factory: pytest.TempPathFac
     path = tmp_path_factory.mktemp("traces") / "trace.json"
     look = skin(single)
     with Session(head, workers=2, splat_servers=2, threads=4, listen=NO_UNIX_SOCKET, tls=True, trace=path) as session:
-        for step in (Step.C, Step.F):
+        for step in (Step.C, Step.F, Step.G):
             assert torch.equal(session.render(look, step), single.render(look, step))
     return path
 
