@@ -25,6 +25,7 @@ from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.messages import ProbedVoxel
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.line_of_sight import MOST_ASIDE, LineOfSight, line_of_sight
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
@@ -154,7 +155,7 @@ def test_a_probe_leaves_a_frame_that_runs_as_it_is(session: Session, single: Sin
         assert session.probe(scene, 48.0, 40.0) == seen
         if refinement.complete:
             images.append(refinement.image)
-    for image, step in zip(images, Step, strict=True):
+    for image, step in zip(images, PAPER_STEPS, strict=True):
         assert torch.equal(image, single.render(scene, step))
 
 

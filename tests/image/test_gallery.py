@@ -23,7 +23,8 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Scene, Step, View
+from volsplat.protocol.description.scene import Scene, View
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput
 
 KINDS = [(image, measured) for image in IMAGES for measured in (False, True) if not measured or image.data.measured]
@@ -43,7 +44,7 @@ def volume_name(path: Path) -> str:
 def test_there_are_sixteen_images_on_four_plates() -> None:
     assert len(PLATES) == 4 and len({image.name for image in IMAGES}) == 16
     assert {image.data.phantom for image in IMAGES} <= PHANTOMS.keys()
-    assert [image.step for image in IMAGES[:6]] == list(Step)
+    assert [image.step for image in IMAGES[:6]] == list(PAPER_STEPS)
 
 
 @pytest.mark.parametrize(("image", "measured"), KINDS, ids=lambda value: getattr(value, "name", str(value)))

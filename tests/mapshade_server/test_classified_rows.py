@@ -40,6 +40,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET, LISTS_PER_STORED_PACKET
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import Bell, ReadBudget
@@ -109,7 +110,7 @@ def seen_from(axis: str, least: float = 0.85) -> Scene:
 def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geometry: Geometry, path: str) -> None:
     values, boxes = data.draw(volumes(geometry)), data.draw(partitions(geometry))
     scenes = [data.draw(shaded_scenes(geometry)), sparse(data.draw(shaded_scenes(geometry)), 0.8)]
-    steps = st.sampled_from(Step)
+    steps = st.sampled_from(PAPER_STEPS)
     with kernels_on(_kernels, path):
         held = held_as(geometry, values, boxes)
         for _ in range(data.draw(st.integers(2, 6))):
@@ -446,7 +447,7 @@ def test_nothing_is_sent_to_an_image_that_is_closed(data: st.DataObject, geometr
     assert frame(held, scene, step, tile_map(tiles(90, 70, closed=True), 90, 70)).rows == []
 
 
-@given(rotation=quaternions, order=st.sampled_from(TRAVERSAL_ORDERS), step=st.sampled_from(Step))
+@given(rotation=quaternions, order=st.sampled_from(TRAVERSAL_ORDERS), step=st.sampled_from(PAPER_STEPS))
 def test_closed_tiles_count_from_front_to_back_only(
     rotation: tuple[float, float, float, float], order: Order, step: Step
 ) -> None:

@@ -19,6 +19,7 @@ from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.rules.traversal import visits_of
 from volsplat.protocol.text.errors import LocalProtocolError
@@ -50,7 +51,7 @@ def walked(geometry: Geometry, values: Tensor, scene: Scene, plan: FramePlan) ->
     )
 
 
-@given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(Step))
+@given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(PAPER_STEPS))
 def test_one_server_with_many_boxes_sends_what_it_would_for_the_whole(
     data: st.DataObject, geometry: Geometry, quantisation: Quantisation, step: Step
 ) -> None:
@@ -64,7 +65,7 @@ def test_one_server_with_many_boxes_sends_what_it_would_for_the_whole(
     assert sum(batch.voxels_visited for batch in many) == sum(batch.voxels_visited for batch in one)
 
 
-@given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(Step))
+@given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(PAPER_STEPS))
 def test_runs_of_many_servers_merge_by_key_into_what_one_server_sends(
     data: st.DataObject, geometry: Geometry, quantisation: Quantisation, step: Step
 ) -> None:
@@ -84,7 +85,7 @@ def test_runs_of_many_servers_merge_by_key_into_what_one_server_sends(
     assert [row for _, rows_of_run in runs for row in rows_of_run] == expected
 
 
-@given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step), max_packets=limits, max_voxels=limits)
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS), max_packets=limits, max_voxels=limits)
 def test_limits_decide_where_batches_end_but_not_what_they_hold(
     data: st.DataObject, geometry: Geometry, step: Step, max_packets: int, max_voxels: int
 ) -> None:
@@ -103,7 +104,7 @@ def test_limits_decide_where_batches_end_but_not_what_they_hold(
         assert len(part.packets) == SHADED_PACKET_BYTES * part.packet_count
 
 
-@given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step), max_packets=limits, max_voxels=limits)
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS), max_packets=limits, max_voxels=limits)
 def test_keys_rise_and_nothing_comes_before_what_was_reached(
     data: st.DataObject, geometry: Geometry, step: Step, max_packets: int, max_voxels: int
 ) -> None:
@@ -127,7 +128,7 @@ def test_keys_rise_and_nothing_comes_before_what_was_reached(
     assert reached == [plan.visits[plan.traversal.axes[0]].count, 0]
 
 
-@given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step))
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS))
 def test_every_sample_of_bounds_and_stride_is_visited_once(data: st.DataObject, geometry: Geometry, step: Step) -> None:
     drawn = data.draw(shaded_scenes(geometry))
     scene = plain_scene(view=drawn.view, bounds=drawn.bounds, order=drawn.order, size=WIDE)
@@ -182,7 +183,7 @@ def test_rows_longer_than_a_runs_offsets_are_split(sample_axis: int, order: Orde
     assert (torch.bincount(runs_of(batches).keys[:, 0]) > 2 * len(batches)).all()
 
 
-@given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step))
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS))
 def test_only_samples_that_touch_no_pixel_are_left_out(data: st.DataObject, geometry: Geometry, step: Step) -> None:
     width, height = data.draw(st.integers(1, 60)), data.draw(st.integers(1, 60))
     drawn = data.draw(shaded_scenes(geometry, Image(width=width, height=height)))

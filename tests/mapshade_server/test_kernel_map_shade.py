@@ -27,6 +27,7 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import OPACITY_UNIT, code_of_opacity
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
 
@@ -40,7 +41,7 @@ def shaded(geometry: Geometry, values: Tensor, quantisation: Quantisation, scene
     return packets_of(all_batches(FrameWalk([sub_cube], geometry, quantisation, shading_rule(scene, plan.step), plan)))
 
 
-@given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(Step))
+@given(data=st.data(), geometry=geometries(), quantisation=quantisations(), step=st.sampled_from(PAPER_STEPS))
 def test_a_frame_holds_what_the_reference_shades(
     data: st.DataObject, geometry: Geometry, quantisation: Quantisation, step: Step
 ) -> None:
@@ -71,7 +72,7 @@ def assert_opacity_codes_are_nearest(codes: Tensor, opacity: Tensor) -> None:
     assert ((edges[codes] - tie <= opacity) & (opacity <= edges[codes + 1] + tie)).all()
 
 
-@given(data=st.data(), geometry=geometries(largest=40), quantisation=quantisations(), step=st.sampled_from(Step))
+@given(data=st.data(), geometry=geometries(largest=40), quantisation=quantisations(), step=st.sampled_from(PAPER_STEPS))
 def test_every_cpu_path_gives_the_same_bits(
     data: st.DataObject, geometry: Geometry, quantisation: Quantisation, step: Step
 ) -> None:
@@ -121,7 +122,7 @@ def test_opacities_are_coded_by_the_rule_of_the_packet_layout(opacities: list[fl
     assert codes.tolist() == [code_of_opacity(opacity) for opacity in table]
 
 
-@given(data=st.data(), geometry=geometries(), scheme=directions, step=st.sampled_from(Step))
+@given(data=st.data(), geometry=geometries(), scheme=directions, step=st.sampled_from(PAPER_STEPS))
 def test_light_tables_are_those_of_the_reference(
     data: st.DataObject, geometry: Geometry, scheme: str, step: Step
 ) -> None:

@@ -23,6 +23,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region, check_regions
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.splat_server._kernels import Bell, ReadBudget
@@ -107,7 +108,7 @@ def image_lines(plan: FramePlan, of_walkers: list[list[ShadedBatch]], region: in
     return image.transpose(0, 1) if plan.turned else image
 
 
-@given(data=st.data(), geometry=geometries(largest=24), step=st.sampled_from(Step), walkers=walker_counts)
+@given(data=st.data(), geometry=geometries(largest=24), step=st.sampled_from(PAPER_STEPS), walkers=walker_counts)
 def test_regions_get_what_makes_up_their_lines(
     data: st.DataObject, geometry: Geometry, step: Step, walkers: int
 ) -> None:
@@ -134,7 +135,7 @@ def visited(of_walkers: list[list[ShadedBatch]]) -> int:
     return sum(batch.voxels_visited for batches in of_walkers for batch in batches)
 
 
-@given(data=st.data(), geometry=geometries(largest=40), step=st.sampled_from(Step), walkers=walker_counts)
+@given(data=st.data(), geometry=geometries(largest=40), step=st.sampled_from(PAPER_STEPS), walkers=walker_counts)
 def test_walkers_deliver_each_sample_once_whatever_was_walked_before(
     data: st.DataObject, geometry: Geometry, step: Step, walkers: int
 ) -> None:
@@ -149,7 +150,7 @@ def test_walkers_deliver_each_sample_once_whatever_was_walked_before(
             assert sub_cube.classified_rows.bytes <= LISTS_PER_PACKET * PACKET_BYTES * sub_cube.box.voxels
 
 
-@given(data=st.data(), geometry=geometries(), step=st.sampled_from(Step), walkers=walker_counts)
+@given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS), walkers=walker_counts)
 def test_each_walkers_keys_rise_and_nothing_comes_before_what_it_had_reached(
     data: st.DataObject, geometry: Geometry, step: Step, walkers: int
 ) -> None:

@@ -121,7 +121,7 @@ def test_blocks_partition_the_bounds_and_hold_their_visit(low: int, size: int, s
 
 def test_visited_samples_of_every_step_partition_the_bounds() -> None:
     dims: Index = (9, 7, 6)
-    for step in Step:
+    for step in PAPER_STEPS:
         scene = plain_scene(view=View(rotation=(0.1, 0.4, -0.2, 0.8)))
         samples = mapping.samples_of(scene, Geometry(dims), plan_frame(scene, Geometry(dims), step))
         assert int(samples.block_sizes.prod(dim=1).sum()) == 9 * 7 * 6

@@ -99,7 +99,10 @@ BAD: dict[str, tuple[Callable[[Renderer, Scene], object], str]] = {
     "an object": (lambda r, scene: r.render(replaced(scene, order=other(object()))), "neither a number nor a word"),
     "half an index": (lambda r, scene: r.render(replaced(scene, bounds=Bounds(high=(other(9.5), 9, 9)))), "high"),
     "a tensor on no device": (lambda r, scene: r.render(_zoomed_late(scene, torch.empty((), device="meta"))), "number"),
-    "step Z": (lambda r, scene: r.render(scene, other("Z")), "step must be one of A, B, C, D, E, F, not the str 'Z'"),
+    "step Z": (
+        lambda r, scene: r.render(scene, other("Z")),
+        "step must be one of A, B, C, D, E, F, G, not the str 'Z'",
+    ),
     "step 3": (lambda r, scene: r.finish(scene, other(3)), "step must be one of"),
     "no step": (lambda r, scene: r.finish(scene, other(None)), "step must be one of"),
     "no first step": (lambda r, scene: r.refine(scene, first=other(None)), "first must be one of"),

@@ -20,6 +20,7 @@ from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Bounds, Scene, Step
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.roles import Role
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import PeerLost
 
 __all__ = ["head", "scene", "single"]
@@ -118,7 +119,7 @@ def test_within_a_refinement_a_screen_sees_what_is_left_and_then_the_step_whole(
     with opened(head, watched, workers=3) as session:
         steps = drawn_steps(session, scene)
         whole = [refinement for refinement in steps if not missing(refinement)]
-        assert [refinement.step for refinement in whole] == list(Step)
+        assert [refinement.step for refinement in whole] == list(PAPER_STEPS)
         for refinement in whole:
             assert torch.equal(refinement.image, single.render(scene, refinement.step))
         (left,) = [refinement for refinement in steps if missing(refinement)]
@@ -175,7 +176,7 @@ def test_what_nobody_else_can_read_is_missing_and_a_script_is_told(
         wait_until(lambda: not watched.lost().handed_over, "do others fail to read it")
         lost, (left,) = watched.lost(), watched.boxes_left()
         steps = drawn_steps(session, scene)
-        assert [refinement.step for refinement in steps] == list(Step)
+        assert [refinement.step for refinement in steps] == list(PAPER_STEPS)
         assert all(missing(refinement) == lost.boxes for refinement in steps)
         only_left = msgspec.structs.replace(scene, bounds=Bounds(low=left.low, high=left.high))
         for refinement in steps:

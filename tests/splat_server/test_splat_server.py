@@ -34,6 +34,7 @@ from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA, TILE_SIDE, tile_map_shape
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import own_resolution
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.dialling import connect
@@ -520,7 +521,7 @@ def test_images_asked_for_at_once_are_each_answered(bench: Bench) -> None:
 
 
 @settings(max_examples=40)
-@given(st.floats(0.3, 200), st.sampled_from(Step), st.tuples(*[st.floats(-1, 1)] * 3))
+@given(st.floats(0.3, 200), st.sampled_from(PAPER_STEPS), st.tuples(*[st.floats(-1, 1)] * 3))
 def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(
     zoom: float, step: Step, turn: tuple[float, float, float]
 ) -> None:

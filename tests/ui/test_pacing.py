@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from volsplat.client.ui.viewing.pacing import StepPacing
 from volsplat.protocol.description.scene import Step
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 SECONDS = st.floats(1e-4, 10.0)
 
@@ -21,7 +22,7 @@ def test_the_finest_step_that_holds_the_rate_is_chosen_even_where_a_coarser_one_
     assert pacing.step_while_moving() in (Step.D, Step.E)
 
 
-@given(st.dictionaries(st.sampled_from(list(Step)), SECONDS, min_size=1))
+@given(st.dictionaries(st.sampled_from(PAPER_STEPS), SECONDS, min_size=1))
 def test_what_is_chosen_is_expected_to_hold_the_rate(times: dict[Step, float]) -> None:
     pacing = StepPacing()
     for step, seconds in times.items():

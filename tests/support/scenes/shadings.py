@@ -14,11 +14,11 @@ from volsplat.protocol.description.scene import (
     Image,
     Light,
     Order,
+    PaperStep,
     Refine,
     ScalarTable,
     Scene,
     Shading,
-    Step,
     Tables,
 )
 from volsplat.protocol.description.volume import Box, Geometry
@@ -95,7 +95,7 @@ def shaded_scenes(draw: st.DrawFn, geometry: Geometry, image: Image = WIDE_IMAGE
         view=draw(views(geometry.dims)),
         bounds=draw(bounds_within(geometry.dims)),
         order=draw(st.sampled_from(Order)),
-        refine=Refine(lit_from=draw(st.sampled_from(Step))),
+        refine=Refine(lit_from=draw(st.sampled_from(PaperStep))),
         image=image,
     )
 
