@@ -31,6 +31,8 @@ struct SumLayout<std::uint64_t> {
     static constexpr double kUnit = 1 << 26;
 };
 
+constexpr int kSliceLanes = 8;  // of a row of a slice that are added at once
+
 constexpr int kTileLines = 8, kTileColumns = 32;  // of what is noted to have been touched
 
 // What a slice of the kernel may reach: rows, and whole vectors of a row.

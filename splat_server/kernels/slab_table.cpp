@@ -9,12 +9,11 @@ namespace volsplat {
 
 namespace {
 
-constexpr int kLanes = 8;
 constexpr int kPhases = 1 << kDepthBits;
 constexpr int kIntervals = 4096;           // of the kernel over rho^2
 constexpr double kLargestTable = 1 << 27;  // weights
 
-int padded(int width) { return (width + kLanes - 1) & -kLanes; }
+int padded(int width) { return (width + kSliceLanes - 1) & -kSliceLanes; }
 
 int pixels_to_a_side(double half_extent) {
     if (!(half_extent > 0 && half_extent < kLargestHalfExtent))
@@ -81,8 +80,8 @@ std::vector<typename SumLayout<Number>::Weight> SlabTable::weights_of(const Kern
                             static_cast<Weight>(std::min(weight + 0.5, double(std::numeric_limits<Weight>::max())));
                         if (row[x] == 0) continue;
                         span = {std::min(span.row_begin, y), std::max(span.row_end, y + 1),
-                                std::min(span.column_begin, x & -kLanes),
-                                std::max(span.column_end, (x & -kLanes) + kLanes)};
+                                std::min(span.column_begin, x & -kSliceLanes),
+                                std::max(span.column_end, (x & -kSliceLanes) + kSliceLanes)};
                     }
                 }
             }

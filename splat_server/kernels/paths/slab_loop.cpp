@@ -8,13 +8,11 @@ namespace volsplat::VOLSPLAT_PATH {
 
 namespace {
 
-constexpr int kLanes = 8;
-
 template <class Number>
 class SlabLoop {
     typedef typename SumLayout<Number>::Weight Weight;
-    typedef Number Numbers __attribute__((vector_size(kLanes * sizeof(Number))));
-    typedef Weight Weights __attribute__((vector_size(kLanes * sizeof(Weight))));
+    typedef Number Numbers __attribute__((vector_size(kSliceLanes * sizeof(Number))));
+    typedef Weight Weights __attribute__((vector_size(kSliceLanes * sizeof(Weight))));
 
 public:
     SlabLoop(const SlabTableView& table, const SlabSums& sums, const ImageView& image)
@@ -79,7 +77,7 @@ private:
         Number* line = static_cast<Number*>(sums_.sums) + plane * sums_.plane + (top + begin) * sums_.pitch + left;
         weights += begin * table_.pitch;
         for (std::int64_t row = begin; row < end; ++row, line += sums_.pitch, weights += table_.pitch)
-            for (int x = span.column_begin; x < span.column_end; x += kLanes) {
+            for (int x = span.column_begin; x < span.column_end; x += kSliceLanes) {
                 Weights few;
                 Numbers numbers;
                 __builtin_memcpy(&few, weights + x, sizeof few);

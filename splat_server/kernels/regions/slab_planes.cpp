@@ -13,7 +13,6 @@ namespace volsplat {
 
 namespace {
 
-constexpr int kLanes = 8;
 // Of what the weights around a point sum to: less is known only outside of the volume, and deep in no data.
 constexpr double kLeastKnown = 1.0 / 16;
 constexpr double kParallel = 1e-12;
@@ -41,8 +40,8 @@ SlabPlanes::SlabPlanes(const SlabFrame& frame, const SplatJob& job)
 void SlabPlanes::make_room() {
     if (memory_) return;
     const SlabTableView table = frame_.table->view();
-    const int aside = table.pitch + frame_.baseline + kLanes, lines = row_end_ - row_begin_ + 2 * frame_.baseline;
-    sums_.margin = rounded_up(aside, kLanes);
+    const int aside = table.pitch + frame_.baseline + kSliceLanes, lines = row_end_ - row_begin_ + 2 * frame_.baseline;
+    sums_.margin = rounded_up(aside, kSliceLanes);
     sums_.pitch = rounded_up(image_.width + 2 * sums_.margin, kTileColumns);
     sums_.first_line = row_begin_ - frame_.baseline;
     sums_.lines = lines;
