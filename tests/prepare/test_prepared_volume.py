@@ -110,7 +110,8 @@ def test_a_strided_step_is_the_paper_s(single: SingleProcess, unprepared: Single
 
 def test_steps_and_zooms_take_levels(single: SingleProcess) -> None:
     levels = {zoom: [level_of(single.finish(at_zoom(single, zoom), step)) for step in Step] for zoom in (1.0, 0.5, 0.2)}
-    assert levels == {1.0: [2, 1, 0, 0, 0, 0], 0.5: [3, 2, 1, 1, 1, 1], 0.2: [3, 3, 2, 2, 2, 2]}
+    assert levels == {1.0: [2, 1, 0, 0, 0, 0, 0], 0.5: [3, 2, 1, 1, 1, 1, 1], 0.2: [3, 3, 2, 2, 2, 2, 2]}
+
     drawn = single.finish(at_zoom(single, 0.5), Step.F)
     assert why(drawn) == "level 1 of 3: every voxel is the mean of 2 x 2 x 2; the finest that the zoom needs"
 

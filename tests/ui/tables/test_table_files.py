@@ -53,7 +53,7 @@ def test_a_table_may_become_another_of_its_kind(saved: str, wanted: str) -> None
         (table_toml(BASE, "opac") + table_toml(BASE, "modu"), "emit", "t.toml: holds no table of colours to take"),
         ("[tables.opac]\npoints = [[0, 2]]", "opac", "t.toml: tables.opac.*0 to 1"),
         ("[tables.opac]\npoint = [[0, 1]]", "opac", "t.toml: tables.opac.point: unknown key"),
-        ("[tables.emit]\npoints = [[0, 'red']]", "emit", "t.toml: tables.emit.points.*'red' is not a colour"),
+        ("[tables.emit]\npoints = [[0, 'reddish']]", "emit", "t.toml: tables.emit.points.*'reddish' is not a colour"),
         ("tables = 1", "opac", "t.toml: tables: must be a table of keys"),
         ("[[", "opac", "t.toml: Invalid"),
     ],

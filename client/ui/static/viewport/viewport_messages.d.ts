@@ -136,7 +136,7 @@ export interface TroubleTold {
 
 /** What is drawn while the picture is looked at. */
 export interface NextStep {
-  step: "A" | "B" | "C" | "D" | "E" | "F";
+  step: "A" | "B" | "C" | "D" | "E" | "F" | "G";
   expected: number | null;
 }
 
@@ -145,7 +145,7 @@ export interface PictureHeader {
   number: number;
   revision: number;
   event: number;
-  step: "A" | "B" | "C" | "D" | "E" | "F";
+  step: "A" | "B" | "C" | "D" | "E" | "F" | "G";
   complete: boolean;
   last: boolean;
   seconds: number | null;
