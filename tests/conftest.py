@@ -12,8 +12,11 @@ from hypothesis import HealthCheck, settings
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 torch.set_num_threads(1)
 
-# Whoever runs the tests may have SIGHUP ignored (nohup, some services); programs under test would inherit that.
+# Whoever runs the tests may have these ignored (nohup, a shell's background jobs, some services); programs under test
+# would inherit that.
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 settings.register_profile(
     "volsplat",
