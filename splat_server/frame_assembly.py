@@ -14,7 +14,7 @@ from volsplat.protocol.rules.regions import Region
 from volsplat.splat_server import _kernels
 from volsplat.splat_server._kernels import Bell, Owners, OwnerSeconds, SplatFrame
 from volsplat.splat_server.edge_layers import edge_layers
-from volsplat.splat_server.pixel_reach import pixel_reach, pixels_reached
+from volsplat.splat_server.pixel_reach import PixelReach, reach_and_cost
 from volsplat.splat_server.slabs import Slabs
 
 # What is splatted between two looks at whether to go on, by whichever is reached first: a few milliseconds.
@@ -37,8 +37,9 @@ class FrameAssembly:
         self.plan = plan
         self.frame = frame
         self._owners = owners
-        self._reach = slabs.kernel if slabs else pixel_reach(plan)
-        self.pixels_per_packet = slabs.pixels_per_packet if slabs else pixels_reached(pixel_reach(plan), plan)
+        reach: PixelReach | _kernels.Slabs
+        reach, self.pixels_per_packet = slabs or reach_and_cost(plan)
+        self._reach = reach
         self._edges = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
         self._begun: SplatFrame | None = None
         self.lines = (0, 0)  # from which to before which its regions reach

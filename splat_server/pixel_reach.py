@@ -20,6 +20,12 @@ def pixel_reach(plan: FramePlan) -> PixelReach:
     return cell_map(plan) if plan.reach == Reach.CELL else None
 
 
+def reach_and_cost(plan: FramePlan) -> tuple[PixelReach, int]:
+    """With what splatting one packet costs at most, in pixels combined. Raises BadInput as `pixel_reach`."""
+    reach = pixel_reach(plan)
+    return reach, pixels_reached(reach, plan)
+
+
 def pixels_reached(reach: PixelReach, plan: FramePlan) -> int:
     """What splatting one packet costs at most, in pixels combined."""
     if isinstance(reach, FootprintTable):
