@@ -115,8 +115,9 @@ Bytes needed_of(const std::uint32_t* packets, const Index3& size, const Need& ne
 
 }  // namespace
 
-NeededRows::NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis) {
-    const int low = axis == 0 ? 1 : 0, high = axis == 2 ? 1 : 2;
+NeededRows::NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis)
+    : size_(size), low_(axis == 0 ? 1 : 0), high_(axis == 2 ? 1 : 2) {
+    const int low = low_, high = high_;
     const std::size_t rows = size[low] * size[high];
     const std::int64_t along = distance(size, axis), across = distance(size, low), up = distance(size, high);
     // Whichever axis it is, memory is read in its order

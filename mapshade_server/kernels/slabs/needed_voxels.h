@@ -37,10 +37,14 @@ class NeededRows {
 public:
     NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis);
 
+    // The number of the row through a place in the box.
+    std::size_t row_at(const Index3& place) const { return place[high_] * size_[low_] + place[low_]; }
     const NeededVoxel* begin(std::size_t row) const { return voxels_.get() + begins_[row]; }
     const NeededVoxel* end(std::size_t row) const { return voxels_.get() + begins_[row + 1]; }
 
 private:
+    const Index3 size_;
+    const int low_, high_;  // the other two axes
     LargeArray<std::uint64_t> begins_;
     LargeArray<NeededVoxel> voxels_;
 };

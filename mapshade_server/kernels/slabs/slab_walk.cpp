@@ -5,7 +5,7 @@
 #include <cstdlib>
 #include <utility>
 
-#include "kernels/rounding.h"
+#include "mapshade_server/kernels/batches/run_lattice.h"
 #include "mapshade_server/kernels/walk/narrow.h"
 
 namespace volsplat {
@@ -14,15 +14,17 @@ namespace {
 
 constexpr int kFinerDepth = 32 - kDepthBits;
 constexpr std::int64_t kPixel = std::int64_t{1} << 32;
-constexpr std::int64_t kLongestRun = std::int64_t{16382} << kFinerBits;  // both ends may round by half a step
-constexpr std::int64_t kRowCost = 16;                                    // of looking for a row's voxels, in voxels
-constexpr std::int64_t kLookedAtOnce = 16;                               // voxels of a row, for whether they are hidden
-constexpr std::int64_t kTurnRows = 4;                                    // rows next to each other stay with a walker
-
-std::int64_t lattice(std::int64_t fixed) { return (fixed + (std::int64_t{1} << (kFinerBits - 1))) >> kFinerBits; }
+constexpr std::int64_t kRowCost = 16;       // of looking for a row's voxels, in voxels
+constexpr std::int64_t kLookedAtOnce = 16;  // voxels of a row, for whether they are hidden
+constexpr std::int64_t kTurnRows = 4;       // rows next to each other stay with a walker
 
 std::int64_t lattice_depth(std::int64_t fixed) {
     return (fixed + (std::int64_t{1} << (kFinerDepth - 1))) >> kFinerDepth;
+}
+
+const NeededVoxel* from_position(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t position) {
+    const auto before = [](const NeededVoxel& voxel, std::int64_t at) { return voxel.position < at; };
+    return std::lower_bound(begin, end, position, before);
 }
 
 // In order of samples.
@@ -138,12 +140,9 @@ void SlabWalker::deliver(const NeededBox& box, const Range& samples, Batch& batc
     const int axis = plan_.axes[2];
     const bool ascending = plan_.ascending[2];
     const std::int64_t one = index(2, samples.begin) - box.low[axis], other = index(2, samples.end - 1) - box.low[axis];
-    const int low = axis == 0 ? 1 : 0, high = axis == 2 ? 1 : 2;
-    const std::size_t row = place[high] * box.size[low] + place[low];
-    const auto before = [](const NeededVoxel& voxel, std::int64_t position) { return voxel.position < position; };
-    const NeededVoxel* const begin =
-        std::lower_bound(box.rows->begin(row), box.rows->end(row), std::min(one, other), before);
-    const NeededVoxel* const end = std::lower_bound(begin, box.rows->end(row), std::max(one, other) + 1, before);
+    const std::size_t row = box.rows->row_at(place);
+    const NeededVoxel* const begin = from_position(box.rows->begin(row), box.rows->end(row), std::min(one, other));
+    const NeededVoxel* const end = from_position(begin, box.rows->end(row), std::max(one, other) + 1);
     if (begin == end) return;
 
     leave_out_hidden(begin, end, samples.begin - (ascending ? one : -one), batch);
@@ -179,15 +178,14 @@ void SlabWalker::cut_into_regions(const NeededVoxel* begin, const NeededVoxel* e
     const std::int64_t towards = plan_.ascending[2] ? 1 : -1;
     const std::int64_t start = y_.at(sheet_, row_, sample_at_0), step = towards * y_.steps[2];
     const std::int64_t first = begin->position, last = end[-1].position;
-    const auto before = [](const NeededVoxel& voxel, std::int64_t position) { return voxel.position < position; };
     const Regions::Range reached = walk_.regions.reached(start + first * step, start + last * step);
     for (std::size_t region = reached.first; region <= reached.last; ++region) {
         const Regions::Places& places = walk_.regions.places(region);
         std::int64_t from = first, to = last + 1;
         narrow(start, step, places.least, places.greatest, from, to);
         if (from >= to) continue;
-        const NeededVoxel* const own = std::lower_bound(begin, end, from, before);
-        cut_into_runs(own, std::lower_bound(own, end, to, before), sample_at_0, batch.parts[region]);
+        const NeededVoxel* const own = from_position(begin, end, from);
+        cut_into_runs(own, from_position(own, end, to), sample_at_0, batch.parts[region]);
     }
 }
 

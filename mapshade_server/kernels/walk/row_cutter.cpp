@@ -4,21 +4,10 @@
 #include <algorithm>
 #include <cstdlib>
 
-#include "kernels/rounding.h"
+#include "mapshade_server/kernels/batches/run_lattice.h"
 #include "narrow.h"
 
 namespace volsplat {
-
-namespace {
-
-// Offsets within a run have 14 bits, and both ends may round by half a step.
-constexpr std::int64_t kLongestRun = std::int64_t{16382} << kFinerBits;
-
-std::int32_t lattice(std::int64_t fixed) {
-    return static_cast<std::int32_t>((fixed + (std::int64_t{1} << (kFinerBits - 1))) >> kFinerBits);
-}
-
-}  // namespace
 
 // Gives each region what reaches it; some samples reach two.
 std::size_t RowCutter::deliver(const ShadedRow& row, Batch& batch) const {
@@ -67,10 +56,10 @@ std::size_t RowCutter::cut_into_runs(const ShadedRow& row, std::size_t begin, st
 
         // Place the origin at the smaller position on each axis: one end of the run
         const std::int64_t tail = positions[descending ? low : high - 1];
-        const std::int32_t origin_x =
-            std::min(lattice(line.start_x + head * line.step_x), lattice(line.start_x + tail * line.step_x));
-        const std::int32_t origin_y =
-            std::min(lattice(line.start_y + head * line.step_y), lattice(line.start_y + tail * line.step_y));
+        const auto origin_x = static_cast<std::int32_t>(
+            std::min(lattice(line.start_x + head * line.step_x), lattice(line.start_x + tail * line.step_x)));
+        const auto origin_y = static_cast<std::int32_t>(
+            std::min(lattice(line.start_y + head * line.step_y), lattice(line.start_y + tail * line.step_y)));
         const std::int64_t head_ordinal = row.origin + head;
         const std::int64_t first = descending ? plan_.visits_of(2).count - 1 - head_ordinal : head_ordinal;
         const std::size_t run = high - low;
