@@ -1,8 +1,8 @@
 // Fills the tables that change with the view: light of all directions, and opacity codes (paper: "Shading").
 #include "kernels/compiler.h"
 #include "kernels/packet_layout.h"
+#include "kernels/powers.h"
 #include "map_shade_kernels.h"
-#include "powers.h"
 
 namespace volsplat::VOLSPLAT_PATH {
 
