@@ -17,6 +17,7 @@ from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, In
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, Dda, GridOnScreen, grid_on_screen
 from volsplat.protocol.rules.levels import Resolution, bounds_at_level, dims_at_level, own_resolution
+from volsplat.protocol.rules.packet_layout import BLOCK_ROWS
 from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_order, screen_rotation
 from volsplat.protocol.rules.rounding import TO_NEAREST, Thresholds, thresholds_of
@@ -91,9 +92,8 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError("slabs are drawn front to back, of every voxel, and never turned")
         if slabs.depth.greatest(self.bounds.high) > FARTHEST_VALUE:
             raise ValueError(f"the grid reaches further than {LARGEST_POSITION} planes from the first one")
-        sheet, row, _ = self.counts
-        if sheet * row > MOST_ROWS:
-            raise ValueError(f"slabs can be drawn of {MOST_ROWS} rows of voxels at most, not of {sheet * row}")
+        if self.keys[1] > MOST_ROWS:
+            raise ValueError(f"slabs can be drawn of {MOST_ROWS} rows of voxels at most, not of {self.keys[1]}")
 
     @property
     def counts(self) -> Index:
@@ -105,7 +105,9 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def keys(self) -> Index:
         """Below what the sheet, row and sample of a row run lie (see packet_layout)."""
         sheet, row, sample = self.counts
-        return (sheet, row, sample) if self.slabs is None else (self.slabs.groups, sheet * row, sample)
+        if self.slabs is None:
+            return (sheet, row, sample)
+        return (self.slabs.groups, sheet * -(-row // BLOCK_ROWS) * BLOCK_ROWS, sample)
 
     @property
     def image_size(self) -> tuple[int, int]:

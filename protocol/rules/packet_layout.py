@@ -24,7 +24,9 @@ Voxels are grouped by the first plane that their kernels may reach, GROUP_PLANES
 Row run (24 bytes, little endian): sheet, row, first sample and count as uint32, then x and y of the origin as
 int32 in 1/64 pixel. Sheet, row and sample are ordinals in traversal order, so that the key (sheet, row, first)
 rises through a frame. All packets of a run lie in one sheet and row; the first has ordinal `first`. In frames of slabs
-groups of planes take the place of sheets, and rows are counted over all sheets.
+groups of planes take the place of sheets. A group's rows are counted some BLOCK_ROWS neighbours at a time, through all
+sheets, so that what they reach on the screen stays near: row r of sheet s has the number
+(r // BLOCK_ROWS * sheets + s) * BLOCK_ROWS + r % BLOCK_ROWS.
 """
 
 import struct
@@ -41,6 +43,7 @@ DEPTH_SHIFT = 28
 DENSITY_SHIFT = 40
 DEPTH_BITS = 3  # depths are multiples of 1/8 plane
 GROUP_PLANES = 8
+BLOCK_ROWS = 16
 
 SHADED_PACKET_BYTES = 8
 ROW_RUN_BYTES = 24

@@ -64,13 +64,13 @@ void SlabWalker::next_batch(const BatchLimits& limits, Batch& batch) {
     batch.begin(walk_.regions.count());
     delivered_ = 0;
     while (!finished_ && delivered_ < limits.packets && batch.voxels_visited < limits.voxels) {
-        const std::int64_t turn = (sheet_ * counts_[1] + row_) / kTurnRows;
+        const std::int64_t turn = row_number() / kTurnRows;
         if (turn % walk_.walkers == number_) batch.voxels_visited += walk_row(batch);
         if (++row_ == row_end_) finished_ = !find_rows();
     }
     batch.last = finished_;
     batch.reached_sheet = finished_ ? walk_.plan.groups : group_;
-    batch.reached_row = finished_ ? 0 : sheet_ * counts_[1] + row_;
+    batch.reached_row = finished_ ? 0 : row_number();
 }
 
 SlabWalker::Line SlabWalker::line_of(const Dda& dda) const {
@@ -97,18 +97,39 @@ SlabWalker::Window SlabWalker::window(std::int64_t group) const {
     return {first * kPixel - half, (first + kGroupPlanes) * kPixel - half - 1};
 }
 
-// Moves on to the next sheet that has any of a group's voxels, and its rows that may.
+// See packet_layout.
+std::int64_t SlabWalker::row_number() const { return (block_ * counts_[0] + sheet_) * kBlockRows + row_ % kBlockRows; }
+
+// Moves on to the next sheet's rows that may have any of a group's voxels.
 bool SlabWalker::find_rows() {
     const std::int64_t across = (counts_[2] - 1) * depth_.steps[2];
-    const std::int64_t least = std::min<std::int64_t>(0, across), greatest = std::max<std::int64_t>(0, across);
-    for (; group_ < walk_.plan.groups; ++group_, sheet_ = -1) {
+    do {
         const Window depths = window(group_);
-        while (++sheet_ < counts_[0]) {
-            Range rows{0, counts_[1]};
-            narrow(depth_.at(sheet_, 0, 0), depth_.steps[1], depths.low - greatest, depths.high - least, rows.begin,
-                   rows.end);
+        while (++sheet_ < sheet_end_) {
+            Range rows{block_ * kBlockRows, std::min((block_ + 1) * kBlockRows, counts_[1])};
+            narrow(depth_.at(sheet_, 0, 0), depth_.steps[1], depths.low - std::max<std::int64_t>(0, across),
+                   depths.high - std::min<std::int64_t>(0, across), rows.begin, rows.end);
             if (rows.begin >= rows.end) continue;
             row_ = rows.begin, row_end_ = rows.end;
+            return true;
+        }
+    } while (find_sheets());
+    return false;
+}
+
+// Moves on to the next block of rows, and its sheets that may have any of a group's voxels.
+bool SlabWalker::find_sheets() {
+    const std::int64_t across = (counts_[2] - 1) * depth_.steps[2], up = (kBlockRows - 1) * depth_.steps[1];
+    const std::int64_t least = std::min<std::int64_t>(0, across) + std::min<std::int64_t>(0, up);
+    const std::int64_t greatest = std::max<std::int64_t>(0, across) + std::max<std::int64_t>(0, up);
+    for (; group_ < walk_.plan.groups; ++group_, block_ = -1) {
+        const Window depths = window(group_);
+        while (++block_ * kBlockRows < counts_[1]) {
+            Range sheets{0, counts_[0]};
+            narrow(depth_.at(0, block_ * kBlockRows, 0), depth_.steps[0], depths.low - greatest, depths.high - least,
+                   sheets.begin, sheets.end);
+            if (sheets.begin >= sheets.end) continue;
+            sheet_ = sheets.begin - 1, sheet_end_ = sheets.end;
             return true;
         }
     }
@@ -208,7 +229,7 @@ void SlabWalker::cut_into_runs(const NeededVoxel* begin, const NeededVoxel* end,
         const std::int64_t tail = sample(voxel(done + run - 1));
         const std::int64_t origin_x = std::min(lattice(x0 + head * x_.steps[2]), lattice(x0 + tail * x_.steps[2]));
         const std::int64_t origin_y = std::min(lattice(y0 + head * y_.steps[2]), lattice(y0 + tail * y_.steps[2]));
-        part.runs.push_back({static_cast<std::uint32_t>(group_), static_cast<std::uint32_t>(sheet_ * counts_[1] + row_),
+        part.runs.push_back({static_cast<std::uint32_t>(group_), static_cast<std::uint32_t>(row_number()),
                              static_cast<std::uint32_t>(head), static_cast<std::uint32_t>(run),
                              static_cast<std::int32_t>(origin_x), static_cast<std::int32_t>(origin_y)});
         std::uint64_t* out = part.append(static_cast<std::size_t>(run));

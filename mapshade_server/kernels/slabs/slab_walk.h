@@ -75,6 +75,8 @@ private:
     Window window(std::int64_t group) const;
     std::int64_t index(int level, std::int64_t ordinal) const;
     bool find_rows();
+    bool find_sheets();
+    std::int64_t row_number() const;
     std::int64_t walk_row(Batch& batch);
     void deliver(const NeededBox& box, const Range& samples, Batch& batch);
     void leave_out_hidden(const NeededVoxel* begin, const NeededVoxel* end, std::int64_t sample_at_0, Batch& batch);
@@ -86,7 +88,8 @@ private:
     const std::int64_t number_;
     const Index3 counts_;  // of sheets, rows and samples
     const Line x_, y_, depth_;
-    std::int64_t group_ = 0, sheet_ = -1, row_ = 0, row_end_ = 0;
+    // Through the groups, in these through the blocks of rows, the sheets and the rows
+    std::int64_t group_ = 0, block_ = -1, sheet_ = -1, sheet_end_ = 0, row_ = 0, row_end_ = 0;
     std::size_t delivered_ = 0;  // packets of this batch
     bool finished_ = false;
 };
