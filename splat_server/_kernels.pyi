@@ -284,7 +284,6 @@ class Slabs:
         grid: SlabGrid,
         planes: int,
         lead: int,
-        before: int,
         baseline: int,
         thickness: float,
         places: Sequence[Vector],

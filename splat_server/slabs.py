@@ -49,7 +49,6 @@ def slabs_of(request: RenderFrame) -> Slabs | None:
         ),
         planes=slabs.planes,
         lead=slabs.lead,
-        before=slabs.before,
         baseline=slabs.baseline,
         thickness=slabs.thickness,
         places=slabs.grid,

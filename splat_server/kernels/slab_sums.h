@@ -1,10 +1,11 @@
-// Plain structs of the planes of a frame of slabs that the splat loops of every instruction set share
+// Plain structs of the planes of a frame of slabs that the loops of every instruction set share
 // (protocol/rules/slab_shape.py).
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 
+#include "kernels/compiler.h"
 #include "kernels/packet_layout.h"
 #include "splat_server/kernels/splat_job.h"
 
@@ -18,6 +19,7 @@ struct SumLayout;
 template <>
 struct SumLayout<std::uint32_t> {
     typedef std::uint16_t Weight;
+    typedef std::int32_t Signed;  // which instruction sets convert
     typedef float Quotient;
     static constexpr int kDensityBits = 20;
     static constexpr double kUnit = 3000;  // of weights: what those around a point sum to
@@ -26,48 +28,73 @@ struct SumLayout<std::uint32_t> {
 template <>
 struct SumLayout<std::uint64_t> {
     typedef std::uint32_t Weight;
+    typedef std::int64_t Signed;
     typedef double Quotient;
     static constexpr int kDensityBits = 36;
     static constexpr double kUnit = 1 << 26;
 };
 
-constexpr int kSliceLanes = 8;  // of a row of a slice that are added at once
+// Of what the weights around a point sum to: less is known only outside of the volume, and deep in no data.
+constexpr double kLeastKnown = 1.0 / 16;
 
-constexpr int kTileLines = 8, kTileColumns = 32;  // of what is noted to have been touched
+// The planes of a group of voxels lie next to each other for each pixel, and are added to at once: a block.
+constexpr int kBlockPlanes = kGroupPlanes;
 
-// What a slice of the kernel may reach: rows, and whole vectors of a row.
-struct SliceSpan {
-    std::int32_t row_begin, row_end, column_begin, column_end;
-};
+constexpr int kTileLines = 8, kTileColumns = 32;  // of what is noted to have been touched, and shaded at once
+constexpr int kTilePixels = kTileLines * kTileColumns;
 
 struct SlabTableView {
-    const void* weights;     // [phase][fy][fx][slice][row][pitch]
-    const SliceSpan* spans;  // [phase][slice]
-    int offset_bits, slices, rows, columns, pitch;
-    int left, top;  // the box begins so many pixels before that of a sample
-    int before;     // slices before the plane below a sample
+    const void* weights;             // [phase][fy][fx][row][column][slice]; more around may be read
+    const RowSpan* spans;            // [phase][fy][row]: the columns that are reached at some offset
+    const void* slice_bits;          // [slice]: all bits of a sum; zeros around
+    const std::int32_t *left, *top;  // [fx], [fy]: of the box, from a voxel's pixel
+    const std::int32_t* front;       // [phase]: likewise, from the plane below its depth
+    int before;                      // planes before that below its depth which a voxel may reach
+    int offset_bits, slices, rows, columns;
 };
 
-// A ring of planes: as many as a group of voxels may reach, and those that are not drawn yet.
+// The sums of the blocks that a group of voxels may reach. Once a block is complete, its densities take their place.
 struct SlabSums {
-    void* sums;
-    std::int64_t plane, pitch;  // numbers from one plane to the next, and from one line to the next
-    int margin;                 // numbers of a line before pixel 0
-    int first_line, lines;      // of the image
-    int ring;                   // planes
-    int planes;                 // of the frame
-    std::uint8_t* touched;      // [ring][tile row][tile]
+    void* sums;          // [line][column][slot][plane of the block]
+    std::int64_t pitch;  // columns from one line to the next
+    int columns;
+    int slots;              // blocks
+    int margin;             // columns of a line before pixel 0
+    int first_line, lines;  // of the image
+    std::uint8_t* touched;  // [slot][tile row][tile]
     int tile_rows, tiles;
     int aside;        // pixels that gradients look to either side
     bool any_closed;  // tiles of the image
 };
 
-// Runs of one group, of which `first_plane` is the one below a voxel at depth 0 of the group.
-struct SlabRuns {
+struct SlabRuns {  // of one group
     const unsigned char* runs;
     const unsigned char* packets;
     std::uint64_t run_count;
-    std::int64_t first_plane;
 };
+
+struct SlabVoxel {
+    std::int32_t left, top;     // of its box, in the sums
+    std::uint32_t offset;       // of it: the number of its box in the table, if phases did not count
+    std::uint8_t phase, plane;  // of its depth; that of the group's which its first slice lies on
+    std::uint8_t density;
+};
+
+// Voxels are added by the patch of the sums where their boxes begin, so that what is written to stays in the fastest
+// cache.
+constexpr int kPatchBits = 4;  // the binary logarithm of columns and lines
+
+// Those of a group that are left, patch by patch.
+struct SlabVoxels {
+    SlabVoxel* voxels;
+    std::uint64_t count;
+    std::uint32_t* patches;  // how many are in each
+    int patch_columns;
+};
+
+// That in which a voxel's box begins.
+VOLSPLAT_INLINE std::int64_t patch_of(std::int64_t left, std::int64_t top, std::int64_t patch_columns) {
+    return (top < 0 ? 0 : top >> kPatchBits) * patch_columns + (left >> kPatchBits);
+}
 
 }  // namespace volsplat

@@ -4,6 +4,7 @@
 #include <cmath>
 #include <limits>
 #include <stdexcept>
+#include <utility>
 
 namespace volsplat {
 
@@ -12,13 +13,34 @@ namespace {
 constexpr int kPhases = 1 << kDepthBits;
 constexpr int kIntervals = 4096;           // of the kernel over rho^2
 constexpr double kLargestTable = 1 << 27;  // weights
+constexpr int kAround = 2 * kBlockPlanes;  // numbers before and behind that may be read
 
-int padded(int width) { return (width + kSliceLanes - 1) & -kSliceLanes; }
+double checked(double half_extent) {
+    if (!(half_extent > 0 && half_extent <= kLargestHalfExtent))
+        throw std::invalid_argument("a kernel reaches 16384 pixels and planes at most");
+    return half_extent;
+}
 
-int pixels_to_a_side(double half_extent) {
-    if (!(half_extent > 0 && half_extent < kLargestHalfExtent))
-        throw std::invalid_argument("a kernel must have a finite size of less than 32768 pixels and planes");
-    return static_cast<int>(std::ceil(half_extent));
+int offsets_of(int bits) {
+    if (bits < 0 || bits > kSubpixelBits)
+        throw std::invalid_argument("a table of slices has 2^0 to 2^6 offsets a pixel");
+    return 1 << bits;
+}
+
+// For each offset the first place that lies within reach; its rim does not.
+std::vector<std::int32_t> first_places(double half_extent, int offsets) {
+    std::vector<std::int32_t> first;
+    for (int n = 0; n < offsets; ++n)
+        first.push_back(static_cast<std::int32_t>(std::floor(double(n) / offsets - half_extent)) + 1);
+    return first;
+}
+
+int most_places(double half_extent, int offsets) {
+    const std::vector<std::int32_t> first = first_places(half_extent, offsets);
+    int most = 1;
+    for (int n = 0; n < offsets; ++n)
+        most = std::max(most, static_cast<int>(std::ceil(double(n) / offsets + half_extent)) - first[n]);
+    return most;
 }
 
 // amplitude * kernel over rho^2 / radius^2 from 0 to 1.
@@ -35,63 +57,75 @@ std::vector<double> over_square(const KernelProjection& kernel, double amplitude
 SlabTable::SlabTable(const KernelProjection& kernel, const Ellipsoid& ellipsoid, int offset_bits, bool wide)
     : offset_bits_(offset_bits),
       wide_(wide),
-      left_(pixels_to_a_side(ellipsoid.half_extents[0])),
-      top_(pixels_to_a_side(ellipsoid.half_extents[1])),
-      before_(pixels_to_a_side(ellipsoid.half_extents[2])) {
-    if (offset_bits < 0 || offset_bits > kSubpixelBits)
-        throw std::invalid_argument("a table of slices has 2^0 to 2^6 offsets a pixel");
+      columns_(most_places(checked(ellipsoid.half_extents[0]), offsets_of(offset_bits))),
+      rows_(most_places(checked(ellipsoid.half_extents[1]), offsets_of(offset_bits))),
+      slices_(most_places(checked(ellipsoid.half_extents[2]), kPhases)),
+      left_(first_places(ellipsoid.half_extents[0], offsets_of(offset_bits))),
+      top_(first_places(ellipsoid.half_extents[1], offsets_of(offset_bits))),
+      front_(first_places(ellipsoid.half_extents[2], kPhases)),
+      before_(static_cast<int>(std::ceil(ellipsoid.half_extents[2]))) {
     if (!(ellipsoid.amplitude >= 0 && std::isfinite(ellipsoid.amplitude)))
         throw std::invalid_argument("a kernel needs a finite amplitude");
-    const double boxes = std::ldexp(kPhases, 2 * offset_bits);
-    if (boxes * (2 * before_ + 2) * height() * padded(width()) > kLargestTable)
+    if (std::ldexp(kPhases, 2 * offset_bits) * slices_ * rows_ * columns_ > kLargestTable)
         throw std::invalid_argument("the table of slices is too large");
-    if (wide) wide_weights_ = weights_of<std::uint64_t>(kernel, ellipsoid);
-    else weights_ = weights_of<std::uint32_t>(kernel, ellipsoid);
+    if (wide) wide_slices_ = slices_of<std::uint64_t>(kernel, ellipsoid);
+    else narrow_slices_ = slices_of<std::uint32_t>(kernel, ellipsoid);
 }
 
 template <class Number>
-std::vector<typename SumLayout<Number>::Weight> SlabTable::weights_of(const KernelProjection& kernel,
-                                                                      const Ellipsoid& ellipsoid) {
+SlabTable::Slices<Number> SlabTable::slices_of(const KernelProjection& kernel, const Ellipsoid& ellipsoid) {
     typedef typename SumLayout<Number>::Weight Weight;
-    const int offsets = 1 << offset_bits_, slices = 2 * before_ + 2, pitch = padded(width());
+    constexpr double kMost = std::numeric_limits<Weight>::max();
+    const int offsets = 1 << offset_bits_;
     const std::vector<double> table = over_square(kernel, ellipsoid.amplitude * SumLayout<Number>::kUnit);
     const double to_interval = kIntervals / (kernel.radius() * kernel.radius());
     const auto& q = ellipsoid.form;
-    std::vector<typename SumLayout<Number>::Weight> weights(static_cast<std::size_t>(kPhases) * offsets * offsets *
-                                                            slices * height() * pitch);
-    spans_.assign(kPhases * slices, {height(), 0, pitch, 0});
-    auto* row = weights.data();
+    std::vector<Weight> weights(static_cast<std::size_t>(kPhases) * offsets * offsets * slices_ * rows_ * columns_ +
+                                2 * kAround);
+    spans_.assign(kPhases * offsets * rows_, {columns_, 0});
+    Weight* weight = weights.data() + kAround;
     for (int phase = 0; phase < kPhases; ++phase)
-        for (int box = 0; box < offsets * offsets; ++box)
-            for (int slice = 0; slice < slices; ++slice) {
-                SliceSpan& span = spans_[phase * slices + slice];
-                const double d = slice - before_ - double(phase) / kPhases;
-                for (int y = 0; y < height(); ++y, row += pitch) {
-                    const double dy = y - top_ - double(box / offsets) / offsets;
-                    for (int x = 0; x < width(); ++x) {
-                        const double dx = x - left_ - double(box % offsets) / offsets;
+        for (int box = 0; box < offsets * offsets; ++box) {
+            const int fx = box % offsets, fy = box / offsets;
+            for (int y = 0; y < rows_; ++y) {
+                RowSpan& span = spans_[(phase * offsets + fy) * rows_ + y];
+                const double dy = y + top_[fy] - double(fy) / offsets;
+                for (int x = 0; x < columns_; ++x) {
+                    const double dx = x + left_[fx] - double(fx) / offsets;
+                    for (int slice = 0; slice < slices_; ++slice, ++weight) {
+                        const double d = slice + front_[phase] - double(phase) / kPhases;
                         const double square = q[0][0] * dx * dx + q[1][1] * dy * dy + q[2][2] * d * d +
                                               2 * (q[0][1] * dx * dy + q[0][2] * dx * d + q[1][2] * dy * d);
                         const double place = std::max(square, 0.0) * to_interval;
                         if (!(place < kIntervals)) continue;
                         const int cell = static_cast<int>(place);
-                        const double weight = table[cell] + (place - cell) * (table[cell + 1] - table[cell]);
-                        row[x] =
-                            static_cast<Weight>(std::min(weight + 0.5, double(std::numeric_limits<Weight>::max())));
-                        if (row[x] == 0) continue;
-                        span = {std::min(span.row_begin, y), std::max(span.row_end, y + 1),
-                                std::min(span.column_begin, x & -kSliceLanes),
-                                std::max(span.column_end, (x & -kSliceLanes) + kSliceLanes)};
+                        const double found = table[cell] + (place - cell) * (table[cell + 1] - table[cell]);
+                        *weight = static_cast<Weight>(std::min(found + 0.5, kMost));
+                        if (*weight != 0) span = {std::min(span.begin, x), std::max(span.end, x + 1)};
                     }
                 }
             }
-    return weights;
+        }
+    std::vector<Number> bits(slices_ + 2 * kAround);
+    std::fill_n(bits.begin() + kAround, slices_, ~Number{0});
+    return {std::move(weights), std::move(bits)};
 }
 
-SlabTableView SlabTable::view() const {
-    const void* weights = wide_ ? static_cast<const void*>(wide_weights_.data()) : weights_.data();
-    return {weights,         spans_.data(), offset_bits_, 2 * before_ + 2, height(), width(),
-            padded(width()), left_,         top_,         before_};
+template <class Number>
+SlabTableView SlabTable::view_of(const Slices<Number>& found) const {
+    return {found.weights.data() + kAround,
+            spans_.data(),
+            found.bits.data() + kAround,
+            left_.data(),
+            top_.data(),
+            front_.data(),
+            before_,
+            offset_bits_,
+            slices_,
+            rows_,
+            columns_};
 }
+
+SlabTableView SlabTable::view() const { return wide_ ? view_of(wide_slices_) : view_of(narrow_slices_); }
 
 }  // namespace volsplat

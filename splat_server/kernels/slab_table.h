@@ -25,21 +25,33 @@ public:
 
     SlabTableView view() const;
     bool wide() const { return wide_; }
+    // How far behind a group's first plane its voxels may reach.
+    int depth() const { return kGroupPlanes - 1 + before_ + front_.back() + slices_; }
     // Pixels of the box around a voxel.
-    int width() const { return 2 * left_ + 2; }
-    int height() const { return 2 * top_ + 2; }
+    int width() const { return columns_; }
+    int height() const { return rows_; }
 
 private:
+    // Of sums of 32 or of 64 bits.
     template <class Number>
-    std::vector<typename SumLayout<Number>::Weight> weights_of(const KernelProjection& kernel,
-                                                               const Ellipsoid& ellipsoid);
+    struct Slices {
+        std::vector<typename SumLayout<Number>::Weight> weights;
+        std::vector<Number> bits;
+    };
+
+    template <class Number>
+    Slices<Number> slices_of(const KernelProjection& kernel, const Ellipsoid& ellipsoid);
+    template <class Number>
+    SlabTableView view_of(const Slices<Number>& found) const;
 
     const int offset_bits_;
     const bool wide_;
-    const int left_, top_, before_;
-    std::vector<std::uint16_t> weights_;
-    std::vector<std::uint32_t> wide_weights_;
-    std::vector<SliceSpan> spans_;
+    const int columns_, rows_, slices_;
+    const std::vector<std::int32_t> left_, top_, front_;  // for each offset
+    const int before_;                                    // planes before that below a voxel's depth which it may reach
+    std::vector<RowSpan> spans_;
+    Slices<std::uint32_t> narrow_slices_;
+    Slices<std::uint64_t> wide_slices_;
 };
 
 }  // namespace volsplat

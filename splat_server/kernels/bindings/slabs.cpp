@@ -5,9 +5,10 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
-#include <algorithm>
+#include <iterator>
 #include <stdexcept>
 #include <tuple>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -18,15 +19,20 @@ namespace volsplat {
 
 namespace {
 
+typedef std::array<double, 3> Vector3;
+typedef std::array<Vector3, 3> Matrix3;
 typedef std::vector<Vector3> Colours;
 typedef std::vector<double> Scalars;
 
-template <class Entries, class Values>
-Entries entries_of(const Values& values) {
-    Entries entries;
-    if (values.size() != entries.size()) throw std::invalid_argument("a table has 256 entries");
-    std::copy(values.begin(), values.end(), entries.begin());
-    return entries;
+// Number by number.
+template <class Value, class Plain>
+void copy(const Value& value, Plain& plain) {
+    if constexpr (std::is_arithmetic_v<Plain>) {
+        plain = value;
+    } else {
+        if (value.size() != std::size(plain)) throw std::invalid_argument("a table has 256 entries");
+        for (std::size_t n = 0; n < value.size(); ++n) copy(value[n], plain[n]);
+    }
 }
 
 Field field_of(int number) {
@@ -38,25 +44,32 @@ Field field_of(int number) {
 SlabScene scene_of(const std::array<int, 4>& cross_bar, const Colours& emit, const Colours& refl, const Scalars& opac,
                    const Scalars& modu, const Vector3& light, const Vector3& half_way,
                    const std::array<bool, 3>& switches, double specular_power) {
-    const auto [diffuse, specular, two_sided] = switches;
-    return {{field_of(cross_bar[0]), field_of(cross_bar[1]), field_of(cross_bar[2]), field_of(cross_bar[3])},
-            entries_of<ColourEntries>(emit),
-            entries_of<ColourEntries>(refl),
-            entries_of<ScalarEntries>(opac),
-            entries_of<ScalarEntries>(modu),
-            light,
-            half_way,
-            diffuse,
-            specular,
-            two_sided,
-            specular_power};
+    SlabScene scene;
+    for (std::size_t table = 0; table < cross_bar.size(); ++table) scene.cross_bar[table] = field_of(cross_bar[table]);
+    copy(emit, scene.emit), copy(refl, scene.refl), copy(opac, scene.opac), copy(modu, scene.modu);
+    copy(light, scene.light), copy(half_way, scene.half_way);
+    std::tie(scene.diffuse, scene.specular, scene.two_sided) = std::tuple_cat(switches);
+    scene.specular_power = specular_power;
+    return scene;
 }
 
 SlabGrid grid_of(const Matrix3& gradient, const Matrix3& axes, double strength,
                  const std::array<std::array<double, 4>, 3>& screen_bytes, const std::array<std::int64_t, 3>& dims,
                  const std::array<std::int64_t, 3>& factors) {
-    return {gradient, {axes[0], axes[1], axes[2]}, strength, {screen_bytes[0], screen_bytes[1], screen_bytes[2]}, dims,
-            factors};
+    SlabGrid grid;
+    copy(gradient, grid.gradient), copy(axes, grid.axes), copy(screen_bytes, grid.screen_bytes);
+    copy(dims, grid.dims), copy(factors, grid.factors);
+    grid.strength = strength;
+    return grid;
+}
+
+SlabRays rays_of(const std::array<Vector3, 4>& places, const std::array<Vector3, 2>& bounds, double thickness,
+                 int baseline) {
+    SlabRays rays;
+    copy(places[0], rays.origin), copy(places[1], rays.right), copy(places[2], rays.down);
+    copy(places[3], rays.behind), copy(bounds[0], rays.low), copy(bounds[1], rays.high);
+    rays.thickness = thickness, rays.baseline = baseline;
+    return rays;
 }
 
 }  // namespace
@@ -95,17 +108,15 @@ void bind_slabs(nb::module_& m) {
         .def(
             "__init__",
             [](PythonSlabs* self, nb::object table, const SlabScene& scene, const SlabGrid& grid, int planes, int lead,
-               int before, int baseline, double thickness, const std::array<Vector3, 4>& places,
+               int baseline, double thickness, const std::array<Vector3, 4>& places,
                const std::array<Vector3, 2>& bounds) {
                 const SlabTable* slices = &nb::cast<const SlabTable&>(table);
                 new (self) PythonSlabs{std::move(table),
-                                       SlabShading(scene, grid),
-                                       {slices, nullptr, planes, lead, before, baseline, thickness, places[0],
-                                        places[1], places[2], places[3], bounds[0], bounds[1]}};
+                                       SlabShading(scene, grid, rays_of(places, bounds, thickness, baseline)),
+                                       {slices, nullptr, planes, lead}};
                 self->frame.shading = &self->shading;
             },
-            "table"_a, "scene"_a, "grid"_a, "planes"_a, "lead"_a, "before"_a, "baseline"_a, "thickness"_a, "places"_a,
-            "bounds"_a);
+            "table"_a, "scene"_a, "grid"_a, "planes"_a, "lead"_a, "baseline"_a, "thickness"_a, "places"_a, "bounds"_a);
 }
 
 }  // namespace volsplat

@@ -1,6 +1,8 @@
 // Adds the slices of voxels' kernels to the planes of a frame of slabs. Sums of integers: no order matters.
-#include "closed_tiles.h"
-#include "shaded_sample.h"
+//
+// All planes of a block that a voxel reaches at a pixel are added to at once. So what is written is always read again
+// as it was written, which is what lets the voxels of a row, whose boxes overlap, follow each other without waiting.
+#include "kernels/vectors.h"
 #include "splat_kernels.h"
 #include "splat_server/kernels/slab_sums.h"
 
@@ -11,106 +13,142 @@ namespace {
 template <class Number>
 class SlabLoop {
     typedef typename SumLayout<Number>::Weight Weight;
-    typedef Number Numbers __attribute__((vector_size(kSliceLanes * sizeof(Number))));
-    typedef Weight Weights __attribute__((vector_size(kSliceLanes * sizeof(Weight))));
+    typedef Number Numbers __attribute__((vector_size(kBlockPlanes * sizeof(Number))));
+    typedef Weight Weights __attribute__((vector_size(kBlockPlanes * sizeof(Weight))));
 
 public:
-    SlabLoop(const SlabTableView& table, const SlabSums& sums, const ImageView& image)
-        : table_(table), sums_(sums), image_(image), closed_(image) {}
+    SlabLoop(const SlabTableView& table, const SlabSums& sums, std::int64_t group)
+        : table_(table),
+          sums_(sums),
+          first_slot_(static_cast<int>(group % sums.slots)),
+          column_(sums.slots * kBlockPlanes) {}
 
-    // Returns how many voxels were left out as hidden.
-    std::uint64_t add(const SlabRuns& runs) {
-        const unsigned char* packets = runs.packets;
-        for (std::uint64_t n = 0; n < runs.run_count; ++n) {
-            const RowRun run = run_at(runs.runs, n);
-            const unsigned char* const end = packets + std::uint64_t(run.count) * kPacketBytes;
-            for (; packets != end; packets += kPacketBytes) add(packet_at(packets), run, runs.first_plane);
-        }
-        return hidden_;
+    void add(const SlabVoxel* voxels, std::uint64_t count) const {
+        for (const SlabVoxel* voxel = voxels; voxel != voxels + count; ++voxel) add(*voxel);
     }
 
 private:
-    void add(std::uint64_t packet, const RowRun& run, std::int64_t first_plane) {
-        // To the nearest offset
-        const int finer = kSubpixelBits - table_.offset_bits, offsets = 1 << table_.offset_bits;
-        const std::int64_t half = finer ? std::int64_t{1} << (finer - 1) : 0;
-        const std::int64_t x = (run.x0 + x_of(packet) + half) >> finer, y = (run.y0 + y_of(packet) + half) >> finer;
-        const int depth = static_cast<int>(packet >> kDepthShift & kOpacityMask);
-        if (depth >= kGroupPlanes << kDepthBits) return;  // no voxel's of this group
-        const int phase = depth & ((1 << kDepthBits) - 1);
-        const std::int64_t left = (x >> table_.offset_bits) - table_.left + sums_.margin;
-        const std::int64_t top = (y >> table_.offset_bits) - table_.top - sums_.first_line;
-        if (left < 0 || left + table_.pitch > sums_.pitch || top >= sums_.lines || top + table_.rows <= 0) return;
-        if (sums_.any_closed && hides(left - sums_.margin, top + sums_.first_line)) {
-            ++hidden_;
-            return;
-        }
-        const std::int64_t slice = std::int64_t(table_.rows) * table_.pitch;
-        const std::int64_t box = (phase * offsets + (y & (offsets - 1))) * offsets + (x & (offsets - 1));
-        const Weight* const weights = static_cast<const Weight*>(table_.weights) + box * table_.slices * slice;
-        const SliceSpan* const spans = table_.spans + phase * table_.slices;
-        const Number one = Number{1} << SumLayout<Number>::kDensityBits | (packet >> kDensityShift & 255);
-        const std::int64_t plane = first_plane + (depth >> kDepthBits) - table_.before;
-        for (int m = 0; m < table_.slices; ++m) {
-            if (plane + m < 0 || plane + m >= sums_.planes || spans[m].row_begin >= spans[m].row_end) continue;
-            add(weights + m * slice, spans[m], one, static_cast<int>((plane + m) % sums_.ring), left, top);
-        }
-    }
+    struct Box {
+        std::int64_t left, top;  // of the sums
+        const Weight* weights;
+        const RowSpan* spans;
+        int begin, end;  // rows
+    };
 
-    // Whether all that a box, or gradients beside it, may change is closed.
-    bool hides(std::int64_t left, std::int64_t top) const {
-        const auto within = [](std::int64_t place, int size) {
-            return static_cast<int>(place < 0 ? 0 : place < size ? place : size);
-        };
-        const int aside = sums_.aside;
-        const PixelBox box{within(left - aside, image_.width), within(left + table_.columns + aside, image_.width),
-                           within(top - aside, image_.height), within(top + table_.rows + aside, image_.height)};
-        return box.x_begin >= box.x_end || box.y_begin >= box.y_end || closed_.hide(box);
-    }
-
-    void add(const Weight* weights, const SliceSpan& span, Number one, int plane, std::int64_t left,
-             std::int64_t top) const {
-        const std::int64_t begin = top + span.row_begin > 0 ? span.row_begin : -top;
-        const std::int64_t end = top + span.row_end < sums_.lines ? span.row_end : sums_.lines - top;
-        if (begin >= end) return;
-        touch(plane, left + span.column_begin, left + span.column_end - 1, top + begin, top + end - 1);
-        Number* line = static_cast<Number*>(sums_.sums) + plane * sums_.plane + (top + begin) * sums_.pitch + left;
-        weights += begin * table_.pitch;
-        for (std::int64_t row = begin; row < end; ++row, line += sums_.pitch, weights += table_.pitch)
-            for (int x = span.column_begin; x < span.column_end; x += kSliceLanes) {
-                Weights few;
-                Numbers numbers;
-                __builtin_memcpy(&few, weights + x, sizeof few);
-                __builtin_memcpy(&numbers, line + x, sizeof numbers);
-                numbers += __builtin_convertvector(few, Numbers) * one;
-                __builtin_memcpy(line + x, &numbers, sizeof numbers);
+    void add(const SlabVoxel& voxel) const {
+        const std::int64_t offset = (std::int64_t(voxel.phase) << 2 * table_.offset_bits) + voxel.offset;
+        const std::int64_t numbers = std::int64_t(table_.rows) * table_.columns * table_.slices;
+        const int plane = voxel.plane, lines_left = sums_.lines - voxel.top;
+        const Box box{voxel.left,
+                      voxel.top,
+                      static_cast<const Weight*>(table_.weights) + offset * numbers - plane,
+                      table_.spans + (offset >> table_.offset_bits) * table_.rows,
+                      voxel.top < 0 ? -voxel.top : 0,
+                      table_.rows < lines_left ? table_.rows : lines_left};
+        const Number one = Number{1} << SumLayout<Number>::kDensityBits | voxel.density;
+        const int first = plane / kBlockPlanes, end = (plane + table_.slices - 1) / kBlockPlanes + 1;  // blocks
+        touch(box, first, end);
+#if defined(__AVX512F__)
+        if constexpr (sizeof(Number) == 4)
+            if (sums_.slots == 2) {
+                if (first_slot_ == 0) add_both<false>(box, plane, one);
+                else add_both<true>(box, plane, one);
+                return;
             }
+#endif
+        for (int block = first; block < end; block += 2) add(box, plane, block, end - block, one);
     }
 
-    void touch(int plane, std::int64_t left, std::int64_t right, std::int64_t top, std::int64_t bottom) const {
-        std::uint8_t* const tiles = sums_.touched + std::int64_t(plane) * sums_.tile_rows * sums_.tiles;
-        for (std::int64_t row = top / kTileLines; row <= bottom / kTileLines; ++row)
-            for (std::int64_t tile = left / kTileColumns; tile <= right / kTileColumns; ++tile)
-                tiles[row * sums_.tiles + tile] = 1;
+    // To this block and, if there is one, the next. `plane` is that of the first slice, counted from the first block.
+    void add(const Box& box, int plane, int block, int blocks, Number one) const {
+        const Numbers near = one & reached(plane, block), far = one & reached(plane, block + 1);
+        Number* const sums = static_cast<Number*>(sums_.sums);
+        const std::int64_t to_far = (slot(block + 1) - slot(block)) * kBlockPlanes;
+        for (int row = box.begin; row < box.end; ++row) {
+            const RowSpan span = box.spans[row];
+            Number* pixel =
+                sums + ((box.top + row) * sums_.pitch + box.left + span.begin) * column_ + slot(block) * kBlockPlanes;
+            const Weight* weights =
+                box.weights + (std::int64_t(row) * table_.columns + span.begin) * table_.slices + block * kBlockPlanes;
+            if (blocks == 1) {
+                for (int x = span.begin; x < span.end; ++x, pixel += column_, weights += table_.slices)
+                    add(pixel, weights, near);
+            } else {
+                for (int x = span.begin; x < span.end; ++x, pixel += column_, weights += table_.slices) {
+                    add(pixel, weights, near);
+                    add(pixel + to_far, weights + kBlockPlanes, far);
+                }
+            }
+        }
+    }
+
+#if defined(__AVX512F__)
+    // To the two blocks that there are, which lie next to each other.
+    template <bool swapped>
+    void add_both(const Box& box, int plane, Number one) const {
+        SixteenWords each = load<SixteenWords>(static_cast<const Number*>(table_.slice_bits) - plane);
+        if (swapped) each = halves_swapped(each);
+        each &= one;
+        // What is stored might be these, as far as the compiler knows
+        const std::int64_t slices = table_.slices, columns = table_.columns, line = sums_.pitch * 2 * kBlockPlanes;
+        const Weight* const all_weights = box.weights;
+        const RowSpan* const spans = box.spans;
+        Number* pixel = static_cast<Number*>(sums_.sums) + (box.top + box.begin) * line + box.left * 2 * kBlockPlanes;
+        for (int row = box.begin, end = box.end; row < end; ++row, pixel += line) {
+            const RowSpan span = spans[row];
+            const Weight* weights = all_weights + (row * columns + span.begin) * slices;
+            Number* at = pixel + span.begin * 2 * kBlockPlanes;
+            for (int left = span.end - span.begin; left > 0; --left, at += 2 * kBlockPlanes, weights += slices) {
+                const SixteenWords few = sixteen_widened(weights);
+                store(at, load<SixteenWords>(at) + (swapped ? halves_swapped(few) : few) * each);
+            }
+        }
+    }
+#endif
+
+    // Beside the slices of the pixel those of its neighbours are read, and left out.
+    static void add(Number* planes, const Weight* weights, const Numbers& each) {
+        if constexpr (sizeof(Number) == 4) store(planes, load<Numbers>(planes) + eight_widened(weights) * each);
+        else store(planes, load<Numbers>(planes) + __builtin_convertvector(load<Weights>(weights), Numbers) * each);
+    }
+
+    // All bits of the planes of a block that a slice lies on; `plane` is that of the first.
+    Numbers reached(int plane, int block) const {
+        return load<Numbers>(static_cast<const Number*>(table_.slice_bits) + block * kBlockPlanes - plane);
+    }
+
+    int slot(int block) const {
+        const int found = first_slot_ + block;
+        return found < sums_.slots ? found : found - sums_.slots;
+    }
+
+    void touch(const Box& box, int begin, int end) const {
+        const std::int64_t right = box.left + table_.columns - 1;
+        const std::int64_t first = (box.top + box.begin) / kTileLines, last = (box.top + box.end - 1) / kTileLines;
+        for (int block = begin; block < end; ++block) {
+            std::uint8_t* const tiles = sums_.touched + std::int64_t(slot(block)) * sums_.tile_rows * sums_.tiles;
+            for (std::int64_t row = first; row <= last; ++row)
+                for (std::int64_t tile = box.left / kTileColumns; tile <= right / kTileColumns; ++tile)
+                    tiles[row * sums_.tiles + tile] = 1;
+        }
     }
 
     const SlabTableView& table_;
     const SlabSums& sums_;
-    const ImageView image_;
-    const ClosedTiles closed_;
-    std::uint64_t hidden_ = 0;
+    const int first_slot_;
+    const std::int64_t column_;  // numbers
 };
 
 }  // namespace
 
-std::uint64_t splat_slabs(const SlabTableView& table, const SlabSums& sums, const ImageView& image,
-                          const SlabRuns& runs) {
-    return SlabLoop<std::uint32_t>(table, sums, image).add(runs);
+void splat_slabs(const SlabTableView& table, const SlabSums& sums, std::int64_t group, const SlabVoxel* voxels,
+                 std::uint64_t count) {
+    SlabLoop<std::uint32_t>(table, sums, group).add(voxels, count);
 }
 
-std::uint64_t splat_wide_slabs(const SlabTableView& table, const SlabSums& sums, const ImageView& image,
-                               const SlabRuns& runs) {
-    return SlabLoop<std::uint64_t>(table, sums, image).add(runs);
+void splat_wide_slabs(const SlabTableView& table, const SlabSums& sums, std::int64_t group, const SlabVoxel* voxels,
+                      std::uint64_t count) {
+    SlabLoop<std::uint64_t>(table, sums, group).add(voxels, count);
 }
 
 }  // namespace volsplat::VOLSPLAT_PATH

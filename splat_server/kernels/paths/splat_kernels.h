@@ -3,6 +3,7 @@
 
 #include "kernels/path_table.h"
 #include "splat_server/kernels/footprint_box.h"
+#include "splat_server/kernels/slab_samples.h"
 #include "splat_server/kernels/slab_sums.h"
 #include "splat_server/kernels/splat_job.h"
 
@@ -16,10 +17,26 @@ struct SplatKernels {
     // Writes [offsets y][offsets x][height][pitch] weights into zeros.
     Kernel<void(const FootprintBox& box, float* weights)> fill_footprints;
 
-    // Add runs of voxels to the planes of a frame of slabs, in sums of 32 and of 64 bits; return how many are hidden.
-    Kernel<std::uint64_t(const SlabTableView& table, const SlabSums& sums, const ImageView& image,
-                         const SlabRuns& runs)>
+    // Finds the voxels of runs, behind those found before, for which there is room; returns how many are hidden.
+    Kernel<std::uint64_t(const SlabTableView& table, const SlabSums& sums, const ImageView& image, const SlabRuns& runs,
+                         SlabVoxels& found)>
+        find_slab_voxels;
+
+    // Add voxels of a group to the planes that they reach, in sums of 32 and of 64 bits.
+    Kernel<void(const SlabTableView& table, const SlabSums& sums, std::int64_t group, const SlabVoxel* voxels,
+                std::uint64_t count)>
         splat_slabs, splat_wide_slabs;
+
+    // Put densities in the place of the sums of a complete block, at so many neighbouring pixels.
+    Kernel<void(const SlabSums& sums, void* block, int pixels)> find_slab_densities, find_wide_slab_densities;
+
+    // Marks the slabs that show anything: those between the last plane of the block before and the planes of this one.
+    Kernel<void(const float (*densities)[kBlockPlanes + 1], int pixels, const std::int32_t* next_visible,
+                std::uint8_t (*shown)[kBlockPlanes])>
+        find_shown_slabs;
+
+    // Classifies and lights them.
+    Kernel<void(const SlabShadingView& view, SlabSamples& samples)> find_slab_colours;
 };
 
 // Those of the CPU path in use.
@@ -32,8 +49,13 @@ namespace volsplat::VOLSPLAT_PATH {
 
 FunctionOf<&SplatKernels::splat> splat;
 FunctionOf<&SplatKernels::fill_footprints> fill_footprints;
+FunctionOf<&SplatKernels::find_slab_voxels> find_slab_voxels;
 FunctionOf<&SplatKernels::splat_slabs> splat_slabs;
 FunctionOf<&SplatKernels::splat_wide_slabs> splat_wide_slabs;
+FunctionOf<&SplatKernels::find_slab_densities> find_slab_densities;
+FunctionOf<&SplatKernels::find_wide_slab_densities> find_wide_slab_densities;
+FunctionOf<&SplatKernels::find_shown_slabs> find_shown_slabs;
+FunctionOf<&SplatKernels::find_slab_colours> find_slab_colours;
 
 }  // namespace volsplat::VOLSPLAT_PATH
 #endif

@@ -1,10 +1,8 @@
-// A slab is shaded once no voxel can reach its two planes any more.
+// A block is shaded once no voxel can reach its planes any more.
 #include "slab_planes.h"
 
 #include <algorithm>
-#include <cmath>
 #include <cstring>
-#include <type_traits>
 #include <utility>
 
 #include "splat_server/kernels/paths/splat_kernels.h"
@@ -13,49 +11,49 @@ namespace volsplat {
 
 namespace {
 
-// Of what the weights around a point sum to: less is known only outside of the volume, and deep in no data.
-constexpr double kLeastKnown = 1.0 / 16;
-constexpr double kParallel = 1e-12;
-
-template <class Number>
-bool density_of(Number sum, float& density) {
-    typedef SumLayout<Number> Layout;
-    typedef typename Layout::Quotient Quotient;
-    typedef std::make_signed_t<Number> Signed;  // which instruction sets convert
-    constexpr Signed kLeast = static_cast<Signed>(kLeastKnown * Layout::kUnit);
-    const Signed weight = static_cast<Signed>(sum >> Layout::kDensityBits);
-    const Signed weighted = static_cast<Signed>(sum & ((Number{1} << Layout::kDensityBits) - 1));
-    density = static_cast<float>(static_cast<Quotient>(weighted) / static_cast<Quotient>(std::max<Signed>(weight, 1)));
-    return weight >= kLeast;
-}
+// Columns between lines: neighbours above each other must not share the few places of a cache that addresses a power of
+// two apart have.
+constexpr int kLineGap = 9;
 
 int rounded_up(int number, int to) { return (number + to - 1) / to * to; }
+
+bool frozen(float alpha) { return !(alpha < static_cast<float>(kFrozenAlpha)); }
 
 }  // namespace
 
 SlabPlanes::SlabPlanes(const SlabFrame& frame, const SplatJob& job)
-    : frame_(frame), image_(job.image), row_begin_(job.row_begin), row_end_(job.row_end), work_(job.work) {}
+    : frame_(frame),
+      image_(job.image),
+      row_begin_(job.row_begin),
+      row_end_(job.row_end),
+      work_(job.work),
+      groups_((frame.planes - 1 + frame.lead) / kGroupPlanes + 1),
+      number_bytes_(frame.table->wide() ? sizeof(std::uint64_t) : sizeof(std::uint32_t)) {}
 
 // Where nothing comes no memory is touched.
 void SlabPlanes::make_room() {
     if (memory_) return;
-    const SlabTableView table = frame_.table->view();
-    const int aside = table.pitch + frame_.baseline + kSliceLanes, lines = row_end_ - row_begin_ + 2 * frame_.baseline;
-    sums_.margin = rounded_up(aside, kSliceLanes);
-    sums_.pitch = rounded_up(image_.width + 2 * sums_.margin, kTileColumns);
-    sums_.first_line = row_begin_ - frame_.baseline;
-    sums_.lines = lines;
-    sums_.plane = sums_.pitch * lines;
-    sums_.ring = kGroupPlanes + table.slices + 2;
-    sums_.planes = frame_.planes;
-    sums_.tile_rows = rounded_up(lines, kTileLines) / kTileLines;
-    sums_.tiles = static_cast<int>(sums_.pitch / kTileColumns);
-    const std::size_t numbers = static_cast<std::size_t>(sums_.ring) * sums_.plane;
-    memory_ = zeros(frame_.table->wide() ? 2 * numbers : numbers);
+    const int baseline = frame_.shading->baseline();
+    sums_.margin = rounded_up(frame_.table->width() + baseline + 1, kTileColumns);
+    sums_.tiles = rounded_up(image_.width + 2 * sums_.margin, kTileColumns) / kTileColumns;
+    sums_.columns = sums_.tiles * kTileColumns;
+    sums_.pitch = sums_.columns + kLineGap;
+    sums_.first_line = row_begin_ - baseline;
+    sums_.lines = row_end_ - row_begin_ + 2 * baseline;
+    sums_.slots = rounded_up(frame_.table->depth(), kBlockPlanes) / kBlockPlanes;
+    sums_.tile_rows = rounded_up(sums_.lines, kTileLines) / kTileLines;
+    sums_.aside = baseline;
+    const std::size_t columns = static_cast<std::size_t>(sums_.pitch) * sums_.tile_rows * kTileLines;
+    const std::size_t tiles = static_cast<std::size_t>(sums_.tile_rows) * sums_.tiles;
+    memory_ = zeros(columns * sums_.slots * kBlockPlanes * (number_bytes_ / sizeof(float)));
     sums_.sums = memory_.get();
-    touched_.assign(static_cast<std::size_t>(sums_.ring) * sums_.tile_rows * sums_.tiles, 0);
+    touched_.assign(sums_.slots * tiles, 0);
     sums_.touched = touched_.data();
-    sums_.aside = frame_.baseline;
+    found_.patch_columns = (sums_.columns >> kPatchBits) + 1;
+    patches_.assign(static_cast<std::size_t>(found_.patch_columns) * ((sums_.lines >> kPatchBits) + 1), 0);
+    found_.patches = patches_.data();
+    last_plane_.assign(columns, 0);
+    last_touched_.assign(tiles, 0);
 }
 
 std::uint64_t SlabPlanes::add(const SpanView* spans, std::size_t count) {
@@ -84,170 +82,210 @@ std::uint64_t SlabPlanes::add(const SpanView* spans, std::size_t count) {
 std::uint64_t SlabPlanes::add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end,
                                    const unsigned char* packets) {
     const std::int64_t group = run_at(span.runs, begin).sheet;
-    const std::int64_t first = kGroupPlanes * group - frame_.lead;
-    shade_before(first - 1);
-    const SlabRuns runs{span.runs + begin * sizeof(RowRun), packets, end - begin, first + frame_.before};
-    const SlabTableView table = frame_.table->view();
-    if (frame_.table->wide()) return splat_kernels().splat_wide_slabs(table, sums_, image_, runs);
-    return splat_kernels().splat_slabs(table, sums_, image_, runs);
+    if (group < next_block_ || group >= groups_) return 0;  // no voxel's of this frame
+    if (group != group_) {
+        add_group();
+        shade_before(group);
+        group_ = group;
+    }
+    std::uint64_t more = 0;
+    for (std::uint64_t n = begin; n < end; ++n) more += run_at(span.runs, n).count;
+    if (voxels_.size() < found_.count + more) voxels_.resize(std::max(2 * voxels_.size(), found_.count + more));
+    found_.voxels = voxels_.data();
+    const SlabRuns runs{span.runs + begin * sizeof(RowRun), packets, end - begin};
+    return splat_kernels().find_slab_voxels(frame_.table->view(), sums_, image_, runs, found_);
+}
+
+// Patch by patch.
+void SlabPlanes::add_group() {
+    std::uint32_t begin = 0;
+    for (std::uint32_t& patch : patches_) begin += std::exchange(patch, begin);
+    sorted_.resize(std::max<std::size_t>(sorted_.size(), found_.count));
+    for (std::uint64_t n = 0; n < found_.count; ++n) {
+        const SlabVoxel& voxel = voxels_[n];
+        sorted_[patches_[patch_of(voxel.left, voxel.top, found_.patch_columns)]++] = voxel;
+    }
+    const SplatKernels& kernels = splat_kernels();
+    const auto& splat = frame_.table->wide() ? kernels.splat_wide_slabs : kernels.splat_slabs;
+    splat(frame_.table->view(), sums_, group_, sorted_.data(), found_.count);
+    std::fill(patches_.begin(), patches_.end(), 0);
+    found_.count = 0;
 }
 
 void SlabPlanes::finish() {
-    if (memory_) shade_before(frame_.planes - 1);
+    if (!memory_) return;
+    add_group();
+    shade_before((frame_.planes - 1 + frame_.lead) / kBlockPlanes + 1);
 }
 
-// The slabs whose second plane lies before this one, or is it.
-void SlabPlanes::shade_before(std::int64_t plane) {
-    for (; next_slab_ < std::min<std::int64_t>(plane, frame_.planes - 1); ++next_slab_) shade(next_slab_);
+void SlabPlanes::shade_before(std::int64_t block) {
+    for (; next_block_ < block; ++next_block_) shade(next_block_);
 }
 
-void SlabPlanes::shade(std::int64_t slab) {
-    const std::uint8_t *front = touched(slab), *back = touched(slab + 1);
+void SlabPlanes::shade(std::int64_t block) {
+    std::uint8_t* const marks = touched(block);
+    each_tile(marks, [&](int row, int tile) { find_densities(block, row, tile); });
+    // The first slab begins on the last plane of the block before
+    for (std::size_t n = 0; n < last_touched_.size(); ++n) last_touched_[n] |= marks[n];
+    each_tile(last_touched_.data(), [&](int row, int tile) { shade_tile(block, row, tile); });
+    each_tile(last_touched_.data(), [&](int row, int tile) { keep_last_plane(block, row, tile); });
+    std::copy_n(marks, last_touched_.size(), last_touched_.begin());
+    std::fill_n(marks, last_touched_.size(), 0);
+}
+
+template <class Do>
+void SlabPlanes::each_tile(const std::uint8_t* marks, const Do& act) {
     for (int row = 0; row < sums_.tile_rows; ++row)
-        for (int tile = 0; tile < sums_.tiles; ++tile, ++front, ++back)
-            if (*front | *back) shade_tile(slab, row, tile);
-    clear(slab);
+        for (int tile = 0; tile < sums_.tiles; ++tile)
+            if (marks[row * sums_.tiles + tile]) act(row, tile);
 }
 
-void SlabPlanes::shade_tile(std::int64_t slab, int row, int tile) {
-    const int left = std::max(tile * kTileColumns - sums_.margin, 0);
-    const int right = std::min((tile + 1) * kTileColumns - sums_.margin, image_.width);
-    const int top = std::max(row * kTileLines, frame_.baseline);
-    const int bottom = std::min((row + 1) * kTileLines, sums_.lines - frame_.baseline);
-    if (left >= right) return;
-    Densities front, back;
-    bool shaded = false;
-    for (int line = top; line < bottom; ++line) {
-        densities(slab, left, right - left, line, front);
-        densities(slab + 1, left, right - left, line, back);
-        for (int n = 0; n < right - left; ++n) {
-            const bool known[2] = {front.known[n], back.known[n]};
-            if (!known[0] && !known[1]) continue;
-            const float found[2] = {known[0] ? front.density[n] : back.density[n],
-                                    known[1] ? back.density[n] : front.density[n]};
-            if (!frame_.shading->shows(std::min(found[0], found[1]), std::max(found[0], found[1]))) continue;
-            shade_pixel(slab, left + n, line, found, known);
-            shaded = true;
+void SlabPlanes::find_densities(std::int64_t block, int row, int tile) {
+    const SplatKernels& kernels = splat_kernels();
+    const auto& find = frame_.table->wide() ? kernels.find_wide_slab_densities : kernels.find_slab_densities;
+    for (int line = row * kTileLines; line < (row + 1) * kTileLines; ++line)
+        find(sums_, block_at(block, line, tile * kTileColumns), kTileColumns);
+}
+
+SlabPlanes::TileArea SlabPlanes::area_of(int row, int tile) const {
+    return {std::max(tile * kTileColumns - sums_.margin, 0),
+            std::min((tile + 1) * kTileColumns - sums_.margin, image_.width), std::max(row * kTileLines, sums_.aside),
+            std::min((row + 1) * kTileLines, sums_.lines - sums_.aside)};
+}
+
+void SlabPlanes::shade_tile(std::int64_t block, int row, int tile) {
+    const TileArea area = area_of(row, tile);
+    ShownPixels shown;
+    if (area.left >= area.right || !find_shown(block, area, shown)) return;
+    for (int slab = 0; slab < kBlockPlanes; ++slab)
+        if (shown.counts[slab] > 0) shade_slab(block, slab, area, shown);
+    note_closed(area);
+}
+
+// False if none are.
+bool SlabPlanes::find_shown(std::int64_t block, const TileArea& area, ShownPixels& shown) const {
+    const SlabShadingView shading = frame_.shading->view();
+    const Plane last = plane(block, -1), first = plane(block, 0);
+    const std::int64_t before_slab_0 = kBlockPlanes * block - frame_.lead - 1;  // its first plane
+    const auto begin = std::clamp<std::int64_t>(-before_slab_0, 0, kBlockPlanes);
+    const auto end = std::clamp<std::int64_t>(frame_.planes - 1 - before_slab_0, 0, kBlockPlanes);
+    shown.counts = {};
+    bool any = false;
+    for (int line = area.top; line < area.bottom; ++line) {
+        float densities[kTileColumns][kBlockPlanes + 1];
+        std::uint8_t marks[kTileColumns][kBlockPlanes];
+        const float* const before = last.densities + line * last.down + area.left;
+        const float* const planes = first.densities + line * first.down + area.left * first.right;
+        for (int n = 0; n < area.right - area.left; ++n) {
+            densities[n][0] = before[n];
+            std::memcpy(densities[n] + 1, planes + n * first.right, kBlockPlanes * sizeof(float));
+        }
+        splat_kernels().find_shown_slabs(densities, area.right - area.left, shading.next_visible, marks);
+        const float* const alphas =
+            image_.pixels + (line + sums_.first_line) * image_.pitch + area.left + 3 * image_.plane;
+        for (int n = 0; n < area.right - area.left; ++n) {
+            std::uint64_t all;
+            std::memcpy(&all, marks[n], sizeof all);
+            if (all == 0 || frozen(alphas[n])) continue;
+            for (auto slab = begin; slab < end; ++slab)
+                if (marks[n][slab])
+                    shown.pixels[slab][shown.counts[slab]++] =
+                        static_cast<std::uint16_t>((line - area.top) * kTileColumns + n);
+            any = true;
         }
     }
-    if (shaded) note_closed(left, right, top + sums_.first_line, bottom + sums_.first_line);
+    return any;
+}
+
+void SlabPlanes::shade_slab(std::int64_t block, int slab, const TileArea& area, const ShownPixels& shown) {
+    const Plane planes[] = {plane(block, slab - 1), plane(block, slab)};
+    float* const pixels = image_.pixels + (area.top + sums_.first_line) * image_.pitch + area.left;
+    const auto pixel_at = [&](int n) {
+        return pixels + shown.pixels[slab][n] / kTileColumns * image_.pitch + shown.pixels[slab][n] % kTileColumns;
+    };
+    samples_.count = 0;
+    samples_.slab = kBlockPlanes * block - frame_.lead - 1 + slab;
+    float* open[kTilePixels];
+    for (int n = 0; n < shown.counts[slab]; ++n) {
+        float* const pixel = pixel_at(n);
+        if (frozen(pixel[3 * image_.plane])) continue;
+        const int line = area.top + shown.pixels[slab][n] / kTileColumns;
+        const int x = area.left + shown.pixels[slab][n] % kTileColumns, at = samples_.count++;
+        open[at] = pixel;
+        samples_.x[at] = x, samples_.y[at] = line + sums_.first_line;
+        for (int side = 0; side < 2; ++side) {
+            const Plane& plane = planes[side];
+            const float* const here = plane.densities + line * plane.down + x * plane.right;
+            const std::int64_t right = sums_.aside * plane.right, down = sums_.aside * plane.down;
+            samples_.here[side][at] = *here;
+            samples_.beside[side][0][at] = here[-right];
+            samples_.beside[side][1][at] = here[right];
+            samples_.beside[side][2][at] = here[-down];
+            samples_.beside[side][3][at] = here[down];
+        }
+    }
+    splat_kernels().find_slab_colours(frame_.shading->view(), samples_);
+    for (int n = 0; n < samples_.count; ++n) {
+        float* const pixel = open[n];
+        float& alpha = pixel[3 * image_.plane];
+        const float visible = (1.0f - alpha) * samples_.opacity[n];
+        for (int channel = 0; channel < 3; ++channel)
+            pixel[channel * image_.plane] += visible * samples_.colour[channel][n];
+        alpha += visible;
+    }
 }
 
 // Others read the map meanwhile; only the region's owner writes to its rows.
-void SlabPlanes::note_closed(int left, int right, int top, int bottom) {
-    const auto frozen = [&](int column, int row) {
+void SlabPlanes::note_closed(const TileArea& area) {
+    const int top = area.top + sums_.first_line, bottom = area.bottom + sums_.first_line;
+    const auto closed = [&](int column, int row) {
         const int x_end = std::min((column + 1) * kTileSide, image_.width);
         const int y_end = std::min((row + 1) * kTileSide, row_end_);
         for (int y = row * kTileSide; y < y_end; ++y) {
             const float* const alphas = image_.pixels + y * image_.pitch + 3 * image_.plane;
             for (int x = column * kTileSide; x < x_end; ++x)
-                if (alphas[x] < static_cast<float>(kFrozenAlpha)) return false;
+                if (!frozen(alphas[x])) return false;
         }
         return true;
     };
     for (int row = top / kTileSide; row <= (bottom - 1) / kTileSide; ++row)
-        for (int column = left / kTileSide; column <= (right - 1) / kTileSide; ++column) {
+        for (int column = area.left / kTileSide; column <= (area.right - 1) / kTileSide; ++column) {
             std::uint64_t& word = image_.closed_tiles[row * image_.tile_words + column / kWordTiles];
             const std::uint64_t bit = std::uint64_t{1} << column % kWordTiles;
-            if ((word & bit) || !frozen(column, row)) continue;
+            if ((word & bit) || !closed(column, row)) continue;
             __atomic_store_n(&word, word | bit, __ATOMIC_RELAXED);
             sums_.any_closed = true;
         }
 }
 
-void SlabPlanes::shade_pixel(std::int64_t slab, int x, int line, const float (&densities)[2], const bool (&known)[2]) {
-    const int y = line + sums_.first_line;
-    float* const pixel = image_.pixels + y * image_.pitch + x;
-    float& alpha = pixel[3 * image_.plane];
-    if (!(alpha < static_cast<float>(kFrozenAlpha))) return;
-    double from, to;
-    if (!clip(slab, x, y, from, to)) return;
-    const double rise = densities[1] - densities[0], middle = (from + to) / 2;
-    SlabSample sample{densities[0] + (from - slab) * rise,
-                      densities[0] + (to - slab) * rise,
-                      (to - from) * frame_.thickness,
-                      gradient(slab, x, line, densities, known),
-                      {}};
-    for (int axis = 0; axis < 3; ++axis)
-        sample.place[axis] =
-            frame_.origin[axis] + x * frame_.right[axis] + y * frame_.down[axis] + middle * frame_.behind[axis];
-    const SlabColour shaded = frame_.shading->shade(sample);
-    const float visible = (1.0f - alpha) * static_cast<float>(shaded.opacity);
-    for (int channel = 0; channel < 3; ++channel)
-        pixel[channel * image_.plane] += visible * static_cast<float>(shaded.colour[channel]);
-    alpha += visible;
-}
-
-// The part of a slab within the bounds, in planes; false if there is none.
-bool SlabPlanes::clip(std::int64_t slab, int x, int y, double& from, double& to) const {
-    from = static_cast<double>(slab), to = from + 1;
-    for (int axis = 0; axis < 3; ++axis) {
-        const double start = frame_.origin[axis] + x * frame_.right[axis] + y * frame_.down[axis];
-        const double step = frame_.behind[axis];
-        if (std::abs(step) < kParallel) {
-            if (start < frame_.low[axis] || start > frame_.high[axis]) return false;
-            continue;
-        }
-        const double low = (frame_.low[axis] - start) / step, high = (frame_.high[axis] - start) / step;
-        from = std::max(from, std::min(low, high));
-        to = std::min(to, std::max(low, high));
-    }
-    return from < to;
-}
-
-// Central differences in the middle of the slab; where a neighbour is not known, one-sided ones.
-Vector3 SlabPlanes::gradient(std::int64_t slab, int x, int line, const float (&densities)[2],
-                             const bool (&known)[2]) const {
-    Vector3 sum{0, 0, known[0] && known[1] ? densities[1] - densities[0] : 0.0};
-    const int aside = frame_.baseline, planes = int(known[0]) + int(known[1]);
-    for (int side = 0; side < 2; ++side) {
-        if (!known[side]) continue;
-        for (int axis = 0; axis < 2; ++axis) {
-            const int dx = axis == 0 ? aside : 0, dy = axis == 0 ? 0 : aside;
-            float low = 0, high = 0;
-            const bool before = density(slab + side, x - dx, line - dy, low);
-            const bool after = density(slab + side, x + dx, line + dy, high);
-            const double rise = (after ? high : densities[side]) - (before ? low : densities[side]);
-            if (before || after) sum[axis] += rise / (aside * (int(before) + int(after)) * planes);
+// The block is empty from then on.
+void SlabPlanes::keep_last_plane(std::int64_t block, int row, int tile) {
+    const Plane own = plane(block, kBlockPlanes - 1);
+    for (int line = row * kTileLines; line < (row + 1) * kTileLines; ++line) {
+        char* at = block_at(block, line, tile * kTileColumns);
+        float* const kept = last_plane_.data() + line * sums_.pitch + tile * kTileColumns;
+        for (int n = 0; n < kTileColumns; ++n, at += own.right * sizeof(float)) {
+            std::memcpy(kept + n, at + (kBlockPlanes - 1) * sizeof(float), sizeof(float));
+            std::memset(at, 0, kBlockPlanes * number_bytes_);
         }
     }
-    return sum;
 }
 
-bool SlabPlanes::density(std::int64_t plane, int x, int line, float& found) const {
-    const std::int64_t at = place(plane, x, line);
-    return frame_.table->wide() ? density_of(static_cast<const std::uint64_t*>(sums_.sums)[at], found)
-                                : density_of(static_cast<const std::uint32_t*>(sums_.sums)[at], found);
+std::uint8_t* SlabPlanes::touched(std::int64_t block) const {
+    return sums_.touched + block % sums_.slots * sums_.tile_rows * sums_.tiles;
 }
 
-void SlabPlanes::densities(std::int64_t plane, int x, int count, int line, Densities& found) const {
-    const std::int64_t at = place(plane, x, line);
-    const auto read = [&](const auto* sums) {
-        for (int n = 0; n < count; ++n) found.known[n] = density_of(sums[at + n], found.density[n]);
-    };
-    if (frame_.table->wide()) read(static_cast<const std::uint64_t*>(sums_.sums));
-    else read(static_cast<const std::uint32_t*>(sums_.sums));
+// From pixel 0 of line 0 on; number -1 is the last of the block before.
+SlabPlanes::Plane SlabPlanes::plane(std::int64_t block, int number) const {
+    if (number < 0) return {last_plane_.data() + sums_.margin, 1, sums_.pitch};
+    const auto* const densities = reinterpret_cast<const float*>(block_at(block, 0, sums_.margin)) + number;
+    const auto right = static_cast<std::int64_t>(sums_.slots * kBlockPlanes * number_bytes_ / sizeof(float));
+    return {densities, right, sums_.pitch * right};
 }
 
-void SlabPlanes::clear(std::int64_t plane) {
-    std::uint8_t* tiles = touched(plane);
-    const std::size_t bytes = frame_.table->wide() ? sizeof(std::uint64_t) : sizeof(std::uint32_t);
-    char* const sums = static_cast<char*>(sums_.sums) + (plane % sums_.ring) * sums_.plane * bytes;
-    for (int row = 0; row < sums_.tile_rows; ++row)
-        for (int tile = 0; tile < sums_.tiles; ++tile, ++tiles) {
-            if (!std::exchange(*tiles, 0)) continue;
-            const int end = std::min((row + 1) * kTileLines, sums_.lines);
-            for (int line = row * kTileLines; line < end; ++line)
-                std::memset(sums + (line * sums_.pitch + tile * kTileColumns) * bytes, 0, kTileColumns * bytes);
-        }
-}
-
-std::uint8_t* SlabPlanes::touched(std::int64_t plane) const {
-    return sums_.touched + (plane % sums_.ring) * sums_.tile_rows * sums_.tiles;
-}
-
-std::int64_t SlabPlanes::place(std::int64_t plane, int x, int line) const {
-    return (plane % sums_.ring) * sums_.plane + line * sums_.pitch + sums_.margin + x;
+char* SlabPlanes::block_at(std::int64_t block, int line, int column) const {
+    const std::int64_t place = (line * sums_.pitch + column) * sums_.slots + block % sums_.slots;
+    return static_cast<char*>(sums_.sums) + place * kBlockPlanes * static_cast<std::int64_t>(number_bytes_);
 }
 
 }  // namespace volsplat

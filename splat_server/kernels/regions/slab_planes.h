@@ -1,10 +1,9 @@
-// The planes of a region in a frame of slabs: voxels are added up on them, and each slab between two complete planes is
-// shaded into the image, from the front to the back (protocol/rules/slab_shape.py).
+// The planes of a region in a frame of slabs: voxels are added up on them, and the slabs of each complete block of
+// planes are shaded into the image, from the front to the back (protocol/rules/slab_shape.py).
 #pragma once
 
 #include <array>
 #include <cstdint>
-#include <memory>
 #include <vector>
 
 #include "kernels/large_memory.h"
@@ -20,13 +19,7 @@ struct SlabFrame {
     const SlabTable* table;
     const SlabShading* shading;
     int planes;
-    int lead;                     // planes before plane 0 with which groups begin
-    int before;                   // planes before that below a voxel's depth which it may reach
-    int baseline;                 // pixels to either side that gradients look at
-    double thickness;             // of a slab, in reference spacings
-    Vector3 origin;               // grid coordinates of pixel (0, 0) on plane 0
-    Vector3 right, down, behind;  // what a pixel and a plane add to them
-    Vector3 low, high;            // within which slabs are drawn
+    int lead;  // planes before plane 0 with which the first block begins
 };
 
 class SlabPlanes {
@@ -39,36 +32,58 @@ public:
     void finish();
 
 private:
-    // Of a part of a line on a plane.
-    struct Densities {
-        std::array<float, kTileColumns> density;
-        std::array<bool, kTileColumns> known;
+    struct TileArea {
+        int left, right;  // pixels
+        int top, bottom;  // lines of the sums
+    };
+
+    // One of the two planes of a slab: its densities, and how far it is to those of the next pixels.
+    struct Plane {
+        const float* densities;
+        std::int64_t right, down;
+    };
+
+    // For each slab of a block the pixels of a tile that show anything.
+    struct ShownPixels {
+        std::array<int, kBlockPlanes> counts;
+        std::array<std::uint16_t, kTilePixels> pixels[kBlockPlanes];
     };
 
     void make_room();
     std::uint64_t add_runs(const SpanView& span, std::uint64_t begin, std::uint64_t end, const unsigned char* packets);
-    void shade_before(std::int64_t plane);
-    void shade(std::int64_t slab);
-    void shade_tile(std::int64_t slab, int row, int tile);
-    void note_closed(int left, int right, int top, int bottom);
-    void shade_pixel(std::int64_t slab, int x, int line, const float (&densities)[2], const bool (&known)[2]);
-    bool clip(std::int64_t slab, int x, int y, double& from, double& to) const;
-    Vector3 gradient(std::int64_t slab, int x, int line, const float (&densities)[2], const bool (&known)[2]) const;
-    // Of a place on a plane, which may lie aside of the image; false where too little is known of it.
-    bool density(std::int64_t plane, int x, int line, float& found) const;
-    void densities(std::int64_t plane, int x, int count, int line, Densities& found) const;
-    void clear(std::int64_t plane);
-    std::uint8_t* touched(std::int64_t plane) const;
-    std::int64_t place(std::int64_t plane, int x, int line) const;
+    void add_group();
+    void shade_before(std::int64_t block);
+    void shade(std::int64_t block);
+    template <class Do>
+    void each_tile(const std::uint8_t* marks, const Do& act);
+    void find_densities(std::int64_t block, int row, int tile);
+    void shade_tile(std::int64_t block, int row, int tile);
+    bool find_shown(std::int64_t block, const TileArea& area, ShownPixels& shown) const;
+    void shade_slab(std::int64_t block, int slab, const TileArea& area, const ShownPixels& shown);
+    void note_closed(const TileArea& area);
+    void keep_last_plane(std::int64_t block, int row, int tile);
+    TileArea area_of(int row, int tile) const;
+    std::uint8_t* touched(std::int64_t block) const;
+    Plane plane(std::int64_t block, int number) const;
+    char* block_at(std::int64_t block, int line, int column) const;
 
     const SlabFrame frame_;
     const ImageView image_;
     const int row_begin_, row_end_;
     std::uint64_t* const work_;
+    const std::int64_t groups_;
+    const std::size_t number_bytes_;
     SlabSums sums_{};
     LargeArray<float> memory_;
     std::vector<std::uint8_t> touched_;
-    std::int64_t next_slab_ = 0;
+    std::int64_t group_ = 0;  // of the voxels that are found
+    std::vector<SlabVoxel> voxels_, sorted_;
+    SlabVoxels found_{};
+    std::vector<std::uint32_t> patches_;
+    std::vector<float> last_plane_;  // [line][column], of the block before the next one
+    std::vector<std::uint8_t> last_touched_;
+    std::int64_t next_block_ = 0;
+    SlabSamples samples_;
 };
 
 }  // namespace volsplat

@@ -1,0 +1,63 @@
+// What slabs are shaded by, and pixels of them, as plain structs that the loops of every instruction set share
+// (slab_shading.h).
+#pragma once
+
+#include <cstdint>
+
+#include "kernels/field.h"
+#include "slab_sums.h"
+
+namespace volsplat {
+
+constexpr int kTableEntries = 256;
+constexpr int kOpacityLevels = 256;  // of what is not indexed by density
+
+struct SlabScene {
+    Field cross_bar[4];  // of emit, refl, opac and modu
+    double emit[kTableEntries][3], refl[kTableEntries][3];
+    double opac[kTableEntries], modu[kTableEntries];
+    double light[3], half_way[3];  // physical axes
+    bool diffuse, specular, two_sided;
+    double specular_power;
+};
+
+struct SlabGrid {
+    double gradient[3][3];      // from differences per pixel right, pixel down and plane to those along physical axes
+    double axes[3][3];          // unit vectors along i, j and k
+    double strength;            // bytes per unit of a physical gradient of densities
+    double screen_bytes[3][4];  // of the fields screen x, y, z: at the grid's origin, and along i, j, k
+    std::int64_t dims[3], factors[3];  // voxels of the volume, and those that one of the level stands for
+};
+
+struct SlabRays {
+    double origin[3];                     // grid coordinates of pixel (0, 0) on plane 0
+    double right[3], down[3], behind[3];  // what a pixel and a plane add to them
+    double low[3], high[3];               // within which slabs are drawn
+    double thickness;                     // of a slab, in reference spacings
+    int baseline;                         // pixels to either side that gradients look at
+};
+
+// Integrals over a table, from entry 0 to before each.
+typedef double ColourIntegral[kTableEntries + 1][4];               // red, green and blue times the depth, and the depth
+typedef double DepthIntegrals[kTableEntries + 1][kOpacityLevels];  // by 255 times the opacity that density lacks
+
+struct SlabShadingView {
+    const SlabScene* scene;
+    const SlabGrid* grid;
+    const SlabRays* rays;
+    const std::int32_t* next_visible;  // [257]: the first entry from each on that can be seen
+    const DepthIntegrals* depths;
+    const ColourIntegral* colours[2];  // of emit and refl; null if all of it is black
+};
+
+// Some pixels of one slab. A density of 0 is not known; those that are known lie above it.
+struct SlabSamples {
+    int count;
+    std::int64_t slab;
+    std::int32_t x[kTilePixels], y[kTilePixels];
+    float here[2][kTilePixels];                          // densities on its two planes
+    float beside[2][4][kTilePixels];                     // left, right, above and below, as far as gradients look
+    float colour[3][kTilePixels], opacity[kTilePixels];  // what comes of it
+};
+
+}  // namespace volsplat
