@@ -11,6 +11,7 @@ import click
 import msgspec
 
 from volsplat.bench.tables.scene_tables import TableName, benchmark_scene
+from volsplat.client.command.choices import Words
 from volsplat.client.command.render_options import SceneOptions
 from volsplat.client.phantoms import PHANTOMS
 from volsplat.client.scene.presets import PRESETS
@@ -49,11 +50,11 @@ class Subject:
 def subject_options(command: Command) -> Command:
     """VOLUME, --phantom, --tables, --scene and --preset; read them by subject_of."""
     for option in (
-        click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Show it with this scene."),
+        click.option("--preset", type=Words(sorted(PRESETS)), help="Show it with this scene."),
         click.option("--scene", type=click.Path(path_type=Path), help="Show it with this scene TOML."),
         click.option(
             "--tables",
-            type=click.Choice([name.value for name in TableName]),
+            type=Words(TableName),
             help="Tables of the benchmarks (shells for the phantom; else what --preset, --scene or the data choose).",
         ),
         click.option(

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.choices import meant
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
@@ -32,7 +33,7 @@ ENTRIES = {
     "demo": Entry("Draw the head phantom, step by step, into a folder.", torch=True),
     "gallery": Entry("Draw the paper's sixteen images on four plates.", torch=True),
     "info": Entry("Tell what a volume is, with its histogram."),
-    "scene": Entry("Print a complete scene file to start from."),
+    "scene": Entry("Print the scene of a volume, an image or a preset."),
     "phantom": Entry("Write a volume that volsplat makes itself.", torch=True),
     "prepare": Entry("Turn a volume of any size into a packet store on disk.", program="volsplat.deploy.batch"),
     "bench": Entry(
@@ -55,7 +56,7 @@ class Commands(click.Group):
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
         entry = ENTRIES.get(name)
         if entry is None:
-            return None
+            raise click.UsageError(f"there is no command {name!r} ({meant(name, list(ENTRIES))})", context)
         if entry.program:
             return _becoming(name, entry.program)
         if entry.torch:

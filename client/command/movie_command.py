@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.choices import Words
 from volsplat.client.command.opened_volume import (
     check_found,
     memory_option,
@@ -18,10 +19,9 @@ from volsplat.client.command.opened_volume import (
     trace_option,
 )
 from volsplat.client.command.progress_bar import shown_progress
-from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
+from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import check_movie_writable
-from volsplat.client.scene.presets import PRESETS
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
@@ -40,7 +40,7 @@ from volsplat.protocol.text.errors import BadInput
 )
 @click.option("--frames", type=click.IntRange(min=1), default=120, help="How many images make the movie (120).")
 @click.option("--rate", type=click.IntRange(1, 240), default=30, help="Images a second, in a film (30).")
-@click.option("--axis", type=click.Choice(get_args(TurningAxis)), help="What the volume turns about (screen-y).")
+@click.option("--axis", type=Words(get_args(TurningAxis)), help="What the volume turns about (screen-y).")
 @click.option(
     "--key",
     "keys",
@@ -49,13 +49,9 @@ from volsplat.protocol.text.errors import BadInput
     metavar="SCENE",
     help="Move from key to key instead, evenly in time; give it twice or more. Scene TOML, or an image of volsplat's.",
 )
-@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
-@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
-@scene_option("--size")
-@scene_option("--rotate")
-@scene_option("--up")
-@click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
+@click.option("--step", type=Words(Step), default="F", help="Step to draw (F).")
 @server_options
+@scene_options
 @memory_option
 @trace_option
 @click.option("--single", is_flag=True, help="One process, no servers: the same images.")
@@ -66,8 +62,6 @@ def movie(
     rate: int,
     axis: TurningAxis | None,
     keys: tuple[Path, ...],
-    scene: Path | None,
-    preset: str | None,
     step: str,
     workers: int,
     splat_servers: int,
@@ -78,7 +72,7 @@ def movie(
     memory: str | None,
     trace: Path | None,
     single: bool,
-    **settings: str | float | None,
+    **settings: Any,
 ) -> None:
     """Turn VOLUME once around, or move through key scenes, into a movie.
 
@@ -87,7 +81,7 @@ def movie(
     is taken from that scene, and the other options hold for every key. A turn can be looped. Until the movie is
     whole, nothing lies at its name.
     """
-    options = SceneOptions(scene, preset, scene_changes(settings))
+    options = SceneOptions.of(settings)
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
     check_found(volume, True, cluster)

@@ -4,18 +4,20 @@ from pathlib import Path
 
 import click
 
+from volsplat.client.command.choices import Words
 from volsplat.client.command.render_options import triple_from_option
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
 from volsplat.client.phantoms.volume_writer import NRRD, check_volume_writable, extension_of, write_nrrd, write_volume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.kind import stated
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.text.errors import BadInput
 
 
 @click.command()
-@click.argument("name", type=click.Choice(sorted(PHANTOMS)))
+@click.argument("name", type=Words(sorted(PHANTOMS)))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help=".nrrd, .nhdr, .mha, .mhd, .nii…")
-@click.option("--size", metavar="N|I,J,K", help="Voxels along each axis.")
+@click.option("--size", metavar="N|IxJxK", help="Voxels along each axis, as 256 or 48x64x56.")
 @click.option("--spacing", metavar="I,J,K", help="Millimetres between voxels.")
 @click.option("--seed", type=int, default=0, help="Of the noise (0).")
 def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed: int) -> None:
@@ -39,5 +41,9 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
 
 
 def size_of_grid(text: str) -> Index:
-    """Voxels along i, j, k from N, the same for all, or I,J,K. Raises BadInput."""
-    return (int(text),) * 3 if text.isdecimal() else triple_from_option("--size", text, int)
+    """Voxels along i, j, k from N, the same for all, or IxJxK. Raises BadInput."""
+    sides = text.split("x")
+    if len(sides) not in (1, 3) or not all(side.isdecimal() for side in sides):
+        raise BadInput(f"--size {text}: give one number of voxels for all axes, or IxJxK, as in 48x64x56")
+    i, j, k = (int(side) for side in (sides if len(sides) == 3 else sides * 3))
+    return i, j, k

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
+from volsplat.client.command.choices import Words
 from volsplat.client.command.opened_volume import (
     check_found,
     memory_option,
@@ -14,11 +16,10 @@ from volsplat.client.command.opened_volume import (
     servers_from_options,
     trace_option,
 )
-from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
+from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.render_outputs import Outputs, step_image_path
 from volsplat.client.image.empty_image import why_empty
 from volsplat.client.image.image_properties import image_properties
-from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
@@ -33,18 +34,9 @@ IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers s
 @click.argument("volume")
 @click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr.")
 @server_options
-@scene_option("--size")
-@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
-@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
-@click.option("--step", type=click.Choice([step.value for step in Step]), default="F", help="Step to draw (F).")
+@click.option("--step", type=Words(Step), default="F", help="Step to draw (F).")
 @click.option("--steps-dir", type=click.Path(path_type=Path), help="Write every step up to --step into this folder.")
-@scene_option("--order")
-@scene_option("--rotate")
-@scene_option("--up")
-@scene_option("--zoom")
-@scene_option("--center")
-@scene_option("--bounds")
-@scene_option("--edges")
+@scene_options
 @memory_option
 @trace_option
 @click.option("--single", is_flag=True, help="One process, no servers: the same image.")
@@ -63,8 +55,6 @@ def render(
     silence: float,
     tls: bool | None,
     cluster: Path | None,
-    scene: Path | None,
-    preset: str | None,
     step: str,
     steps_dir: Path | None,
     memory: str | None,
@@ -74,14 +64,14 @@ def render(
     listen: str | None,
     spawn: str | None,
     token_file: Path | None,
-    **settings: str | float | None,
+    **settings: Any,
 ) -> None:
     """Draw VOLUME into an image.
 
     VOLUME is a file or folder in any of the formats of docs/formats.md; what follows a # names a part of it, as in
     run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
     """
-    scene_options = SceneOptions(scene, preset, scene_changes(settings))
+    scene_options = SceneOptions.of(settings)
     outputs = Outputs(output, steps_dir, report)
     spawns = spawn == "local" or (spawn is None and listen is None)
     if not spawns and listen is None:

@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+import json
 import re
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, Self, TypeVar
 
 import click
 import msgspec
 
+from volsplat.client.command.choices import Words
 from volsplat.client.image.image_formats import DEPTHS
-from volsplat.client.scene.presets import preset_scene
-from volsplat.client.scene.scene_file import read_scene_file
+from volsplat.client.scene.colour_maps import colormap
+from volsplat.client.scene.default_scene import default_scene
+from volsplat.client.scene.presets import PRESETS, preset_scene
+from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
+from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
+from volsplat.program.server_process import together
+from volsplat.protocol.description.colours import colour_from_text
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Quantise, Scene
 from volsplat.protocol.description.scene_keys import KEYS
 from volsplat.protocol.description.view_rotation import rotation_from_option
 from volsplat.protocol.description.volume import Index
@@ -36,7 +44,7 @@ class SceneOption(NamedTuple):
     choices: tuple[str, ...] | None = None  # if not all that the key allows
 
 
-def scene_option(flag: str) -> Callable[[Command], Command]:
+def _scene_option(flag: str) -> Callable[[Command], Command]:
     """The option as a decorator for a command that takes it, and gives it to `scene_changes`."""
     option = SCENE_OPTIONS[flag]
     key = KEYS[option.keys[0]]
@@ -44,7 +52,7 @@ def scene_option(flag: str) -> Callable[[Command], Command]:
         return click.option(f"{flag}/--no-{flag[2:]}", default=None, help=option.help)
     kind: click.ParamType[Any] | type = str
     if option.read is None:
-        kind = click.FLOAT if float in key.declared.kinds else click.Choice(option.choices or key.declared.words)
+        kind = click.FLOAT if float in key.declared.kinds else Words(option.choices or key.declared.words)
     return click.option(flag, type=kind, metavar=option.metavar, help=option.help)
 
 
@@ -68,6 +76,12 @@ class SceneOptions:
     scene: Path | None = None
     preset: str | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
+    more: str = ""  # TOML: what --set changes besides
+
+    @classmethod
+    def of(cls, given: Mapping[str, Any]) -> Self:
+        """What `scene_options` gave a command. Raises BadInput."""
+        return cls(given["scene"], given["preset"], scene_changes(given), "".join(map(_line_of, given["put"])))
 
     def scene_of(self, volume: SurveyedVolume | None) -> Scene:
         """The scene to draw: preset or default, under the scene file, under the options. Raises BadInput.
@@ -89,9 +103,9 @@ class SceneOptions:
     def _base(self, volume: SurveyedVolume | None) -> Scene:
         if volume is None:
             return preset_scene(self.preset or "ct-skin")
-        if self.preset is None:
-            return volume.default_scene()
-        return preset_scene(self.preset, volume.subject())
+        # Tables are made for the window that they lie on
+        subject = volume.subject(Quantise(window=self.changes.get("quantise.window", "auto")))
+        return default_scene(subject) if self.preset is None else preset_scene(self.preset, subject)
 
     def _changed(self, scene: Scene) -> Scene:
         try:
@@ -99,7 +113,7 @@ class SceneOptions:
                 scene = KEYS[place].put(scene, value)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        return scene
+        return scene_from_toml(self.more, scene, "--set") if self.more else scene
 
 
 def _scene_in(path: Path, base: Scene) -> Scene:
@@ -114,11 +128,13 @@ def _stored_scene(image: Path) -> Scene:
 
 
 def size_from_option(text: str) -> tuple[int, int]:
-    """Width and height from WxH. Raises BadInput."""
-    match = re.fullmatch(r"(\d{1,5})x(\d{1,5})", text)
-    if match is None or not all(1 <= int(number) <= LARGEST_EXTENT for number in match.groups()):
-        raise BadInput(f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to {LARGEST_EXTENT}, as in 512x512")
-    return int(match[1]), int(match[2])
+    """Width and height from WxH, or from one number for both. Raises BadInput."""
+    match = re.fullmatch(r"(\d{1,5})(?:x(\d{1,5}))?", text)
+    if match is None or not all(1 <= int(number) <= LARGEST_EXTENT for number in match.groups() if number):
+        raise BadInput(
+            f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to {LARGEST_EXTENT}, as in 640x480, or 512 for both"
+        )
+    return int(match[1]), int(match[2] or match[1])
 
 
 def triple_from_option(option: str, text: str, kind: Callable[[str], Number]) -> tuple[Number, Number, Number]:
@@ -138,6 +154,43 @@ def _bounds_from_option(text: str) -> tuple[Index, Index]:
     low = [int(match[n] or 0) for n in (1, 3, 5)]
     high = [int(match[n] or -1) for n in (2, 4, 6)]
     return (low[0], low[1], low[2]), (high[0], high[1], high[2])
+
+
+def _window_from_option(text: str) -> tuple[tuple[float, float]]:
+    """Raises BadInput."""
+    try:
+        low, high = map(float, text.split(","))
+    except ValueError as error:
+        raise BadInput(f"--window {text}: give LOW,HIGH in the volume's own units, as in -160,240") from error
+    if not low < high:
+        raise BadInput(f"--window {text}: LOW must be below HIGH, as in -160,240")
+    return ((low, high),)
+
+
+def _colour_from_option(text: str) -> tuple[Any, ...]:
+    """Raises BadInput."""
+    try:
+        return (colour_from_text(text),)
+    except ValueError as error:
+        raise BadInput(f'--background {text}: write "#rrggbb" or a name of CSS, as in white') from error
+
+
+def _map_from_option(name: str) -> tuple[Any, Any]:
+    """The points of what glows and of what is lit. Raises BadInput."""
+    table = colormap(name)
+    return dimmed(table, GLOW).points, dimmed(table, REFLECTION).points
+
+
+def _line_of(text: str) -> str:
+    """A line of TOML from KEY=VALUE, whose text needs no quotes. Raises BadInput."""
+    place, found, value = (part.strip() for part in text.partition("="))
+    if not found or not re.fullmatch(r"[a-z_]+(\.[a-z_]+)*", place):
+        raise BadInput(f"--set {text}: give KEY=VALUE, as in shading.specular_power=20; docs/scene.md lists the keys")
+    try:
+        tomllib.loads(f"{place} = {value}")
+    except tomllib.TOMLDecodeError:
+        value = json.dumps(value, ensure_ascii=False)
+    return f"{place} = {value}\n"
 
 
 SCENE_OPTIONS = {
@@ -165,5 +218,31 @@ SCENE_OPTIONS = {
         ("bounds.low", "bounds.high"), "Draw only this part of the grid.", "I0:I1,J0:J1,K0:K1", _bounds_from_option
     ),
     "--edges": SceneOption(("image.edges",), "Draw the volume's boundary as white edges."),
+    "--background": SceneOption(
+        ("image.background",), 'Colour: "#rrggbb" or a name of CSS.', "COLOUR", _colour_from_option
+    ),
+    "--window": SceneOption(
+        ("quantise.window",),
+        "Densities that the tables span, in the volume's own units (chosen from the data).",
+        "LOW,HIGH",
+        _window_from_option,
+    ),
+    "--colormap": SceneOption(
+        ("tables.emit.points", "tables.refl.points"),
+        "Colours by name: matplotlib's, cmasher's (cmr.NAME), colorcet's (cet_NAME).",
+        "NAME",
+        _map_from_option,
+    ),
+    "--kernel": SceneOption(("reconstruction.kernel",), "Shape of a voxel's footprint."),
 }
-"""All options that set keys of the scene; each command names those that it takes."""
+"""The options that set keys of the scene."""
+
+scene_options = together(
+    click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote."),
+    click.option("--preset", type=Words(sorted(PRESETS)), help="Start from this scene."),
+    *map(_scene_option, SCENE_OPTIONS),
+    click.option(
+        "--set", "put", multiple=True, metavar="KEY=VALUE", help="Any key of the scene, as shading.specular_power=20."
+    ),
+)
+"""For commands that draw a scene; what they are given `SceneOptions.of` reads."""

@@ -6,6 +6,7 @@ import errno
 import socket
 from contextlib import nullcontext
 from pathlib import Path
+from typing import Any
 
 import click
 import msgspec
@@ -20,9 +21,8 @@ from volsplat.client.command.opened_volume import (
     servers_from_options,
     trace_option,
 )
-from volsplat.client.command.render_options import SceneOptions, scene_changes, scene_option
+from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.terminal_watch import ended_with_its_reader
-from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.session import Session
 from volsplat.client.ui.doors.browser_tab import BrowserTab
 from volsplat.client.ui.doors.page_address import PageAddress
@@ -43,9 +43,6 @@ LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need
 @click.command()
 @click.argument("volume")
 @server_options
-@click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote.")
-@click.option("--preset", type=click.Choice(sorted(PRESETS)), help="Start from this scene.")
-@scene_option("--up")
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine (any free).")
 @click.option("--no-browser", is_flag=True, help="Print the page's address only.")
 @click.option(
@@ -55,6 +52,7 @@ LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need
     metavar="SECONDS",
     help="End when no page has been open for so long (600).",
 )
+@scene_options
 @memory_option
 @trace_option
 @metrics_options
@@ -70,8 +68,6 @@ def view(
     silence: float,
     tls: bool | None,
     cluster: Path | None,
-    scene: Path | None,
-    preset: str | None,
     port: int,
     no_browser: bool,
     grace: float,
@@ -81,7 +77,7 @@ def view(
     metrics_token: Path | None,
     listen: str | None,
     token_file: Path | None,
-    **settings: str | float | None,
+    **settings: Any,
 ) -> None:
     """Show VOLUME in the browser: turn, cut and re-colour it while it refines.
 
@@ -92,7 +88,7 @@ def view(
     for package in ("nicegui", "PIL"):
         need(package, "the page", "ui")
     door = checked_metrics(metrics, metrics_token)
-    options = SceneOptions(scene, preset, scene_changes(settings))
+    options = SceneOptions.of(settings)
     options.scene_of(None)
     check_found(volume, listen is None, cluster)
     servers = servers_from_options(

@@ -119,10 +119,14 @@ BAD_OPTIONS = {
     "unknown kind of image": (["-o", "a.gif"], ".exr"),
     "folder missing": (["-o", "nowhere/a.png"], "nowhere"),
     "zoom zero": (["-o", "a.png", "--zoom", "0"], "zoom"),
-    "size": (["-o", "a.png", "--size", "12"], "--size"),
+    "size": (["-o", "a.png", "--size", "12x"], "--size"),
+    "window": (["-o", "a.png", "--window", "5"], "LOW,HIGH"),
+    "colour": (["-o", "a.png", "--background", "whit"], "#rrggbb"),
+    "colour map": (["-o", "a.png", "--colormap", "virids"], "did you mean viridis"),
+    "key": (["-o", "a.png", "--set", "shading.spekular=true"], "shading.spekular"),
     "rotation": (["-o", "a.png", "--rotate", "sideways"], "front"),
     "step": (["-o", "a.png", "--step", "H"], "--step"),
-    "preset": (["-o", "a.png", "--preset", "x"], "--preset"),
+    "preset": (["-o", "a.png", "--preset", "CT-bon"], "did you mean ct-bone"),
     "address": (["-o", "a.png", "--listen", "here"], "HOST:PORT"),
     "spawn none": (["-o", "a.png", "--spawn", "none"], "--listen"),
     "scene missing": (["-o", "a.png", "--scene", "none.toml"], "none.toml"),
@@ -139,6 +143,11 @@ def test_a_bad_option_is_one_clear_line_and_status_2(person: Person, head: Path,
     assert (done.returncode, named in one_line(done)) == (2, True), done.stderr
     assert list(person.folder.iterdir()) == []
     assert person.servers() == []
+
+
+def test_an_unknown_command_names_the_one_that_was_meant(person: Person) -> None:
+    done = person.runs("rendr", "head.nrrd")
+    assert (done.returncode, "did you mean render" in one_line(done)) == (2, True)
 
 
 @pytest.mark.parametrize(

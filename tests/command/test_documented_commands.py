@@ -73,7 +73,7 @@ def test_no_shell_reads_more_into_a_documented_command(documented: Documented) -
 
 @pytest.mark.parametrize("snippet", snippets(), ids=str)
 def test_documented_python_runs(reader: Person, snippet: Documented) -> None:
-    assert reader.runs("phantom", "head", "--size", "24,32,28", "-o", "head.nrrd").returncode == 0
+    assert reader.runs("phantom", "head", "--size", "24x32x28", "-o", "head.nrrd").returncode == 0
     answer = subprocess.run(
         [sys.executable, "-W", "error", "-c", snippet.text],
         cwd=reader.folder,

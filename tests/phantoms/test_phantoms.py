@@ -106,7 +106,7 @@ with little_memory(int(sys.argv[2])):
 """
 
 
-@pytest.mark.parametrize(("text", "size"), [("64", (64, 64, 64)), ("5,6,7", (5, 6, 7))])
+@pytest.mark.parametrize(("text", "size"), [("64", (64, 64, 64)), ("5x6x7", (5, 6, 7))])
 def test_the_size_of_a_phantom_is_one_number_or_three(text: str, size: Index) -> None:
     assert size_of_grid(text) == size
 

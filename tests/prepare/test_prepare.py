@@ -156,7 +156,7 @@ def open_fails(out: Path) -> bool:
 
 def test_ctrl_c_leaves_a_store_that_the_same_command_finishes(tmp_path: Path) -> None:
     person = Person(tmp_path)
-    assert person.runs("phantom", "shells", "--size", "280,270,260", "-o", "shells.nrrd").returncode == 0
+    assert person.runs("phantom", "shells", "--size", "280x270x260", "-o", "shells.nrrd").returncode == 0
     running = person.starts("prepare", "shells.nrrd", "shells.zarr")
     journal = tmp_path / "shells.zarr" / ".prepare" / "journal.json"
     wait_until(lambda: journal.exists() and json.loads(journal.read_bytes())["shards"], "begun")

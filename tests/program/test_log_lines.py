@@ -14,7 +14,7 @@ SERVERS = ("--workers", "2", "--threads", "2")
 @pytest.fixture
 def person(tmp_path: Path) -> Person:
     person = Person(tmp_path)
-    assert person.runs("phantom", "head", "--size", "24,32,28", "-o", "head.nrrd").returncode == 0
+    assert person.runs("phantom", "head", "--size", "24x32x28", "-o", "head.nrrd").returncode == 0
     return person
 
 

@@ -1,0 +1,46 @@
+"""What is known of a volume, for programs: `volsplat info --json`."""
+
+import math
+from typing import Any
+
+import msgspec
+
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.client.volume.volume_info import PERCENTILES
+from volsplat.protocol.rules.index_rules import percentile
+
+
+def volume_facts(known: SurveyedVolume) -> dict[str, Any]:
+    """Plain values, as JSON has them. Where no voxel has a value, `range`, `percentiles` and `histogram` are null."""
+    told, survey = known.description, known.survey
+    geometry, empty = told.geometry, survey.low > survey.high
+    cuts = {
+        f"{share:.0%}": percentile(known.density_counts, survey.low, survey.high, share)
+        for share in (() if empty else PERCENTILES)
+    }
+    facts = {
+        "name": told.name,
+        "format": told.format,
+        "kind": told.kind,
+        "dims": geometry.dims,
+        "spacing": geometry.spacing,
+        "origin": geometry.origin,
+        "index_to_physical": geometry.index_to_physical,
+        "unit": told.unit or None,
+        "anatomical": told.anatomical,
+        "up": known.stands_up.up,
+        "axes": told.axes,
+        "classes": told.bands,
+        "scalar_type": told.scalar_type,
+        "value_unit": told.value_unit or None,
+        "voxels": math.prod(geometry.dims),
+        "no_data": survey.no_data,
+        "range": None if empty else (survey.low, survey.high),
+        "percentiles": cuts or None,
+        "window": known.automatic_window,
+        "histogram": None if empty else {"low": survey.low, "high": survey.high, "counts": known.density_counts},
+        "levels": [level.dims for level in known.prepared.levels] if known.prepared is not None else None,
+        "notes": [*told.warnings, *known.notes()],
+    }
+    plain: dict[str, Any] = msgspec.to_builtins(facts)
+    return plain
