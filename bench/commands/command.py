@@ -12,6 +12,7 @@ SUMMARIES = {
     "hosts": "Splat servers on hosts of their own, over links of a given rate.",
     "kernels": "Voxels, splats and pixels a second on one core, beside the machine's floors.",
     "peers": "volsplat and VTK's CPU ray caster draw the same pictures.",
+    "quality": "How good the pictures are: against rays cast in float64, from many sides, beside what they cost.",
     "images": "What images cost on their way to the client, in bytes and milliseconds.",
     "aborts": "How long an abort takes to reach every server.",
     "page": "How soon the page follows the hand, in a real browser.",

@@ -9,12 +9,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from volsplat.bench.peers.vtk_scene import VtkScene, placed
 from volsplat.bench.renderers import local_session
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.scene import Scene, Step
 
 SINGLE, SERVERS, VTK = "volsplat, 1 process", "volsplat, servers", "VTK"
 
@@ -32,12 +31,13 @@ class Contender:
 class Drawing:
     """A renderer of ours and its last picture."""
 
-    def __init__(self, renderer: Renderer) -> None:
+    def __init__(self, renderer: Renderer, step: Step = Step.F) -> None:
         self.renderer = renderer
+        self._step = step
         self._image = torch.zeros((1, 1, 4))
 
     def draw(self, scene: Scene) -> None:
-        self._image = self.renderer.render(scene)
+        self._image = self.renderer.render(scene, self._step)
 
     def picture(self) -> Tensor:
         return self._image
@@ -60,6 +60,8 @@ def opened_contenders(
 
     With n threads there are n map/shade servers beside the splat server.
     """
+    from volsplat.bench.peers.vtk_scene import VtkScene, placed
+
     with ExitStack() as stack:
         ours: list[Contender] = []
         first: Renderer | None = None

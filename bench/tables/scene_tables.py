@@ -9,10 +9,12 @@ from volsplat.client.scene.table_makers import KEY_LIGHT
 from volsplat.protocol.description.scene import Colour, ColourTable, ScalarTable, Scene, Shading, Tables
 
 SKIN: Colour = (0.95, 0.77, 0.64)
+BONE: Colour = (0.92, 0.88, 0.78)
 EMITTED, REFLECTED = 0.3, 0.35  # shares of a tissue's colour: with diffuse and specular light no channel exceeds 1
 SPECULAR_POWER = 20.0
 
 SHELL_HU = (-830.0, -500.0, -80.0, -20.0)  # where the thin shell begins, is most opaque, and ends
+BONE_HU = ((150.0, 0.0), (450.0, 0.7), (1000.0, 0.9))  # and the opacity there
 NO_AIR_HU = -750.0  # where the opaque tissue begins
 SKIN_OPACITY = 0.6
 
@@ -23,6 +25,7 @@ class TableName(StrEnum):
     SHELLS = "shells"  # of the phantom
     SKIN = "skin"  # of a CT: a smooth thin shell where air meets tissue, 11 to 14 % of the voxels
     OPAQUE = "opaque"  # of a CT: all tissue, of which nearly all is hidden
+    BONE = "bone"  # of a CT: the skull, from spongy to dense
     PRESET = "preset"  # what --preset, --scene or the data choose
 
 
@@ -40,6 +43,11 @@ def _skin(histogram: DensityHistogram) -> Tables:
     begins, rises, falls, ends = map(at, SHELL_HU)
     opac = ((begins, 0.0), (rises, SKIN_OPACITY), (falls, SKIN_OPACITY), (ends, 0.0))
     return _tinted(SKIN, ScalarTable(points=opac))
+
+
+def _bone(histogram: DensityHistogram) -> Tables:
+    at = ct_scale(histogram).position
+    return _tinted(BONE, ScalarTable(points=tuple((at(hu), opacity) for hu, opacity in BONE_HU)))
 
 
 def _opaque(histogram: DensityHistogram) -> Tables:
@@ -61,4 +69,5 @@ _TABLES: dict[TableName, Callable[[DensityHistogram], Tables]] = {
     TableName.SHELLS: lambda histogram: shells_tables(),
     TableName.SKIN: _skin,
     TableName.OPAQUE: _opaque,
+    TableName.BONE: _bone,
 }

@@ -31,11 +31,15 @@ def marschner_lobb(size: Index | None = None, spacing: Vector | None = None, see
 
 
 def _signal(unit: Geometry) -> Iterator[torch.Tensor]:
-    for x, y, z in slabs(unit):
-        radius = torch.sqrt(x * x + y * y)
-        ripple = torch.cos(2 * math.pi * MARSCHNER_LOBB_FREQUENCY * torch.cos(math.pi * radius / 2))
-        signal = 1 - torch.sin(math.pi * z / 2) + MARSCHNER_LOBB_ALPHA * (1 + ripple)
-        yield signal / (2 * (1 + MARSCHNER_LOBB_ALPHA))
+    return (marschner_lobb_signal(x, y, z) for x, y, z in slabs(unit))
+
+
+def marschner_lobb_signal(x: torch.Tensor, y: torch.Tensor, z: torch.Tensor) -> torch.Tensor:
+    """The signal itself, 0..1, at any places of [-1, 1]^3."""
+    radius = torch.sqrt(x * x + y * y)
+    ripple = torch.cos(2 * math.pi * MARSCHNER_LOBB_FREQUENCY * torch.cos(math.pi * radius / 2))
+    signal = 1 - torch.sin(math.pi * z / 2) + MARSCHNER_LOBB_ALPHA * (1 + ripple)
+    return signal / (2 * (1 + MARSCHNER_LOBB_ALPHA))
 
 
 def ramp(

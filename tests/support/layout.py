@@ -48,7 +48,7 @@ FLOORS = {
         "command .",
     ),
     "deploy": (".", "launchers", "cluster batch", "doctor"),
-    "bench": ("tables", ".", "scaling peers floors hosts", "clusters", "commands"),
+    "bench": ("tables", ".", "scaling peers floors hosts", "clusters quality", "commands"),
 }
 """The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""
 AT_LAST = {(Path("client/session/session.py"), "ui")}  # who asks a session for its widget loads the page's modules

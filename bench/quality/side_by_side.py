@@ -1,0 +1,120 @@
+"""One volume drawn by step F, by step G and, where VTK is installed, by VTK at its sample distances."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+import torch
+from torch import Tensor
+
+from volsplat.bench.peers.contenders import Contender, Drawing, vtk_name
+from volsplat.bench.quality.density_fields import DensityField
+from volsplat.bench.quality.ray_caster import cast
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.scene import Kernel, Reconstruction, Scene, Step
+from volsplat.protocol.description.volume import Geometry, Index
+
+STEP_F, STEP_G = "F", "G"
+VTK_DISTANCES = (1.0, 0.5)  # voxels between two samples of a ray
+
+
+def vtk_distances() -> Sequence[float]:
+    """Those that are drawn: none without VTK."""
+    return VTK_DISTANCES if find_spec("vtkmodules") is not None else ()
+
+
+class SideBySide:
+    """A volume in memory, drawn by one thread of each contender."""
+
+    def __init__(self, path: str, say: Callable[[str], None]) -> None:
+        self.renderer = SingleProcess(path, on_progress=say)
+        reader = open_volume(path)
+        self.values: Tensor = torch.as_tensor(reader.read(self.geometry.box))
+
+    @property
+    def geometry(self) -> Geometry:
+        return self.renderer.volume.description.geometry
+
+    def settled(self, scene: Scene) -> Scene:
+        return self.renderer.volume.settled(scene)
+
+    def window(self, scene: Scene) -> tuple[float, float]:
+        """Of the values that become densities 0 to 255."""
+        return self.renderer.volume.quantisation(scene.quantise).window
+
+    def rays_through(self, field: DensityField, scene: Scene, sample: float) -> Tensor:
+        """The image (H, W, 4) float64 of rays through a field in the place of the voxels."""
+        return cast(field, self.geometry, scene, self.window(scene), sample)
+
+    def contenders(self, scene: Scene, distances: Sequence[float], kernels: bool = False) -> list[Contender]:
+        """For views of a scene. `kernels`: step G with every kernel that the scene does not have, too."""
+        return [*self._steps(scene, kernels), *self._vtk(scene, distances)]
+
+    def pictures(self, scene: Scene, distances: Sequence[float], kernels: bool = False) -> dict[str, Tensor]:
+        """(H, W, 4) float32 with associated alpha, by the contenders' names."""
+        found = {}
+        for contender in self.contenders(scene, distances, kernels):
+            contender.draw(scene)
+            found[contender.name] = contender.picture()
+        return found
+
+    def _steps(self, scene: Scene, kernels: bool) -> Iterator[Contender]:
+        for name, step in ((STEP_F, Step.F), (STEP_G, Step.G)):
+            drawing = Drawing(self.renderer, step)
+            yield Contender(name, 1, drawing.draw, drawing.picture)
+        for kernel in Kernel if kernels else ():
+            if kernel != scene.reconstruction.kernel:
+                drawing = Drawing(self.renderer, Step.G)
+                yield Contender(f"{STEP_G}, {kernel}", 1, _with_kernel(kernel, drawing), drawing.picture)
+
+    def _vtk(self, scene: Scene, distances: Sequence[float]) -> Iterator[Contender]:
+        if not distances:
+            return
+        from volsplat.bench.peers.vtk_scene import VtkScene, placed
+
+        volume = placed(self.values, self.geometry)
+        quantisation = self.renderer.volume.quantisation(scene.quantise)
+        for distance in distances:
+            vtk = VtkScene(volume, scene, quantisation, distance, 1)
+            yield Contender(vtk_name(distance), 1, vtk.draw, vtk.picture)
+
+
+def _with_kernel(kernel: Kernel, drawing: Drawing) -> Callable[[Scene], None]:
+    def draw(scene: Scene) -> None:
+        drawing.draw(msgspec.structs.replace(scene, reconstruction=Reconstruction(kernel=kernel)))
+
+    return draw
+
+
+@contextmanager
+def opened_file(path: str) -> Iterator[SideBySide]:
+    """Raises BadInput."""
+    with PlainConsole(stderr=True).status("reading the volume") as status:
+        side_by_side = SideBySide(path, status.update)
+    with side_by_side.renderer:
+        yield side_by_side
+
+
+@contextmanager
+def opened_values(values: Tensor, geometry: Geometry) -> Iterator[SideBySide]:
+    """Of voxels (k, j, i), which are written to a file for as long as they are needed."""
+    with TemporaryDirectory(prefix="volsplat-bench-") as folder:
+        path = Path(folder) / "volume.nrrd"
+        write_volume(path, values, geometry)
+        with opened_file(str(path)) as opened:
+            yield opened
+
+
+@contextmanager
+def opened_phantom(name: str, size: Index | None) -> Iterator[SideBySide]:
+    with PlainConsole(stderr=True).status(f"making the phantom {name}"):
+        values, geometry = make_phantom(name, size=size)
+    with opened_values(values, geometry) as opened:
+        yield opened
