@@ -33,6 +33,7 @@ class Sizes:
 
     volume: str | None
     zooms: Sequence[float]
+    head_images: Sequence[int]
     images: Sequence[int]
     directions: int
     turn: int
@@ -44,7 +45,8 @@ class Sizes:
 @click.argument("volume", required=False)
 @click.option("--only", multiple=True, type=click.Choice(PARTS), help="This part alone; may be given several times.")
 @click.option("--zooms", default="1,2,4,8", help="Pixels a voxel of the Marschner-Lobb signal (1,2,4,8).")
-@click.option("--images", default="512,1024", help="Sides of the square images of head and times (512,1024).")
+@click.option("--head-images", default="512", help="Sides of the head's square images; 1024 takes 7 minutes (512).")
+@click.option("--images", default="512,1024", help="Sides of the square images that are timed (512,1024).")
 @click.option("--directions", type=click.IntRange(min=2), default=50, help="That the slab is seen from (50).")
 @click.option("--turn", type=click.IntRange(min=4), default=180, help="Views of the turn, half a degree apart (180).")
 @click.option("--voxels", type=click.IntRange(8, 1024), default=256, help="A side of the shells that are timed (256).")
@@ -55,6 +57,7 @@ def quality(
     volume: str | None,
     only: Sequence[str],
     zooms: str,
+    head_images: str,
     images: str,
     directions: int,
     turn: int,
@@ -74,6 +77,7 @@ def quality(
     sizes = Sizes(
         volume,
         fractions("--zooms", zooms, most=GREATEST_ZOOM),
+        whole_numbers("--head-images", head_images, least=LEAST_IMAGE),
         whole_numbers("--images", images, least=LEAST_IMAGE),
         directions,
         turn,
@@ -113,7 +117,7 @@ def chosen_parts(only: Sequence[str]) -> Mapping[str, Measure]:
     parts: Mapping[str, Measure] = {
         "check": lambda sizes, distances: ball_findings(distances),
         "marschner-lobb": lambda sizes, distances: signal_findings(sizes.zooms, distances),
-        "head": lambda sizes, distances: head_findings(sizes.volume, None, sizes.images, distances),
+        "head": lambda sizes, distances: head_findings(sizes.volume, None, sizes.head_images, distances),
         "slab": lambda sizes, distances: slab_findings(sizes.directions, distances),
         "turn": lambda sizes, distances: turn_findings(sizes.turn, None, TURN_SIDE),
         "times": lambda sizes, distances: time_findings(sizes.voxels, sizes.images, sizes.repeats, distances),

@@ -18,8 +18,9 @@ from volsplat.client.phantoms.known_signals import (
 )
 from volsplat.protocol.description.volume import Geometry
 
-CHUNK = 1 << 15  # places at a time, so that the weights around them stay in the cache
+CHUNK = 1 << 13  # places at a time, so that the weights around them stay in the cache
 TAPS = 4  # of a cubic spline on each axis
+MARGIN = 3  # taps beyond the outermost voxels that places there depend on
 NEAR = 3  # taps to either side of a place that the spline half a voxel away can depend on
 
 
@@ -86,8 +87,16 @@ class SplineField:
         for axis in range(3):
             taps = _prefiltered(taps, axis)
         self._dims = values.shape[::-1]
-        self._taps = taps
         self._low, self._high = (-_greatest_near(-taps), _greatest_near(taps))
+        for axis in range(3):
+            count = taps.shape[axis]
+            taps = taps.index_select(axis, _mirrored(torch.arange(-MARGIN, count + MARGIN), count))
+        nk, nj, ni = taps.shape
+        self._padded = taps.flatten()
+        self._strides = torch.tensor((1, ni, nj * ni))
+        self._last_corner = torch.tensor((ni, nj, nk)) - TAPS
+        k, j, i = torch.meshgrid(*(torch.arange(TAPS),) * 3, indexing="ij")
+        self._offsets = ((k * nj + j) * ni + i).flatten()
 
     def density(self, places: Tensor) -> Tensor:
         return torch.cat([self._sums(part, derivative=None) for part in _parts(places)])
@@ -107,15 +116,13 @@ class SplineField:
     def _sums(self, places: Tensor, derivative: int | None) -> Tensor:
         first = places.floor()
         off = places - first
-        index, weight = [], []
-        for axis, count in enumerate(self._dims):
-            tap = first[:, axis, None].long() + torch.arange(-1, TAPS - 1)
-            index.append(_mirrored(tap, count))
-            weight.append(_slopes(off[:, axis]) if axis == derivative else _weights(off[:, axis]))
-        nj, ni = self._dims[1], self._dims[0]
-        flat = (index[2][:, :, None] * nj + index[1][:, None, :])[..., None] * ni + index[0][:, None, None, :]
-        around = self._taps.flatten()[flat]  # (n, k, j, i)
-        return torch.einsum("nkji,nk,nj,ni->n", around, weight[2], weight[1], weight[0])
+        corner = (first.long() + MARGIN - 1).clamp(torch.zeros(3, dtype=torch.int64), self._last_corner)
+        around = self._padded[(corner @ self._strides)[:, None] + self._offsets].reshape(-1, TAPS * TAPS, TAPS)
+        for axis in range(3):
+            weight = (_slopes if axis == derivative else _weights)(off[:, axis])
+            summed = torch.bmm(around, weight[..., None])
+            around = summed.reshape(len(places), *((TAPS, TAPS) if axis == 0 else (1, TAPS) if axis == 1 else ()))
+        return around
 
 
 def _vector(numbers: tuple[float, float, float]) -> Tensor:
@@ -123,7 +130,7 @@ def _vector(numbers: tuple[float, float, float]) -> Tensor:
 
 
 def _parts(places: Tensor) -> Iterator[Tensor]:
-    return (places[low : low + CHUNK] for low in range(0, len(places), CHUNK))
+    return (places[low : low + CHUNK] for low in range(0, max(len(places), 1), CHUNK))
 
 
 def _prefiltered(values: Tensor, axis: int) -> Tensor:
@@ -132,7 +139,9 @@ def _prefiltered(values: Tensor, axis: int) -> Tensor:
     sums = torch.zeros((count, count), dtype=torch.float64)
     voxel = torch.arange(count)
     for off, weight in ((-1, 1 / 6), (0, 4 / 6), (1, 1 / 6)):
-        sums.index_put_((voxel, _mirrored(voxel + off, count)), torch.tensor(weight).double(), accumulate=True)
+        sums.index_put_(
+            (voxel, _mirrored(voxel + off, count)), torch.tensor(weight, dtype=torch.float64), accumulate=True
+        )
     lines = values.movedim(axis, 0)
     solved: Tensor = torch.linalg.solve(sums, lines.reshape(count, -1))
     return solved.reshape(lines.shape).movedim(0, axis)

@@ -5,7 +5,8 @@ lines between their entries, looked up by the density itself; opacity is that of
 It knows scenes whose tables are looked up by density, without modulation.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import torch
@@ -21,6 +22,17 @@ LAST = TABLE_ENTRIES - 1
 FAINTEST = 1e-4  # of the light: where less comes through, what lies behind is left out
 CHUNK = 1 << 15  # rays at a time
 NO_GRADIENT = 1e-12
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """Torch's threads wait for each other many times as long on busy cores."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(threads)
 
 
 @dataclass(frozen=True)
@@ -75,6 +87,13 @@ class Tables:
 
 def cast(field: DensityField, geometry: Geometry, scene: Scene, window: tuple[float, float], distance: float) -> Tensor:
     """The image (H, W, 4) float64, associated alpha; a sample at least every `distance` voxels of a ray."""
+    with one_thread():
+        return _cast(field, geometry, scene, window, distance)
+
+
+def _cast(
+    field: DensityField, geometry: Geometry, scene: Scene, window: tuple[float, float], distance: float
+) -> Tensor:
     assert scene.cross_bar == CrossBar() and not scene.shading.modulation, "tables by density, nothing modulated"
     rays, tables = rays_of(scene, geometry), Tables(scene, window)
     light = light_of(scene, geometry)
