@@ -214,3 +214,9 @@ MISMATCHED_SLABS = 0.02
 
 # Of the pixels, whose field's byte two ways of computing round differently.
 FEW_TIES = 0.002
+
+EXACT_RAYS = 1e-6
+"""Of what rays gather in closed form: float32 phantoms, and table positions that are rounded to float64."""
+
+SLOPE_BY_DIFFERENCES = 1e-6
+"""Of central differences over 1e-5 voxel, of densities near 1 in float64."""
