@@ -14,7 +14,6 @@ from volsplat.bench.tables.outputs import Outputs, output_options
 from volsplat.bench.tables.record import record
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.image.image_formats import check_writable
-from volsplat.program.extras import lacking
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import GREATEST_ZOOM
 from volsplat.protocol.description.volume_name import check_is_there
@@ -90,10 +89,7 @@ def quality(
         check_writable(sheet)
     with interrupts_held():
         from volsplat.bench.quality.side_by_side import vtk_distances
-    distances = vtk_distances()
-    console = PlainConsole(stderr=True)
-    if not distances:
-        console.say(f"left out: {lacking('vtkmodules', 'drawing by VTK', 'bench')}")
+    distances = vtk_distances(PlainConsole(stderr=True).say)
     found = [measure(sizes, distances) for measure in chosen_parts(only).values()]
     if sheet is not None:
         with interrupts_held():

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from importlib.util import find_spec
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -17,17 +16,24 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.readers import open_volume
+from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Kernel, Reconstruction, Scene, Step
 from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.text.errors import BadInput
 
 STEP_F, STEP_G = "F", "G"
 VTK_DISTANCES = (1.0, 0.5)  # voxels between two samples of a ray
 
 
-def vtk_distances() -> Sequence[float]:
-    """Those that are drawn: none without VTK."""
-    return VTK_DISTANCES if find_spec("vtkmodules") is not None else ()
+def vtk_distances(say: Callable[[str], None]) -> Sequence[float]:
+    """Those that are drawn: none without VTK, which is said."""
+    try:
+        need("vtkmodules", "drawing by VTK", "bench")
+    except BadInput as lacking:
+        say(f"left out: {lacking}")
+        return ()
+    return VTK_DISTANCES
 
 
 class SideBySide:

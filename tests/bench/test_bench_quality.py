@@ -1,6 +1,7 @@
 """What pictures are judged by: the ray caster and its fields against closed forms, and the measures on known input."""
 
 import math
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from torch import Tensor
 
 from support.programs.programs import Person
 from tolerances import EXACT_RAYS, ROUNDING, SLOPE_BY_DIFFERENCES
+from volsplat.bench.commands.command import bench
 from volsplat.bench.quality.density_fields import KnownSignal, SplineField, marschner_lobb_field
 from volsplat.bench.quality.lit_scenes import WHOLE_RANGE, grey_scene, signal_view, viewed
 from volsplat.bench.quality.ray_caster import cast
@@ -19,6 +21,7 @@ from volsplat.bench.tables.record import read_record
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.centred_grid import centred_geometry
 from volsplat.client.scene.table_makers import scalars
+from volsplat.program import extras
 from volsplat.protocol.description.scene import ScalarTable
 from volsplat.protocol.description.view_rotation import rotation_from_angles
 
@@ -140,6 +143,7 @@ def test_a_jump_is_measured_by_its_neighbours() -> None:
     assert greatest_jump([1.0, 1.0, 1.5, 1.0, 1.0]) == 1.5
 
 
+@pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
 def test_the_command_tells_what_is_reached_and_draws_it(tmp_path: Path) -> None:
     parts = [f"--only={name}" for name in ("check", "marschner-lobb", "slab", "times", "rings")]
     sizes = ("--zooms", "1", "--directions", "2", "--images", "32", "--voxels", "16", "--repeats", "1")
@@ -153,3 +157,13 @@ def test_the_command_tells_what_is_reached_and_draws_it(tmp_path: Path) -> None:
     assert "above 0.99 | yes |" in (tmp_path / "q.md").read_text()
     refused = person.runs("bench", "quality", "missing.nrrd", "--only", "head")
     assert refused.returncode == 2 and "missing.nrrd" in refused.stderr
+
+
+def test_without_vtk_its_columns_are_left_out_and_the_extra_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == "vtkmodules" else find_spec(name))
+    bench.main(["quality", "--only", "slab", "--directions", "2"], standalone_mode=False)
+    told = capsys.readouterr()
+    assert "pip install 'volsplat[bench]'" in told.err
+    assert "Uniform slab" in told.out and "VTK" not in told.out
