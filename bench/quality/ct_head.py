@@ -29,7 +29,9 @@ def head_findings(volume: str | None, size: Index | None, sides: Sequence[int], 
             for side in sides:
                 for tissue in TISSUES:
                     view = tissue_view(opened, tissue, side)
-                    found = likeness(opened.rays_through(field, view, SAMPLE), opened.pictures(view, distances))
+                    found = likeness(
+                        opened.rays_through(field, view, SAMPLE), opened.pictures(view, distances, variants=True)
+                    )
                     rows.append(Row(f"{tissue}, {side} x {side}", found, head_goal(found)))
                     step()
     caption = "Against rays through an interpolating cubic spline of the voxels, float64, a sample every 1/8 voxel."

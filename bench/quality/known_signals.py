@@ -38,7 +38,7 @@ def signal_findings(zooms: Sequence[float], distances: Sequence[float]) -> Findi
             for zoom in zooms:
                 scene = opened.settled(signal_view(zoom))
                 exact = opened.rays_through(marschner_lobb_field(opened.geometry), scene, SAMPLE)
-                found = likeness(exact, opened.pictures(scene, distances, kernels=True))
+                found = likeness(exact, opened.pictures(scene, distances, variants=True))
                 found |= likeness(exact, {SPLINE: opened.rays_through(spline, scene, SPLINE_SAMPLE)})
                 rows.append(Row(f"zoom {zoom:g}", found, signal_goal(found)))
                 step()

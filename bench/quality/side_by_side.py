@@ -59,26 +59,25 @@ class SideBySide:
         """The image (H, W, 4) float64 of rays through a field in the place of the voxels."""
         return cast(field, self.geometry, scene, self.window(scene), sample)
 
-    def contenders(self, scene: Scene, distances: Sequence[float], kernels: bool = False) -> list[Contender]:
-        """For views of a scene. `kernels`: step G with every kernel that the scene does not have, too."""
-        return [*self._steps(scene, kernels), *self._vtk(scene, distances)]
+    def contenders(self, scene: Scene, distances: Sequence[float], variants: bool = False) -> list[Contender]:
+        """For views of a scene. `variants`: step G with every other kernel, and with slabs half as thick, too."""
+        return [*self._steps(scene, variants), *self._vtk(scene, distances)]
 
-    def pictures(self, scene: Scene, distances: Sequence[float], kernels: bool = False) -> dict[str, Tensor]:
+    def pictures(self, scene: Scene, distances: Sequence[float], variants: bool = False) -> dict[str, Tensor]:
         """(H, W, 4) float32 with associated alpha, by the contenders' names."""
         found = {}
-        for contender in self.contenders(scene, distances, kernels):
+        for contender in self.contenders(scene, distances, variants):
             contender.draw(scene)
             found[contender.name] = contender.picture()
         return found
 
-    def _steps(self, scene: Scene, kernels: bool) -> Iterator[Contender]:
+    def _steps(self, scene: Scene, variants: bool) -> Iterator[Contender]:
         for name, step in ((STEP_F, Step.F), (STEP_G, Step.G)):
             drawing = Drawing(self.renderer, step)
             yield Contender(name, 1, drawing.draw, drawing.picture)
-        for kernel in Kernel if kernels else ():
-            if kernel != scene.reconstruction.kernel:
-                drawing = Drawing(self.renderer, Step.G)
-                yield Contender(f"{STEP_G}, {kernel}", 1, _with_kernel(kernel, drawing), drawing.picture)
+        for words, reconstruction in _variants(scene.reconstruction) if variants else ():
+            drawing = Drawing(self.renderer, Step.G)
+            yield Contender(f"{STEP_G}, {words}", 1, _with(reconstruction, drawing), drawing.picture)
 
     def _vtk(self, scene: Scene, distances: Sequence[float]) -> Iterator[Contender]:
         if not distances:
@@ -92,9 +91,16 @@ class SideBySide:
             yield Contender(vtk_name(distance), 1, vtk.draw, vtk.picture)
 
 
-def _with_kernel(kernel: Kernel, drawing: Drawing) -> Callable[[Scene], None]:
+def _variants(usual: Reconstruction) -> Iterator[tuple[str, Reconstruction]]:
+    for kernel in Kernel:
+        if kernel != usual.kernel:
+            yield kernel, msgspec.structs.replace(usual, kernel=kernel)
+    yield f"slab {usual.slab / 2:g}", msgspec.structs.replace(usual, slab=usual.slab / 2)
+
+
+def _with(reconstruction: Reconstruction, drawing: Drawing) -> Callable[[Scene], None]:
     def draw(scene: Scene) -> None:
-        drawing.draw(msgspec.structs.replace(scene, reconstruction=Reconstruction(kernel=kernel)))
+        drawing.draw(msgspec.structs.replace(scene, reconstruction=reconstruction))
 
     return draw
 
