@@ -145,7 +145,7 @@ def test_a_jump_is_measured_by_its_neighbours() -> None:
 
 @pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")
 def test_the_command_tells_what_is_reached_and_draws_it(tmp_path: Path) -> None:
-    parts = [f"--only={name}" for name in ("check", "marschner-lobb", "slab", "times", "rings")]
+    parts = [f"--only={name}" for name in ("check", "marschner-lobb", "slab", "times")]
     sizes = ("--zooms", "1", "--directions", "2", "--images", "32", "--voxels", "16", "--repeats", "1")
     person = Person(tmp_path)
     done = person.runs("bench", "quality", *parts, *sizes, "--json", "q.json", "--markdown", "q.md", "--plot", "q.png")
