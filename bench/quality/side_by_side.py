@@ -93,8 +93,8 @@ class SideBySide:
 
 def _variants(usual: Reconstruction) -> Iterator[tuple[str, Reconstruction]]:
     for kernel in Kernel:
-        if kernel != usual.kernel:
-            yield kernel, msgspec.structs.replace(usual, kernel=kernel)
+        if kernel != usual.slab_kernel:
+            yield kernel, msgspec.structs.replace(usual, slab_kernel=kernel)
     yield f"slab {usual.slab / 2:g}", msgspec.structs.replace(usual, slab=usual.slab / 2)
 
 

@@ -299,11 +299,11 @@ class Kernel(StrEnum):
 
 
 class Reconstruction(Part, frozen=True):
-    kernel: Annotated[Kernel, Key("The kernel's shape.", Menu("kernel"))] = Kernel.GAUSSIAN
+    kernel: Annotated[Kernel, Key("The shape of the kernel of steps A to F.", Menu("kernel"))] = Kernel.GAUSSIAN
     radius: Annotated[
         float | Literal["default"],
         Key(
-            "Where the kernel is cut. A smaller one is faster, a larger one smoother.",
+            "Where that kernel is cut. A smaller one is faster, a larger one smoother.",
             Slide("radius", step=0.1, tip="in voxels, where the kernel is cut"),
             Limits(1.0, 4.0),
             "voxels",
@@ -318,6 +318,13 @@ class Reconstruction(Part, frozen=True):
             "voxels",
         ),
     ] = 1.0
+    slab_kernel: Annotated[
+        Kernel,
+        Key(
+            "The shape of the kernel of step G. What it adds up is divided by its weights, so that it may be narrow.",
+            Menu("slab kernel"),
+        ),
+    ] = Kernel.KAISER_BESSEL
 
 
 class Refine(Part, frozen=True):

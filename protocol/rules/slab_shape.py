@@ -17,7 +17,7 @@ from volsplat.protocol.description.scene import Kernel, Reconstruction
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
-from volsplat.protocol.rules.footprint_shape import GREATEST_COEFFICIENT, kernel_radius, widened
+from volsplat.protocol.rules.footprint_shape import GREATEST_COEFFICIENT, widened
 from volsplat.protocol.rules.grid_on_screen import Dda, GridOnScreen, dda
 from volsplat.protocol.rules.levels import point_at_level
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBPIXEL_BITS
@@ -27,6 +27,9 @@ LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to ei
 GREATEST_BASELINE = 256  # pixels
 GREATEST_NUMBER = 1e30  # that is computed with, squared at most
 OFFSETS_IN_A_VOXEL = 16
+# Where kernels are cut, in voxels: narrow ones blur least. Their weights sum to 0.87 to 1.1 everywhere, which is within
+# what sums have room for.
+SLAB_RADIUS = {Kernel.GAUSSIAN: 1.6, Kernel.BSPLINE: 1.5, Kernel.KAISER_BESSEL: 1.5, Kernel.CONE: 1.5}
 FINEST_OFFSET_BITS = 4
 
 
@@ -96,7 +99,7 @@ def slab_shape(
     `rotation` is that from physical to screen axes. Raises ValueError where the planes are too many.
     """
     spacing = reconstruction.slab * grid.zoom  # of planes, in pixels
-    radius, offset_bits = kernel_radius(reconstruction), _offset_bits(grid.zoom)
+    radius, offset_bits = SLAB_RADIUS[reconstruction.slab_kernel], _offset_bits(grid.zoom)
     covariance, baseline = _covariance(grid, spacing), max(1, round(grid.zoom / 2))
     to_grid = matrices.inverse(grid.pixels_per_index)
     across, down = matrices.column(to_grid, 0), matrices.column(to_grid, 1)
@@ -123,7 +126,7 @@ def slab_shape(
         planes=math.ceil(max(corners)) + 1 - first,
         thickness=reconstruction.slab * grid.thickness,
         depth=dda(-(middle + first), depths),
-        kernel=reconstruction.kernel,
+        kernel=reconstruction.slab_kernel,
         radius=radius,
         offset_bits=offset_bits,
         amplitude=_gain(grid, covariance),

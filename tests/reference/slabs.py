@@ -17,14 +17,13 @@ from reference.footprint import integral, kernel_density
 from volsplat.protocol.description.scene import Field, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
-from volsplat.protocol.rules.footprint_shape import DEFAULT_RADIUS
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, NO_DATA_BIT, SUBPIXEL_BITS
 from volsplat.protocol.rules.refinement import active_shading
 from volsplat.protocol.rules.resolved_view import resolved_zoom, screen_rotation
-from volsplat.protocol.rules.slab_shape import SlabShape
+from volsplat.protocol.rules.slab_shape import SLAB_RADIUS, SlabShape
 
 LEAST_KNOWN = 1 / 16  # of what weights sum to
 UNIT, WIDE_UNIT = 3000, 1 << 26  # that integer weights sum to
@@ -135,8 +134,7 @@ def _form(scene: Scene, geometry: Geometry) -> tuple[Tensor, float]:
 def _kernel(scene: Scene, rho: Tensor) -> Tensor:
     """The kernel of unit integral over space."""
     reconstruction = scene.reconstruction
-    kernel, radius = reconstruction.kernel, reconstruction.radius
-    radius = DEFAULT_RADIUS[kernel] if radius == "default" else radius
+    kernel, radius = reconstruction.slab_kernel, SLAB_RADIUS[reconstruction.slab_kernel]
     end = torch.tensor([radius], dtype=torch.float64)
     whole = integral(lambda r: 4 * math.pi * r**2 * kernel_density(kernel, r, radius), end)
     return torch.where(rho < radius, kernel_density(kernel, rho.clamp(max=radius), radius) / whole, 0.0)

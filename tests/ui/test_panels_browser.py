@@ -353,7 +353,7 @@ def test_refinement_and_kernel_are_chosen(tab: Tab) -> None:
     tab.becomes(lambda scene: scene.refine.lit_from, Step.C)
     tab.page.get_by_role("switch", name="bare buffer").click()
     tab.becomes(lambda scene: scene.refine.bare_buffer, True)
-    tab.page.get_by_label("kernel").click()
+    tab.page.get_by_label("kernel", exact=True).click()
     tab.page.get_by_role("option", name="bspline").click()
     tab.becomes(lambda scene: scene.reconstruction.kernel, Kernel.BSPLINE)
     tab.types("radius, a number", "2.5")
