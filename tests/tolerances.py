@@ -210,7 +210,7 @@ SLAB_RIPPLE = 0.01
 """Of a slab's depth, from the thinnest pixel to the thickest, with the default kernel."""
 
 # Of the pixels of step G, off by more than one level against exact positions and weights: where tables are steep.
-MISMATCHED_SLABS = 0.025
+MISMATCHED_SLABS = 0.02
 
 # Of the pixels, whose field's byte two ways of computing round differently.
 FEW_TIES = 0.002

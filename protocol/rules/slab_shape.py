@@ -27,9 +27,9 @@ LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to ei
 GREATEST_BASELINE = 256  # pixels
 GREATEST_NUMBER = 1e30  # that is computed with, squared at most
 OFFSETS_IN_A_VOXEL = 16
-# Where kernels are cut, in voxels: narrow ones blur least. Their weights sum to 0.87 to 1.1 everywhere, which is within
-# what sums have room for.
-SLAB_RADIUS = {Kernel.GAUSSIAN: 1.6, Kernel.BSPLINE: 1.5, Kernel.KAISER_BESSEL: 1.5, Kernel.CONE: 1.5}
+# Where kernels are cut, in voxels. Narrower ones blur less, down to about 1.5; but the less even their sums, the more
+# waves of the voxels' own steps are left on what is smooth. Sums have room for 1.3 times the mean.
+SLAB_RADIUS = {Kernel.GAUSSIAN: 2.0, Kernel.BSPLINE: 1.75, Kernel.KAISER_BESSEL: 1.75, Kernel.CONE: 1.75}
 FINEST_OFFSET_BITS = 4
 
 
