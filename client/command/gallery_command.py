@@ -10,10 +10,12 @@ from pathlib import Path
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.choices import Words
 from volsplat.client.command.opened_volume import opened_quietly, server_options, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.session.renderer import Renderer
 from volsplat.program.plain_console import PlainConsole
+from volsplat.protocol.description.scene import FinestStep, Step
 
 
 @click.command()
@@ -25,6 +27,7 @@ from volsplat.program.plain_console import PlainConsole
 )
 @server_options
 @click.option("--size", type=click.IntRange(64, 4096), default=512, metavar="PIXELS", help="Of an image's side (512).")
+@click.option("--step", type=Words(FinestStep), default="F", help="Draw what the paper has in step F by this one (F).")
 def gallery(
     out: Path,
     data: Path | None,
@@ -35,6 +38,7 @@ def gallery(
     tls: bool | None,
     cluster: Path | None,
     size: int,
+    step: str,
 ) -> None:
     """Draw the sixteen images of the paper's colour plates into the folder OUT, and its four plates.
 
@@ -59,6 +63,6 @@ def gallery(
                     console.say(f"note: {warning}")
                 yield renderer
 
-        draw_gallery(out, data, size, opened, say, done)
+        draw_gallery(out, data, size, opened, say, done, Step(step))
     seconds = time.perf_counter() - began
     console.say(f"{out}: {len(IMAGES)} images and {len(PLATES)} plates, {seconds:.1f} s")

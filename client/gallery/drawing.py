@@ -20,8 +20,9 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
-from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.scene import Colour, Scene, Step
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput
 
 COLUMNS = 2
@@ -65,11 +66,15 @@ def draw_gallery(
     opened: Opened,
     say: Callable[[str], None],
     done: Callable[[int], None],
+    last: Step = Step.F,
 ) -> None:
-    """Write the sixteen images, square with so many pixels aside, and the four sheets."""
+    """Write the sixteen images, square with so many pixels aside, and the four sheets.
+
+    `last`: what stands in the place of step F, where the volume has a picture of it.
+    """
     drawn: dict[str, Drawn] = {}
     for data_set in dict.fromkeys(image.data for image in IMAGES):
-        for image in _drawn(data_set, folder, data, pixels, opened, say, drawn):
+        for image in _drawn(data_set, folder, data, pixels, opened, say, drawn, last):
             say(image.name)
             done(len(drawn))
     for plate in PLATES:
@@ -96,6 +101,7 @@ def _drawn(
     opened: Opened,
     say: Callable[[str], None],
     drawn: dict[str, Drawn],
+    last: Step,
 ) -> Iterator[PlateImage]:
     """Draws and writes all images of a volume, and gives each when it is in `drawn`."""
     measured = data is not None and bool(data_set.measured) and (data / data_set.measured).exists()
@@ -104,12 +110,14 @@ def _drawn(
             if image.data != data_set:
                 continue
             scene = sized(read_scene_file(scene_path(image, measured), renderer.volume.default_scene()), pixels)
-            finished = renderer.finish(scene, image.step).published.pixels
+            step = last if image.step == Step.F and renderer.volume.has(last) else image.step
+            finished = renderer.finish(scene, step).published.pixels
             properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
             write_image(image_path(folder, image), finished, scene, properties)
             pixels_shown = over_background(finished, scene.image.background)
             description = renderer.volume.description
             below = label(data_set, measured, description.geometry.dims)
+            below += f", step {step}" if step not in PAPER_STEPS else ""
             drawn[image.name] = Drawn(pixels_shown, below, wheel_colours(description, scene))
             yield image
 

@@ -78,13 +78,16 @@ class SurveyedVolume:
         """Which physical axis is up where the scene leaves it open."""
         return stands_up(self.description, self.extremes)
 
+    def has(self, step: Step) -> bool:
+        """Whether there is a picture of a step."""
+        told = self.description
+        return not STEP_RULES[step].slabs or not (told.kind in CLASS_KINDS or told.second_scalar is not None)
+
     def check_step(self, step: Step) -> None:
         """Raises BadInput for a step that this volume has no picture of: values that are no more or less than others
         have none in between."""
-        if not STEP_RULES[step].slabs:
-            return
-        told = self.description
-        if told.kind in CLASS_KINDS or told.second_scalar is not None:
+        if not self.has(step):
+            told = self.description
             what = (
                 f"{told.kind}, which have none" if told.kind in CLASS_KINDS else "two values each, which it would mix"
             )

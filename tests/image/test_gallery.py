@@ -23,7 +23,7 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import read_scene_file
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.single import SingleProcess
-from volsplat.protocol.description.scene import Scene, View
+from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.text.errors import BadInput
 
@@ -203,11 +203,11 @@ class Opening:
             yield single
 
 
-def drawn_with(data: Path | None, folder: Path) -> tuple[Opening, list[int]]:
+def drawn_with(data: Path | None, folder: Path, last: Step = Step.F) -> tuple[Opening, list[int]]:
     opening = Opening()
     counts: list[int] = []
     check_places(folder, data)
-    draw_gallery(folder, data, 64, opening, lambda text: None, counts.append)
+    draw_gallery(folder, data, 64, opening, lambda text: None, counts.append, last)
     return opening, counts
 
 
@@ -227,9 +227,10 @@ def test_measured_volumes_are_taken_where_they_are_and_each_is_opened_once(tmp_p
 
 
 def test_every_measured_volume_of_the_shared_data_is_drawn(shared_data: Path, tmp_path: Path) -> None:
+    """In step G too; classes and structure factors, which have none, as in F."""
     for library in ("gemmi", "astropy", "segyio"):
         pytest.importorskip(library)
-    opening, _ = drawn_with(shared_data, tmp_path / "out")
+    opening, _ = drawn_with(shared_data, tmp_path / "out", Step.G)
     for image in IMAGES:
         path = tmp_path / "out" / f"{image.name}.png"
         measured = bool(image.data.measured)
