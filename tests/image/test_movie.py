@@ -373,7 +373,7 @@ BAD_OPTIONS = {
     "keys of two sizes": (["-o", "a", "--key", "k.toml", "--key", "large.toml"], "512x512 and 600x512"),
     "folder missing": (["-o", "nowhere/a"], "nowhere"),
     "volume missing": (["-o", "a"], "no such file"),
-    "size": (["-o", "a", "--size", "12"], "--size"),
+    "size": (["-o", "a", "--size", "12x"], "--size"),
     "memory": (["-o", "a", "--memory", "much"], "--memory much: give a size such as 800M or 4G"),
 }
 
