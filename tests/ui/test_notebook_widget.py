@@ -73,6 +73,7 @@ def test_the_hand_moves_the_trait_and_the_trait_the_picture(tmp_path: Path) -> N
     async def use(notebook: Notebook) -> None:
         await notebook.picture(lambda header: bool(header["last"]) and header["width"] == 40)
         turned = {"rotation": [0.6, 0.0, 0.0, 0.8], "zoom": 2.0, "center": [8, 8, 8], "settled": True, "event": 1}
+        turned |= {"width": 40, "height": 30}
         notebook.says({"type": "view", **turned})
         await notebook.picture(lambda header: header["event"] == 1)
         assert notebook.widget.scene.view.rotation == (0.6, 0.0, 0.0, 0.8)

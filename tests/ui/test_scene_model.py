@@ -6,8 +6,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from volsplat.client.scene.presets import preset_scene
+from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
-from volsplat.protocol.description.scene import Image, ScalarTable, Scene, Shading, View
+from volsplat.protocol.description.scene import ScalarTable, Scene, Shading, View
 
 
 class Edit:
@@ -52,20 +53,21 @@ def test_a_drag_is_undone_as_one() -> None:
     assert not scenes.can_undo
 
 
-def test_the_view_is_neither_undone_nor_lost_by_undoing() -> None:
+def test_views_are_undone_like_all_else() -> None:
     scenes = model()
+    first = scenes.scene
     scenes.change(Edit(7))
-    scenes.change(lambda scene: zoomed(3.0, scene), undoable=False)
+    scenes.change(lambda scene: zoomed(3.0, scene))
     scenes.undo()
+    assert scenes.scene.view == first.view and scenes.scene.shading.specular_power == 7
+    scenes.redo()
     assert scenes.scene.view.zoom == 3.0
-    assert scenes.scene.shading.specular_power == preset_scene("ct-skin").shading.specular_power
-    assert not scenes.can_undo
 
 
 def test_a_view_change_amid_a_drag_of_a_table_does_not_break_its_undo() -> None:
     scenes = model()
     scenes.change(Edit(2), settled=False)
-    scenes.change(lambda scene: zoomed(3.0, scene), undoable=False, settled=False)
+    scenes.change(lambda scene: zoomed(3.0, scene), settled=False)
     scenes.change(Edit(4))
     scenes.undo()
     assert scenes.scene.shading == preset_scene("ct-skin").shading
@@ -107,9 +109,28 @@ def test_subscribers_hear_of_each_change_until_they_leave() -> None:
     assert scenes.now.revision == told[0].revision + 1
 
 
-def test_an_image_size_stays_through_undo() -> None:
+def test_an_undo_amid_a_drag_takes_the_drag_back() -> None:
     scenes = model()
     scenes.change(Edit(2))
-    scenes.change(lambda scene: msgspec.structs.replace(scene, image=Image(width=33, height=44)), undoable=False)
+    scenes.change(Edit(3), settled=False)
     scenes.undo()
-    assert (scenes.scene.image.width, scenes.scene.image.height) == (33, 44)
+    assert scenes.scene.shading.specular_power == 2
+    scenes.redo()
+    assert scenes.scene.shading.specular_power == 3
+
+
+def test_an_image_size_stays_through_undo_and_the_zoom_goes_with_it() -> None:
+    scenes = model()
+    scenes.change(lambda scene: zoomed(2.0, sized(scene, width=100, height=100)))
+    scenes.change(Edit(2))
+    scenes.change(lambda scene: sized(scene, width=300, height=200))
+    scenes.undo()
+    scene = scenes.scene
+    assert (scene.image.width, scene.image.height, scene.view.zoom) == (300, 200, 4.0)
+    assert scene.shading == preset_scene("ct-skin").shading
+
+
+def test_a_size_alone_is_nothing_to_undo() -> None:
+    scenes = model()
+    scenes.change(lambda scene: sized(scene, width=33, height=44))
+    assert not scenes.can_undo

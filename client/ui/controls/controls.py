@@ -67,9 +67,9 @@ class SceneEditor:
     def scene(self) -> Scene:
         return self._model.scene
 
-    def change(self, edit: Edit, *, settled: bool = True, undoable: bool = True) -> None:
+    def change(self, edit: Edit, *, settled: bool = True) -> None:
         """Raises ValueError if the edit makes no scene, or none that the volume can be drawn with."""
-        self._model.change(lambda scene: self.tried(edit, scene), by=self._by, settled=settled, undoable=undoable)
+        self._model.change(lambda scene: self.tried(edit, scene), by=self._by, settled=settled)
 
     def tried(self, edit: Edit, scene: Scene) -> Scene:
         """The edited scene. Raises ValueError as `change` does."""
@@ -111,13 +111,12 @@ def choose(
     chooser: ui.toggle | ui.select | ui.switch,
     get: Callable[[Scene], Any],
     put: Callable[[Scene, Any], Scene],
-    undoable: bool = True,
 ) -> None:
     """Have a toggle, select or switch show and change the scene. `put` must take each of its values."""
 
     def chosen(value: Any) -> None:
         if value != get(editor.scene):
-            editor.change(lambda scene: put(scene, value), undoable=undoable)
+            editor.change(lambda scene: put(scene, value))
 
     chooser.on_value_change(lambda event: chosen(event.value))
     editor.follow(lambda scene: chooser.set_value(get(scene)))

@@ -21,11 +21,7 @@ def image_size_fields(editor: SceneEditor, viewing: Viewing) -> None:
         if follows == image_size.follows_window:
             return
         image_size.follows_window = follows
-        window = image_size.window
-        editor.change(  # also if the size stays, for other tabs to show what was chosen
-            lambda scene: sized(scene, width=window[0], height=window[1]) if follows and window else scene,
-            undoable=False,
-        )
+        editor.change(image_size.fitted)  # also if the size stays, for other tabs to show what was chosen
 
     with ui.element("div").classes("vs-row"):
         ui.label("size").classes("vs-label vs-narrow")
@@ -49,6 +45,5 @@ def _extent_field(editor: SceneEditor, name: str) -> None:
         name,
         lambda scene: getattr(scene.image, name),
         lambda scene, value: sized(scene, **{name: value}),
-        undoable=False,
     )
     field.props(f'prefix="{name[0]}"')

@@ -21,14 +21,11 @@ class TextField(HandLed, component="text_field_component.js"):
         name: str,
         get: Callable[[Scene], str],
         put: Callable[[Scene, str], Scene],
-        *,
-        undoable: bool = True,
     ) -> None:
         super().__init__(get(editor.scene), self._on_typed)
         self._editor = editor
         self._get = get
         self._put = put
-        self._undoable = undoable
         self._typed: str | None = None  # if that is not in the scene
         self.props["name"] = name
         self.classes("vs-field")
@@ -66,7 +63,7 @@ class TextField(HandLed, component="text_field_component.js"):
         """Change the scene, or tell at this field why that cannot be."""
         typed, self._typed = self._typed, None  # so that the field shows what becomes of it
         try:
-            self._editor.change(edit, undoable=self._undoable)
+            self._editor.change(edit)
         except ValueError as error:
             self._typed = typed
             self._complain(str(error))
@@ -82,8 +79,6 @@ def number_field(
     name: str,
     get: Callable[[Scene], float],
     put: Callable[[Scene, float], Scene],
-    *,
-    undoable: bool = True,
 ) -> TextField:
     """A field for a number, see TextField."""
     field = TextField(
@@ -91,7 +86,6 @@ def number_field(
         name,
         lambda scene: _short(get(scene)),
         lambda scene, typed: put(scene, _number(typed)),
-        undoable=undoable,
     )
     return field.props("inputmode=decimal")
 
@@ -101,8 +95,6 @@ def whole_number_field(
     name: str,
     get: Callable[[Scene], int],
     put: Callable[[Scene, int], Scene],
-    *,
-    undoable: bool = True,
 ) -> TextField:
     """A field for a whole number, which the arrow keys count up and down; see TextField."""
     field = TextField(
@@ -110,7 +102,6 @@ def whole_number_field(
         name,
         lambda scene: str(get(scene)),
         lambda scene, typed: put(scene, _whole_number(typed)),
-        undoable=undoable,
     )
     field.on("keydown.up.prevent", lambda: field.change(lambda scene: put(scene, get(scene) + 1)))
     field.on("keydown.down.prevent", lambda: field.change(lambda scene: put(scene, get(scene) - 1)))

@@ -44,7 +44,7 @@ def up_menu(editor: SceneEditor, viewing: Viewing) -> None:
     """Which axis stands up."""
     told = viewing.volume.stands_up
     options = {"auto": f"by itself ({told.up})"} | {str(up): str(up) for up in UPS}
-    choose(editor, menu("up", options, f"by itself {told.up}, {told.why}"), UP.of, UP.put, undoable=False)
+    choose(editor, menu("up", options, f"by itself {told.up}, {told.why}"), UP.of, UP.put)
 
 
 def move_buttons(editor: SceneEditor, viewing: Viewing) -> None:
@@ -59,8 +59,8 @@ def move_buttons(editor: SceneEditor, viewing: Viewing) -> None:
         _turn(editor, product(about(2, degrees), editor.scene.view.rotation))
 
     moves = {
-        "reset": ("the view at the beginning", partial(editor.change, reset, undoable=False)),
-        "fit": ("all that is visible, from this side", partial(editor.change, asking_for_fit, undoable=False)),
+        "reset": ("the view at the beginning", partial(editor.change, reset)),
+        "fit": ("all that is visible, from this side", partial(editor.change, asking_for_fit)),
         "roll left": ("counter-clockwise", partial(roll, ROLL_DEGREES)),
         "roll right": ("clockwise", partial(roll, -ROLL_DEGREES)),
     }
@@ -70,7 +70,7 @@ def move_buttons(editor: SceneEditor, viewing: Viewing) -> None:
 
 
 def _turn(editor: SceneEditor, rotation: Quaternion) -> None:
-    editor.change(lambda scene: ROTATION.put(scene, rotation), undoable=False)
+    editor.change(lambda scene: ROTATION.put(scene, rotation))
 
 
 def center_fields(editor: SceneEditor, viewing: Viewing) -> None:
@@ -88,9 +88,9 @@ def center_fields(editor: SceneEditor, viewing: Viewing) -> None:
     with ui.element("div").classes("vs-row"):
         ui.label("centre of the image, grid").classes("vs-label")
         ui.element("div").classes("vs-spread")
-        middle = pressable("middle", lambda: editor.change(lambda scene: CENTER.put(scene, "middle"), undoable=False))
+        middle = pressable("middle", lambda: editor.change(lambda scene: CENTER.put(scene, "middle")))
     with ui.element("div").classes("vs-row vs-fields"):
         for axis, letter in enumerate("ijk"):
-            field = number_field(editor, f"centre {letter}", partial(get, axis), partial(put, axis), undoable=False)
+            field = number_field(editor, f"centre {letter}", partial(get, axis), partial(put, axis))
             field.props(f'prefix="{letter}"')
     editor.follow(lambda scene: show_pressed(middle, CENTER.of(scene) == "middle"))

@@ -2,19 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import msgspec
 
 from volsplat.protocol.description.scene import GREATEST_ZOOM, LEAST_ZOOM, Scene
 
+Pixels = tuple[int, int]  # width and height
 
-@dataclass
+
 class ImageSize:
-    """Whether the image is as large as the window of whoever used it last, or what the scene says."""
+    """Whether the image is as large as the window that was used last, or what the scene says."""
 
-    follows_window: bool = True
-    window: tuple[int, int] | None = None  # width and height of the viewport that was sized last, in pixels
+    def __init__(self) -> None:
+        self.follows_window = True
+        self._windows: dict[str, Pixels] = {}  # viewports by their tabs, the one that was used last at the end
+
+    def opened_or_resized(self, tab: str, window: Pixels) -> None:
+        """A tab has a viewport of so many pixels, which counts as using it."""
+        self._windows.pop(tab, None)
+        self._windows[tab] = window
+
+    def used(self, tab: str) -> None:
+        """A person did something in this tab."""
+        if tab in self._windows:
+            self._windows[tab] = self._windows.pop(tab)
+
+    def closed(self, tab: str) -> None:
+        """The tab is gone; the one that was used before it counts again."""
+        self._windows.pop(tab, None)
+
+    def fitted(self, scene: Scene) -> Scene:
+        """The scene in the size that its image is to have."""
+        if not self.follows_window or not self._windows:
+            return scene
+        width, height = next(reversed(self._windows.values()))
+        return sized(scene, width=width, height=height)
 
 
 def sized(scene: Scene, *, width: int | None = None, height: int | None = None) -> Scene:

@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-import msgspec
-
+from volsplat.client.ui.viewing.image_size import sized
 from volsplat.protocol.description.scene import Scene
 
 MOST_UNDONE = 200  # changes that can be taken back
@@ -60,23 +59,20 @@ class SceneModel:
         *,
         by: str = "",
         settled: bool = True,
-        undoable: bool = True,
         event: int | None = None,
     ) -> None:
         """Replace the scene by `edit(scene)`.
 
-        A row of changes that are not settled, and the settled one that ends it, are undone as one. Raises ValueError
-        if the edit makes no valid scene; the last good one stays in force.
+        A row of changes that are not settled, and the settled one that ends it, are undone as one; the image's size
+        stays. Raises ValueError if the edit makes no valid scene; the last good one stays in force.
         """
         scene = self._fitted(edit(self.scene))
-        if undoable and scene != self.scene:
+        if not _same_but_for_size(self.scene, scene):
             if self._gesture is None:
                 self._gesture = self.scene
             self._after.clear()
-        if settled and self._gesture is not None:
-            if self._gesture != scene:
-                self._before = [*self._before, self._gesture][-MOST_UNDONE:]
-            self._gesture = None
+        if settled:
+            self._end_gesture(scene)
         self._publish(scene, by, settled, event)
 
     @property
@@ -88,29 +84,39 @@ class SceneModel:
         return bool(self._after)
 
     def undo(self, by: str = "") -> None:
-        """Take the last change back, but for the view and the image's size."""
+        """Take the last change back, but for the image's size."""
+        self._end_gesture(self.scene)
         if self._before:
             self._after.append(self.scene)
-            self._publish(self._seen_as_now(self._before.pop()), by)
+            self._publish(_in_size_of(self.scene, self._before.pop()), by)
 
     def redo(self, by: str = "") -> None:
         """Make the last undone change again."""
         if self._after:
             self._before.append(self.scene)
-            self._publish(self._seen_as_now(self._after.pop()), by)
+            self._publish(_in_size_of(self.scene, self._after.pop()), by)
 
     def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
         """Have `subscriber` called after every change, in the thread that made it. Returns what ends that."""
         self._subscribers.append(subscriber)
         return lambda: self._subscribers.remove(subscriber)
 
-    def _seen_as_now(self, scene: Scene) -> Scene:
-        now = self.scene
-        image = msgspec.structs.replace(scene.image, width=now.image.width, height=now.image.height)
-        return msgspec.structs.replace(scene, view=now.view, image=image)
+    def _end_gesture(self, scene: Scene) -> None:
+        """What led here from the scene before the gesture is one change."""
+        if self._gesture is not None and not _same_but_for_size(self._gesture, scene):
+            self._before = [*self._before, self._gesture][-MOST_UNDONE:]
+        self._gesture = None
 
     def _publish(self, scene: Scene, by: str, settled: bool = True, event: int | None = None) -> None:
         events = self._state.events if event is None else {**self._state.events, by: event}
         self._state = SceneState(scene, self._state.revision + 1, settled, by, events)
         for subscriber in list(self._subscribers):
             subscriber(self._state)
+
+
+def _in_size_of(shown: Scene, scene: Scene) -> Scene:
+    return sized(scene, width=shown.image.width, height=shown.image.height)
+
+
+def _same_but_for_size(one: Scene, other: Scene) -> bool:
+    return _in_size_of(other, one) == other

@@ -3,6 +3,8 @@
 static/viewport/viewport_messages.d.ts has the same for the page, made from this file.
 """
 
+from typing import Annotated
+
 import msgspec
 
 from volsplat.client.image.empty_image import why_empty
@@ -10,7 +12,7 @@ from volsplat.client.scene.view_sides import sides
 from volsplat.client.ui.viewing.pacing import StepPacing
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
@@ -21,6 +23,7 @@ from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, resolved_zoom
 
 HEADER_LENGTH_BYTES = 4  # little-endian, before a picture's header
+Extent = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_EXTENT)]  # of an image, in pixels
 
 
 class Said(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
@@ -33,16 +36,18 @@ class Said(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
 class Size(Said, tag="size"):
     """The image that is wanted, in the display's pixels."""
 
-    width: int
-    height: int
+    width: Extent
+    height: Extent
 
 
 class ViewTurned(Said, tag="view"):
-    """The whole view; `event` counts the tab's pointer events."""
+    """The whole view, of an image of this size; `event` counts the tab's pointer events."""
 
     rotation: tuple[float, float, float, float]
     zoom: float
     center: tuple[float, float, float]
+    width: Extent
+    height: Extent
     settled: bool
     event: int
 

@@ -26,6 +26,7 @@ from volsplat.protocol.rules.resolved_view import resolved_bounds
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 
 log = logging.getLogger(__name__)
+replace = msgspec.structs.replace
 
 MOST_UNDER_WAY = 2  # pictures sent and not yet shown
 
@@ -35,6 +36,7 @@ class ViewportTalk:
 
     def __init__(self, viewing: Viewing, tab: str, send: Callable[[str | bytes], None]) -> None:
         self._viewing = viewing
+        self._image_size = viewing.image_size
         self._geometry = viewing.volume.description.geometry
         self._tab = tab
         self._send = send
@@ -55,9 +57,15 @@ class ViewportTalk:
         self._give_picture()
 
     def end(self) -> None:
+        """The viewport is gone: what its person was at is settled, and the image has another window's size."""
         self._subscriptions.close()
         for task in self._tasks:
             task.cancel()
+        now = self._viewing.model.now
+        if now.by == self._tab and not now.settled:
+            self._viewing.model.change(lambda s: s, by=self._tab)
+        self._image_size.closed(self._tab)
+        self._resize()
 
     # -- to the page
 
@@ -107,31 +115,24 @@ class ViewportTalk:
             self._say(said.TroubleTold(str(error)))
 
     def _obey(self, message: said.PageMessage) -> None:
-        model, replace = self._viewing.model, msgspec.structs.replace
         match message:
             case said.PictureShown(number=number):
                 self._under_way = {sent for sent in self._under_way if sent > number}
                 self._give_picture()
             case said.Size(width=width, height=height):
-                self._viewing.image_size.window = (width, height)
-                if self._viewing.image_size.follows_window:
-                    model.change(lambda s: sized(s, width=width, height=height), by=self._tab, undoable=False)
+                self._image_size.opened_or_resized(self._tab, (width, height))
+                self._resize()
             case said.ViewTurned(settled=settled, event=event):
-                turned = {"rotation": message.rotation, "zoom": message.zoom, "center": message.center}
-                model.change(
-                    lambda s: replace(s, view=replace(s.view, **turned)),
-                    by=self._tab,
-                    settled=settled,
-                    undoable=False,
-                    event=event,
-                )
+                self._change(lambda s: _turned(s, message), settled, event)
             case said.BoundsMoved(settled=settled, event=event):
                 bounds = Bounds(low=message.low, high=message.high)
-                model.change(lambda s: self._cut(s, bounds), by=self._tab, settled=settled, event=event)
+                self._change(lambda s: self._cut(s, bounds), settled, event)
             case said.UndoAsked():
-                model.undo(self._tab)
+                self._viewing.model.undo(self._tab)
+                self._use()
             case said.RedoAsked():
-                model.redo(self._tab)
+                self._viewing.model.redo(self._tab)
+                self._use()
             case said.ProbeAsked(x=x, y=y):
                 self._in_background(self._probe(x, y))
             case said.CenterAsked(x=x, y=y):
@@ -139,9 +140,26 @@ class ViewportTalk:
             case _:
                 assert_never(message)
 
+    def _change(self, edit: Callable[[Scene], Scene], settled: bool = True, event: int | None = None) -> None:
+        """Change the scene, and have its image in this window's size."""
+        self._image_size.used(self._tab)
+        self._viewing.model.change(
+            lambda s: self._image_size.fitted(edit(s)), by=self._tab, settled=settled, event=event
+        )
+
+    def _use(self) -> None:
+        self._image_size.used(self._tab)
+        self._resize()
+
+    def _resize(self) -> None:
+        """Have the image in the size that it should have; if it has that, nothing is drawn anew."""
+        model = self._viewing.model
+        if self._image_size.fitted(model.scene) != model.scene:
+            model.change(self._image_size.fitted, by=self._tab, settled=model.now.settled)
+
     def _cut(self, scene: Scene, bounds: Bounds) -> Scene:
         """Raises ValueError if the volume has no such bounds."""
-        cut = msgspec.structs.replace(scene, bounds=bounds)
+        cut = replace(scene, bounds=bounds)
         resolved_bounds(cut, self._geometry)
         return cut
 
@@ -170,6 +188,11 @@ class ViewportTalk:
             return
         i, j, k = found.index
         center = (float(i), float(j), float(k))
-        self._viewing.model.change(
-            lambda s: msgspec.structs.replace(s, view=msgspec.structs.replace(s.view, center=center)), undoable=False
-        )
+        self._change(lambda s: replace(s, view=replace(s.view, center=center)))
+
+
+def _turned(scene: Scene, told: said.ViewTurned) -> Scene:
+    """The scene as the page would see it, which may know the image in another size than it has now."""
+    known = sized(scene, width=told.width, height=told.height)
+    view = replace(known.view, rotation=told.rotation, zoom=told.zoom, center=told.center)
+    return sized(replace(known, view=view), width=scene.image.width, height=scene.image.height)

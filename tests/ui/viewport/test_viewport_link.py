@@ -4,6 +4,7 @@ import io
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -46,7 +47,8 @@ def viewport(view: Viewed) -> Iterator[Viewport]:
 
 def turned(angle: float, *, event: int, settled: bool) -> dict[str, object]:
     rotation = [math.sin(angle / 2), 0.0, 0.0, math.cos(angle / 2)]
-    return {"rotation": rotation, "zoom": 2.0, "center": [12.0, 10.0, 14.0], "settled": settled, "event": event}
+    view = {"rotation": rotation, "zoom": 2.0, "center": [12.0, 10.0, 14.0], "width": SIDE, "height": SIDE}
+    return {**view, "settled": settled, "event": event}
 
 
 def pixels(picture: Shown) -> torch.Tensor:
@@ -126,6 +128,36 @@ def test_a_larger_window_shows_the_same_part_of_the_volume(viewport: Viewport) -
     assert shown["view"]["zoom"] == 2 * 2.0
 
 
+def size_told(viewport: Viewport, width: int) -> dict[str, Any]:
+    """The first scene told whose image is so wide."""
+    while (told := viewport.message("scene"))["width"] != width:
+        pass
+    return told
+
+
+def test_the_image_has_the_size_of_the_window_that_was_used_last(view: Viewed, viewport: Viewport) -> None:
+    viewport.says("view", **turned(0.2, event=1, settled=True))
+    with view.viewport("small") as small:
+        small.says("size", width=SIDE // 2, height=SIDE // 2)
+        assert size_told(small, SIDE // 2)["view"]["zoom"] == 1.0
+        size_told(viewport, SIDE // 2)
+        viewport.says("view", **turned(0.3, event=2, settled=True))  # as seen before it heard of the small one
+        assert size_told(small, SIDE)["view"]["zoom"] == 2.0
+        size_told(viewport, SIDE)
+        small.says("undo")
+        assert size_told(viewport, SIDE // 2)["view"]["zoom"] == 1.0
+    assert size_told(viewport, SIDE)["view"]["zoom"] == 2.0  # the small one is closed
+
+
+def test_what_a_closed_window_was_at_is_settled(view: Viewed, viewport: Viewport) -> None:
+    with view.viewport("closing") as closing:
+        closing.says("view", **turned(0.4, event=1, settled=False))
+        while viewport.message("scene")["settled"]:
+            pass
+    while not viewport.message("scene")["settled"]:
+        pass
+
+
 def test_two_tabs_show_one_scene(view: Viewed, viewport: Viewport) -> None:
     with view.viewport("b") as other:
         other.last_picture()
@@ -153,8 +185,9 @@ def test_two_tabs_show_one_scene(view: Viewed, viewport: Viewport) -> None:
         '{"type":"nothing"}',
         '{"type":"size","width":0,"height":5}',
         '{"type":"size","width":1e9,"height":5}',
-        '{"type":"view","rotation":[0,0,0,0],"zoom":1,"center":[0,0,0],"settled":true,"event":1}',
-        '{"type":"view","rotation":[0,0,0,1],"zoom":1e9,"center":[0,0,0],"settled":true,"event":1}',
+        '{"type":"view","rotation":[0,0,0,0],"zoom":1,"center":[0,0,0],"width":9,"height":9,"settled":true,"event":1}',
+        '{"type":"view","rotation":[0,0,0,1],"zoom":1e9,"center":[0,0,0],"width":9,"height":9,"settled":true,"event":1}',
+        '{"type":"view","rotation":[0,0,0,1],"zoom":1,"center":[0,0,0],"width":0,"height":9,"settled":true,"event":1}',
         '{"type":"bounds","low":[5,5,5],"high":[5,6,6],"settled":true,"event":1}',
         '{"type":"bounds","low":[0,0,0],"high":[999,6,6],"settled":true,"event":1}',
     ],

@@ -5,6 +5,7 @@ import { Inertia } from "./inertia.js";
 
 const SETTLES_AFTER = 150; // milliseconds without a further turn of the wheel
 
+/** @typedef {import("./camera.js").Size} Size */
 /** @typedef {import("./camera.js").View} View */
 
 export class Steering {
@@ -14,11 +15,13 @@ export class Steering {
   #settling = 0;
   #inertia = new Inertia();
 
-  /** @param {(view: View, settled: boolean, at: number) => void} say */
+  /** @param {(view: View & Size, settled: boolean, at: number) => void} say */
   constructor(say) {
     this.#say = say;
     /** Null until the first scene has come. @type {View | null} */
     this.view = null;
+    /** Of the picture that the view is for. @type {Size | null} */
+    this.size = null;
     /** Whether the volume goes on turning when let go. */
     this.inertia = false;
   }
@@ -26,6 +29,12 @@ export class Steering {
   /** Whether a person is at it, so that nobody else may move the view. */
   get busy() {
     return this.#held || this.#settling !== 0 || this.#inertia.turning;
+  }
+
+  /** The scene as others have left it. @param {View} view @param {Size} size */
+  follow(view, size) {
+    this.view = view;
+    this.size = size;
   }
 
   /** A drag begins. */
@@ -84,6 +93,6 @@ export class Steering {
   #move(view, settled, at) {
     this.view = view;
     this.#settled = settled;
-    this.#say(view, settled, at);
+    this.#say({ ...view, ...this.size }, settled, at);
   }
 }

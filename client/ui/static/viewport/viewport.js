@@ -124,7 +124,7 @@ export class Viewport {
 
   /** The size of the picture that the view is for. @returns {Size} */
   get size() {
-    return { width: this.#scene.width, height: this.#scene.height };
+    return this.steering.size;
   }
 
   /** Where the view fits what is visible, as the process told when nobody was at it last. @returns {Partial<View>} */
@@ -246,7 +246,8 @@ export class Viewport {
   /** Take what others have made of the scene, unless it may be older than what was done here. */
   #takeOver() {
     if (this.#scene === null || this.#contained < this.#outbox.event || this.steering.busy) return;
-    this.steering.view = this.#scene.view;
+    const { view, width, height } = this.#scene;
+    this.steering.follow(view, { width, height });
     if (this.#marks !== null && !this.#marks.box.busy) this.#marks.box.bounds = this.#scene.bounds;
   }
 

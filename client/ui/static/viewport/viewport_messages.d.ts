@@ -7,12 +7,14 @@ export interface Size {
   height: number;
 }
 
-/** The whole view; `event` counts the tab's pointer events. */
+/** The whole view, of an image of this size; `event` counts the tab's pointer events. */
 export interface ViewTurned {
   type: "view";
   rotation: [number, number, number, number];
   zoom: number;
   center: [number, number, number];
+  width: number;
+  height: number;
   settled: boolean;
   event: number;
 }
