@@ -13,7 +13,7 @@ from fastapi import FastAPI
 from nicegui import ui
 from starlette.middleware.gzip import GZipMiddleware
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import RedirectResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
@@ -152,15 +152,17 @@ class Application:
         async with self._pages.one_more():
             await serve_viewport(self._viewing, socket, tab)
 
-    def _page(self, request: Request) -> None:
+    def _page(self, request: Request) -> Response | None:
+        """The page. A link to a scene puts that in force and leads to the page without it, which may be loaded anew."""
         link = request.query_params.get(SCENE_PARAMETER)
         if link is not None:
             try:
-                scene = scene_from_link(link, self._viewing.default_scene)
-                self._viewing.model.change(lambda _: scene)
+                self._viewing.show_scene(scene_from_link(link, self._viewing.default_scene))
+                return RedirectResponse(".", status_code=303)
             except (BadInput, ValueError) as error:
                 ui.notify(str(error), type="warning", timeout=0, close_button=True)
         self._build_page(self._viewing)
+        return None
 
 
 def _waiting_is_over() -> Response:

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import re
 import shutil
-import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import pytest
 import torch
@@ -17,9 +14,9 @@ from PIL import Image as PillowImage
 
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
+from support.pages.page_tab import REFINED, after, canvas, drag, draws_again, opened, save
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, viewed
-from support.patience import PATIENCE
 from volsplat.bench.commands.page_command import dragged
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
@@ -31,13 +28,6 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 __all__ = ["browser", "browser_page"]
-
-# To the end, and in the size of the window: before the page has told it, another size may be finished.
-REFINED = """() => {
-    const viewport = window.volsplatViewport, picture = viewport?.log.at(-1);
-    return picture?.last && picture.width === viewport.canvas.clientWidth * devicePixelRatio &&
-        picture.height === viewport.canvas.clientHeight * devicePixelRatio;
-}"""
 
 
 @pytest.fixture(scope="module")
@@ -57,55 +47,6 @@ def view(volume: Path) -> Iterator[Viewed]:
 def page(view: Viewed, browser_page: Page) -> Page:
     """The page with the volume refined to the end."""
     return opened(browser_page, view.url)
-
-
-def opened(page: Page, url: str) -> Page:
-    page.goto(url)
-    page.wait_for_function(REFINED)
-    return page
-
-
-def canvas(page: Page) -> torch.Tensor:
-    """What is on the canvas, (H, W, 4) uint8."""
-    size: list[int] = page.evaluate("() => { const c = window.volsplatViewport.canvas; return [c.height, c.width]; }")
-    data = page.evaluate(
-        "() => window.volsplatViewport.canvas.toDataURL('image/png').slice('data:image/png;base64,'.length)"
-    )
-    image = PillowImage.open(io.BytesIO(base64.b64decode(data))).convert("RGBA")
-    return torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(*size, 4)
-
-
-def after(page: Page, action: Any) -> torch.Tensor:
-    """The canvas once the scene that the action makes is refined to the end."""
-    return _next_last(page, action, "revision")
-
-
-def draws_again(page: Page, action: Any, image: torch.Tensor) -> None:
-    """Do something after which the same scene is drawn anew, perhaps more than once, and wait until that is seen."""
-    _next_last(page, action, "number")
-    deadline = time.monotonic() + PATIENCE
-    while not torch.equal(canvas(page), image):
-        assert time.monotonic() < deadline, "the scene is not drawn as before"
-        page.wait_for_timeout(50)
-
-
-def _next_last(page: Page, action: Any, rising: str) -> torch.Tensor:
-    before = page.evaluate(f"() => window.volsplatViewport.log.at(-1).{rising}")
-    action()
-    page.wait_for_function(
-        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.{rising} > {before}; }}"
-    )
-    return canvas(page)
-
-
-def drag(page: Page, dx: float, dy: float) -> None:
-    box = page.locator(".vs-view canvas").first.bounding_box()
-    assert box is not None
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.mouse.move(x + dx, y + dy, steps=8)
-    page.mouse.up()
 
 
 def test_the_page_shows_the_volume_and_every_part_of_the_scene(page: Page) -> None:
@@ -195,13 +136,6 @@ def test_two_tabs_stay_in_step(view: Viewed, page: Page) -> None:
     )
     assert torch.equal(canvas(other), canvas(page))
     other.close()
-
-
-def save(page: Page, item: str) -> bytes:
-    page.get_by_role("button", name="save").click()
-    with page.expect_download() as download:
-        page.get_by_text(item).click()
-    return download.value.path().read_bytes()
 
 
 def test_the_saved_image_is_what_is_seen_and_holds_its_scene(page: Page, volume: Path, tmp_path: Path) -> None:

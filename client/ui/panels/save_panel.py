@@ -85,7 +85,7 @@ def _scene_upload(viewing: Viewing) -> ui.upload:
         data = await event.file.read()
         try:
             scene = scene_from_toml(data.decode("utf-8"), viewing.model.scene, event.file.name)
-            viewing.model.change(lambda _: scene)
+            viewing.show_scene(scene)
         except (VolsplatError, ValueError) as error:
             ui.notify(str(error), type="negative", timeout=0, close_button=True)
 

@@ -22,17 +22,16 @@ from volsplat.client.ui.tables.table_edits import (
     inverted,
     mirrored,
     ramp,
-    shifted,
     steps,
     value_at,
     with_greatest,
 )
 from volsplat.client.ui.tables.table_files import table_from_toml, table_toml
+from volsplat.client.ui.tables.table_shift import TableShift, by_density
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Field as PacketField
-from volsplat.protocol.description.scene import Scene, Tables
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import TABLES, why_unused
 
 STYLE = STATIC / "tables" / "table_editor.css"
@@ -57,8 +56,7 @@ class TablesPanel:
         self._tab = context.client.id
         self._volume = volume
         self._presets = OfferedPresets(volume, default_scene)
-        self._unpushed = model.scene.tables  # what the tables were when the shift began
-        self._pushed: Tables | None = None  # what they are by it, while it lasts
+        self._table_shift = TableShift()
         self._histogram = lru_cache(maxsize=8)(partial(field_histogram, volume))
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
             self._build_head()
@@ -156,12 +154,10 @@ class TablesPanel:
         )
 
     def _shift(self, by: float, settled: bool) -> None:
-        """Move the tables by density from where they were when the push began, or when others last changed them."""
-        if self._model.scene.tables != self._pushed:
-            self._unpushed = self._model.scene.tables
-        begun = self._unpushed
-        self._model.change(lambda scene: _shifted(scene, begun, by), by=self._by("shift"), settled=settled)
-        self._pushed = None if settled else self._model.scene.tables
+        """Move the tables by density."""
+        self._model.change(
+            lambda scene: self._table_shift.pushed(scene, by, settled), by=self._by("shift"), settled=settled
+        )
 
     def _load(self, which: str, name: str, text: str) -> None:
         table = table_from_toml(text, self._model.scene, which, name)
@@ -219,7 +215,7 @@ class TablesPanel:
         self._greatest.set_text(f"{greatest:.3g}")
         self._slider.props.set_bool("disable", greatest == 0)
         low, high = self._volume.quantisation(scene.quantise).window
-        self._shift_slider.show(high - low, bool(_by_density(scene)))
+        self._shift_slider.show(high - low, bool(by_density(scene)))
 
 
 def _with_table(scene: Scene, which: str, table: Table) -> Scene:
@@ -229,16 +225,6 @@ def _with_table(scene: Scene, which: str, table: Table) -> Scene:
 def _with_opacities(scene: Scene, logarithm: float) -> Scene:
     """All opacities scaled to a greatest of 10**logarithm, to three digits."""
     return _with_table(scene, "opac", with_greatest(scene.tables.opac, float(f"{10**logarithm:.3g}")))
-
-
-def _by_density(scene: Scene) -> list[str]:
-    return [which for which in TITLES if getattr(scene.cross_bar, which) is PacketField.DENSITY]
-
-
-def _shifted(scene: Scene, tables: Tables, by: float) -> Scene:
-    """The scene with those of the tables that density indexes moved along it."""
-    moved = {which: shifted(getattr(tables, which), by) for which in _by_density(scene)}
-    return replace(scene, tables=replace(scene.tables, **moved))
 
 
 def _table_of(scene: Scene, which: str) -> Table:

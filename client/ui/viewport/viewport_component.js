@@ -12,7 +12,7 @@ export default {
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.searchParams.set("tab", this.tab);
     this.socket = new ViewportSocket(url);
-    this.viewport = new Viewport(this.$el, this.socket, { home: this.home });
+    this.viewport = new Viewport(this.$el, this.socket, { home: this.home, wholePage: true });
     page.volsplatViewport = this.viewport; // for tests, and for measuring latency
     this.socket.open();
   },

@@ -101,6 +101,17 @@ def test_what_is_pushed_off_the_axis_comes_back_while_it_is_held(tab: Tab) -> No
     assert near(back.tables, SCENE.tables, ONE_PIXEL)
 
 
+def test_what_one_push_takes_off_the_axis_another_brings_back(tab: Tab) -> None:
+    hold(tab, 0.5)
+    tab.page.mouse.up()
+    tab.settles(lambda scene: first_point(scene) > 0.6)
+    until(tab.page, lambda: told(tab) == 0)
+    hold(tab, -0.5)
+    tab.page.mouse.up()
+    back = tab.settles(lambda scene: first_point(scene) < 0.3)
+    assert near(back.tables, SCENE.tables, ONE_PIXEL)
+
+
 def test_keys_shift_by_steps(tab: Tab) -> None:
     slider_of(tab).focus()
     for _ in range(4):

@@ -46,6 +46,21 @@ const LIST = [
   ["?", "show or hide this list"],
 ];
 
+const TYPED_IN = "input:not([type=range], [type=checkbox], [type=radio]), textarea, select, [contenteditable]";
+const OVER_ALL = "[role=dialog], [role=menu], [role=listbox]"; // open, they have the keys of the whole page
+
+/**
+ * Whether a key that was pressed somewhere on the page may be for the viewport. Arrows elsewhere scroll, or move
+ * what has the focus.
+ * @param {KeyboardEvent} event @param {HTMLElement} element the viewport's
+ */
+export function isFree(event, element) {
+  const target = /** @type {Element} */ (event.target);
+  if (element.contains(target)) return true;
+  if (event.defaultPrevented || target.closest(TYPED_IN) || document.querySelector(OVER_ALL)) return false;
+  return !(event.key in ARROWS) || target === document.body;
+}
+
 /** Do what a key says. Returns whether it says anything. @param {KeyboardEvent} event @param {Viewport} viewport */
 export function obeyKey(event, viewport) {
   const key = event.key.length === 1 ? event.key.toLowerCase() : event.key;

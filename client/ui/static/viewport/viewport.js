@@ -3,7 +3,7 @@
 
 import { Frame } from "./frame.js";
 import { Gestures } from "./gestures.js";
-import { keyList, obeyKey } from "./keys.js";
+import { isFree, keyList, obeyKey } from "./keys.js";
 import { Marks } from "./marks.js";
 import { Outbox, remember } from "./outbox.js";
 import { PictureCanvas } from "./picture_canvas.js";
@@ -52,13 +52,15 @@ export class Viewport {
   #box = { width: 0, height: 0 }; // of the element; to ask it at every picture would lay out the page each time
   #corner = { left: 0, top: 0 }; // of the element, in the window
   #observer = new ResizeObserver(() => this.#onResize());
+  #closing = new AbortController();
 
   /**
    * @param {HTMLElement} host filled by the viewport
    * @param {Transport} transport
-   * @param {{home?: Quaternion}} options `home`: the rotation that reset goes to
+   * @param {{home?: Quaternion, wholePage?: boolean}} options `home`: the rotation that reset goes to; `wholePage`: keys
+   *   are for the viewport wherever on the page nothing else wants them
    */
-  constructor(host, transport, { home = namedView("front") } = {}) {
+  constructor(host, transport, { home = namedView("front"), wholePage = false } = {}) {
     this.#transport = transport;
     /**
      * Pictures that were drawn, newest last.
@@ -84,7 +86,8 @@ export class Viewport {
     this.element.append(this.canvas, this.#helpButton(), this.#help, this.#trouble.element);
     host.append(this.element);
     new Gestures(this);
-    this.element.addEventListener("keydown", (event) => this.#onKey(event));
+    const { signal } = this.#closing;
+    (wholePage ? document : this.element).addEventListener("keydown", (event) => this.#onKey(event), { signal });
     this.#observer.observe(this.element);
     transport.onstate((state) => this.#onState(state));
     transport.onmessage((message) => this.#onMessage(message));
@@ -94,6 +97,7 @@ export class Viewport {
   /** Let go of everything but the transport. */
   close() {
     this.#observer.disconnect();
+    this.#closing.abort();
     clearTimeout(this.#resized);
     this.#trouble.close();
     this.#outbox.close();
@@ -254,8 +258,7 @@ export class Viewport {
   // -- the rest
 
   #onKey(event) {
-    const known = event.target === this.canvas && this.ready && obeyKey(event, this);
-    if (!known) return;
+    if (!this.ready || !isFree(event, this.element) || !obeyKey(event, this)) return;
     event.preventDefault();
     event.stopPropagation(); // the page's own keys do not hear of it
   }

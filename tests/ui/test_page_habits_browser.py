@@ -1,0 +1,151 @@
+"""What people do on a page out of habit: undo, keys before a click, a second window, a reload after a link."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+import torch
+
+from support.pages.browser import browser, browser_page
+from support.pages.page_tab import REFINED, after, canvas, drag, opened
+from support.pages.tables_tab import box, until
+from support.pages.viewed import Viewed, viewed
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page"]
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
+    write_volume(path, *make_phantom("head", (24, 32, 28)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def view(volume: Path) -> Iterator[Viewed]:
+    with viewed(volume.parent, volume, "--workers", "2") as running:
+        yield running
+
+
+@pytest.fixture
+def page(view: Viewed, browser_page: Page) -> Page:
+    """The page with the volume refined to the end, and nothing clicked yet."""
+    return opened(browser_page, view.url)
+
+
+def picture_size(page: Page) -> list[int]:
+    size: list[int] = page.evaluate(
+        "() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height] }"
+    )
+    return size
+
+
+# -- undo
+
+
+def test_a_turn_and_a_click_that_centres_are_undone(page: Page) -> None:
+    before = canvas(page)
+    turned = after(page, lambda: drag(page, 60, 20))
+    place = box(page.locator(".vs-view canvas").first)
+    x, y = place["x"] + place["width"] / 2, place["y"] + place["height"] / 2
+    centred = after(page, lambda: page.mouse.click(x + 30, y + 30))
+    assert not torch.equal(centred, turned)
+    assert torch.equal(after(page, lambda: page.keyboard.press("Control+z")), turned)
+    assert torch.equal(after(page, lambda: page.keyboard.press("Control+z")), before)
+    assert torch.equal(after(page, lambda: page.keyboard.press("Control+Shift+z")), turned)
+
+
+def test_a_table_point_that_was_dragged_goes_back_by_keys(page: Page) -> None:
+    before = canvas(page)
+    point = box(page.locator('section[aria-label="Opacity"] circle[role=slider]').last)
+    x, y = point["x"] + point["width"] / 2, point["y"] + point["height"] / 2
+
+    def pull() -> None:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(x - 10, y + 25, steps=5)
+        page.mouse.up()
+
+    assert not torch.equal(after(page, pull), before)
+    assert torch.equal(after(page, lambda: page.keyboard.press("Control+z")), before)
+
+
+# -- keys
+
+
+def test_keys_work_on_a_fresh_page(page: Page) -> None:
+    before = canvas(page)
+    page.keyboard.press("?")
+    page.get_by_text("show or hide this list").wait_for()
+    page.keyboard.press("Escape")
+    page.get_by_text("show or hide this list").wait_for(state="hidden")
+    assert not torch.equal(after(page, lambda: page.keyboard.press("5")), before)
+    turned = after(page, lambda: page.keyboard.press("ArrowRight"))
+    page.get_by_role("button", name="Presets").focus()
+    assert not torch.equal(after(page, lambda: page.keyboard.press("2")), turned)
+
+
+def test_what_is_typed_or_moved_by_arrows_is_not_for_the_viewport(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    sent = "() => window.volsplatViewport.sent.length"
+    before = page.evaluate(sent)
+    field = page.get_by_label("centre i")
+    field.select_text()
+    page.keyboard.type("1f5?")
+    expect(field).to_have_value("1f5?")
+    page.keyboard.press("Escape")
+    page.get_by_label("shift of all tables by density").focus()
+    page.keyboard.press("ArrowRight")
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("copy a link").wait_for()
+    page.keyboard.press("f")
+    page.keyboard.press("Escape")
+    assert page.evaluate(sent) == before
+    assert page.get_by_text("show or hide this list").is_hidden()
+
+
+# -- windows
+
+
+def test_a_smaller_window_takes_the_picture_only_for_as_long_as_it_is_used(view: Viewed, page: Page) -> None:
+    size = picture_size(page)
+    small = page.context.new_page()
+    small.set_viewport_size({"width": 1000, "height": 600})
+    opened(small, view.url)
+    until(page, lambda: picture_size(page) == picture_size(small))
+    assert picture_size(small) != size
+    page.bring_to_front()
+    drag(page, 20, 5)
+    page.wait_for_function(REFINED)
+    assert picture_size(page) == size
+    until(small, lambda: picture_size(small) == size)
+    small.bring_to_front()
+    drag(small, 20, 5)
+    small.wait_for_function(REFINED)
+    until(page, lambda: picture_size(page) == picture_size(small))
+    small.close()
+    page.wait_for_function(REFINED)
+    assert picture_size(page) == size
+
+
+def test_a_page_that_a_link_opened_keeps_what_was_done_since_when_it_is_loaded_anew(view: Viewed, page: Page) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("copy a link").click()
+    page.get_by_text("copied").wait_for()
+    link = page.evaluate("() => navigator.clipboard.readText()")
+    opened(page, link)
+    assert page.url == f"http://127.0.0.1:{view.port}/"
+    turned = after(page, lambda: drag(page, -70, 20))
+    page.reload()
+    page.wait_for_function(REFINED)
+    assert torch.equal(canvas(page), turned)
