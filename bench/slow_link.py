@@ -58,8 +58,8 @@ def slow_link(port: int, *, bits_per_second: float, round_trip: float) -> Iterat
             await asyncio.gather(
                 there.take(reader), there.give(there_writer), back.take(there_reader), back.give(writer)
             )
-        except OSError:
-            pass  # an end has gone: so does the other
+        except (OSError, asyncio.CancelledError):
+            pass  # an end has gone, or the relay ends: so does the other; a stream's task that is cancelled would complain
         finally:
             writer.close()
             there_writer.close()

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import bisect
 import math
 import re
 import shutil
 import statistics
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 import click
 
+from volsplat.bench.page_drag import PAGE_WAIT, Drag, dragged
 from volsplat.bench.slow_link import slow_link
 from volsplat.bench.subject import subject_of, volume_file
 from volsplat.bench.tables.outputs import Outputs, output_options
@@ -33,44 +31,16 @@ if TYPE_CHECKING:
 
 # As root it has no sandbox; and without a graphics card, drawing by the plain rasteriser takes half of the time.
 CHROMIUM_OPTIONS = ["--no-sandbox", "--disable-gpu"]
-MOVES_PER_SECOND = 60
 WARM_UP_MOVES = 180
 IMAGE = 512
 GOALS = "Goals on loopback: median 50 ms, 95 % 100 ms, 30 images a second, nothing stale."
 _ADDRESS = re.compile(r"http://\S+token=\S+")
-_REFINED = "() => window.volsplatViewport?.log.at(-1)?.last"
-_SIZE = "() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height]; }"
-_WAIT = 60_000  # milliseconds, for the page and its first picture
-
-
-@dataclass(frozen=True)
-class Drag:
-    """What the page noted: when each event was sent and each picture shown, in milliseconds of its own clock."""
-
-    sent: list[tuple[int, float]]  # event, at
-    shown: list[tuple[int, int, float]]  # number, event, at
-
-    def latencies(self) -> list[float]:
-        """Seconds from each event to the first picture that contains it; events that none contains are left out."""
-        events = [event for _, event, _ in self.shown]
-        found = ((at, bisect.bisect_left(events, event)) for event, at in self.sent)
-        return [(self.shown[n][2] - at) / 1e3 for at, n in found if n < len(events)]
-
-    def images_per_second(self) -> float:
-        """While events came."""
-        begin, end = self.sent[0][1], self.sent[-1][1]
-        return sum(begin <= at <= end for _, _, at in self.shown) / max((end - begin) / 1e3, 1e-9)
-
-    def stale(self) -> int:
-        """Pictures shown after a newer one."""
-        numbers = [number for number, _, _ in self.shown]
-        return sum(later <= earlier for earlier, later in zip(numbers, numbers[1:], strict=False))
-
-    def growth(self) -> float:
-        """Seconds by which the last third of the latencies is worse than the first, in the median."""
-        late = self.latencies()
-        third = max(len(late) // 3, 1)
-        return statistics.median(late[-third:]) - statistics.median(late[:third])
+# Of the size of the canvas: before the page has told that, another one may be refined to the end.
+_REFINED = """() => {
+    const viewport = window.volsplatViewport, picture = viewport?.log.at(-1), canvas = viewport?.canvas;
+    return picture?.last && picture.width === canvas.clientWidth && picture.height === canvas.clientHeight;
+}"""
+_CANVAS = "() => { const c = window.volsplatViewport.canvas; return [c.clientWidth, c.clientHeight]; }"
 
 
 @click.command()
@@ -102,6 +72,7 @@ def page(
             dragged(tab, WARM_UP_MOVES)
             status.update(f"dragging, {moves} moves")
             drag = dragged(tab, moves)
+            _check_sizes(drag)
     late = sorted(drag.latencies())
     table = TextTable(
         f"The page follows the hand: {workers} map/shade servers, {IMAGE} x {IMAGE} pixels, {moves} moves"
@@ -113,6 +84,7 @@ def page(
     table.add("event to canvas, ms", *(significant(value * 1e3) for value in (statistics.median(late), p95, late[-1])))
     facts = {
         "images a second": significant(drag.images_per_second()),
+        "drawn at": ", ".join(f"{step} {share:.0%}" for step, share in drag.steps().items()),
         "stale images": str(drag.stale()),
         "lag grows by": f"{drag.growth() * 1e3:.0f} ms from the first third to the last",
     }
@@ -124,31 +96,12 @@ def page(
     outputs.deliver(record("page", facts, figures), [table])
 
 
-def dragged(tab: Page, moves: int) -> Drag:
-    """Turn the volume with the pointer, evenly, and read what the page noted."""
-    box = tab.locator(".vs-view canvas").first.bounding_box()
-    assert box is not None
-    middle_x, middle_y, radius = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 4
-    tab.mouse.move(middle_x + radius, middle_y)
-    tab.mouse.down()
-    tab.evaluate("() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }")
-    due = time.perf_counter()
-    for n in range(moves):
-        angle = 2 * math.pi * n / 120
-        tab.mouse.move(middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle))
-        due += 1 / MOVES_PER_SECOND
-        time.sleep(max(0.0, due - time.perf_counter()))
-    tab.mouse.up()
-    tab.wait_for_function(
-        "() => { const v = window.volsplatViewport, sent = v.sent.at(-1), shown = v.log.at(-1);"
-        " return sent && shown && shown.event >= sent.event; }",
-        timeout=_WAIT,
-    )
-    noted = tab.evaluate(
-        "() => ({sent: window.volsplatViewport.sent.map(s => [s.event, s.at]),"
-        " shown: window.volsplatViewport.log.map(p => [p.number, p.event, p.shownAt])})"
-    )
-    return Drag([tuple(s) for s in noted["sent"]], [tuple(p) for p in noted["shown"]])
+def _check_sizes(drag: Drag) -> None:
+    """Raises VolsplatError unless every picture had the size that the table states."""
+    sizes = {(picture.width, picture.height) for picture in drag.shown} - {(IMAGE, IMAGE)}
+    if sizes:
+        width, height = sizes.pop()
+        raise VolsplatError(f"a picture of {width} x {height} pixels came where {IMAGE} x {IMAGE} are measured")
 
 
 @contextmanager
@@ -194,12 +147,12 @@ def _opened(address: str) -> Iterator[Page]:
         window = {"width": 1280, "height": 800}
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
         tab.goto(address)
-        tab.wait_for_function(_REFINED, timeout=_WAIT)
-        while (shown := tab.evaluate(_SIZE)) != [IMAGE, IMAGE]:  # what stands around the picture may still grow
-            window = {"width": window["width"] + IMAGE - shown[0], "height": window["height"] + IMAGE - shown[1]}
+        tab.wait_for_function(_REFINED, timeout=PAGE_WAIT)
+        while (size := tab.evaluate(_CANVAS)) != [IMAGE, IMAGE]:  # what stands around the picture may still grow
+            window = {"width": window["width"] + IMAGE - size[0], "height": window["height"] + IMAGE - size[1]}
             tab.set_viewport_size({"width": window["width"], "height": window["height"]})
-            tab.wait_for_function(f"() => {{ const [w, h] = ({_SIZE})(); return w != {shown[0]} || h != {shown[1]}; }}")
-            tab.wait_for_function(_REFINED, timeout=_WAIT)
+            tab.wait_for_function(f"(old) => ({_CANVAS})().join() !== old.join()", arg=size, timeout=PAGE_WAIT)
+            tab.wait_for_function(_REFINED, timeout=PAGE_WAIT)
         yield tab
         browser.close()
 

@@ -17,7 +17,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import REFINED, after, canvas, drag, draws_again, opened, save
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, viewed
-from volsplat.bench.commands.page_command import dragged
+from volsplat.bench.page_drag import dragged
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import make_phantom
@@ -196,7 +196,7 @@ def test_through_a_slow_line_nothing_stale_is_shown_and_the_lag_does_not_grow(vi
         page.goto("about:blank")
     assert moves.stale() == 0
     events = [event for event, _ in moves.sent]
-    shown = [event for _, event, _ in moves.shown]
+    shown = [picture.event for picture in moves.shown]
     assert shown[-1] >= events[-1] and shown == sorted(shown)
     # As many pictures as moves would mean that none was left out; the last third must not be further behind.
     assert moves.growth() < 0.5

@@ -1,0 +1,135 @@
+"""A volume turned by the pointer in a real browser, and what the page noted of it."""
+
+from __future__ import annotations
+
+import bisect
+import math
+import statistics
+import time
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+from volsplat.protocol.text.errors import VolsplatError
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+MOVES_PER_SECOND = 60
+MOVES_OF_A_ROUND = 120
+PLACES = 120  # on the circle, where the pointer might press
+PAGE_WAIT = 60_000  # milliseconds, for pictures of the page
+# Places on a circle about the middle of the picture on which nothing lies, as radians.
+_BARE = """([x, y, radius, places]) => {
+    const angles = [...Array(places).keys()].map((n) => (2 * Math.PI * n) / places);
+    const top = (angle) => document.elementFromPoint(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
+    return angles.filter((angle) => top(angle) === window.volsplatViewport.canvas);
+}"""
+_ROTATION = "() => window.volsplatViewport.view.rotation"
+_NOTES = """() => ({
+    sent: window.volsplatViewport.sent.map(({ event, at }) => [event, at]),
+    shown: window.volsplatViewport.log.map(({ number, event, shownAt, step, width, height }) =>
+        [number, event, shownAt, step, width, height]),
+})"""
+_FORGET = "() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }"
+_CAUGHT_UP = """() => {
+    const viewport = window.volsplatViewport, sent = viewport.sent.at(-1), shown = viewport.log.at(-1);
+    return sent && shown && shown.event >= sent.event;
+}"""
+
+
+class ShownPicture(NamedTuple):
+    """One picture on the canvas."""
+
+    number: int
+    event: int  # the last that it contains
+    at: float  # milliseconds of the page's clock
+    step: str
+    width: int
+    height: int
+
+
+@dataclass(frozen=True)
+class Drag:
+    """What the page noted: when each event was sent, in milliseconds of its own clock, and each picture shown."""
+
+    sent: list[tuple[int, float]]  # event, at
+    shown: list[ShownPicture]
+
+    def latencies(self) -> list[float]:
+        """Seconds from each event to the first picture that contains it; events that none contains are left out."""
+        events = [picture.event for picture in self.shown]
+        found = ((at, bisect.bisect_left(events, event)) for event, at in self.sent)
+        return [(self.shown[n].at - at) / 1e3 for at, n in found if n < len(events)]
+
+    def moving(self) -> list[ShownPicture]:
+        """Pictures that were shown while events came."""
+        begin, end = self.sent[0][1], self.sent[-1][1]
+        return [picture for picture in self.shown if begin <= picture.at <= end]
+
+    def images_per_second(self) -> float:
+        """While events came."""
+        return len(self.moving()) / max((self.sent[-1][1] - self.sent[0][1]) / 1e3, 1e-9)
+
+    def steps(self) -> dict[str, float]:
+        """Which share of the moving pictures each step has."""
+        steps = Counter(picture.step for picture in self.moving())
+        return {step: count / steps.total() for step, count in sorted(steps.items())}
+
+    def stale(self) -> int:
+        """Pictures shown after a newer one."""
+        numbers = [picture.number for picture in self.shown]
+        return sum(later <= earlier for earlier, later in zip(numbers, numbers[1:], strict=False))
+
+    def growth(self) -> float:
+        """Seconds by which the last third of the latencies is worse than the first, in the median."""
+        late = self.latencies()
+        third = max(len(late) // 3, 1)
+        return statistics.median(late[-third:]) - statistics.median(late[:third])
+
+
+def dragged(tab: Page, moves: int) -> Drag:
+    """Turn the volume with the pointer, evenly, and read what the page noted.
+
+    Raises VolsplatError if what was pressed did something else.
+    """
+    box = tab.locator(".vs-view canvas").first.bounding_box()
+    assert box is not None
+    middle_x, middle_y, radius = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2, box["height"] / 4
+    begin = _bare_place(tab, middle_x, middle_y, radius)
+
+    def move(n: int) -> None:
+        angle = begin + 2 * math.pi * n / MOVES_OF_A_ROUND
+        tab.mouse.move(middle_x + radius * math.cos(angle), middle_y + radius * math.sin(angle))
+
+    rotation = tab.evaluate(_ROTATION)
+    move(0)
+    tab.mouse.down()
+    move(1)
+    if tab.evaluate(_ROTATION) == rotation:
+        raise VolsplatError("the pointer that was to turn the volume did not turn it")
+    tab.evaluate(_FORGET)
+    due = time.perf_counter()
+    for n in range(2, moves + 2):
+        move(n)
+        due += 1 / MOVES_PER_SECOND
+        time.sleep(max(0.0, due - time.perf_counter()))
+    tab.mouse.up()
+    tab.wait_for_function(_CAUGHT_UP, timeout=PAGE_WAIT)
+    noted = tab.evaluate(_NOTES)
+    return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]])
+
+
+def _bare_place(tab: Page, x: float, y: float, radius: float) -> float:
+    """The angle of a place on the circle that is farthest from handles and all else that lies over the picture."""
+    tab.mouse.move(x, y)  # the handles are there only under a pointer
+    bare: list[float] = tab.evaluate(_BARE, [x, y, radius, PLACES])
+    if not bare:
+        raise VolsplatError("no place of the picture is bare")
+    runs = [[bare[0]]]
+    for angle in bare[1:]:
+        if angle - runs[-1][-1] > 1.5 * 2 * math.pi / PLACES:
+            runs.append([])
+        runs[-1].append(angle)
+    longest = max(runs, key=len)
+    return longest[len(longest) // 2]
