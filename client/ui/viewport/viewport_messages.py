@@ -12,6 +12,8 @@ from volsplat.client.scene.view_sides import sides
 from volsplat.client.ui.viewing.pacing import StepPacing
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.client.volume.value_certainty import Certainty, density_certainty, strength_certainty
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry, GridAxis, Index, VolumeDescription
 from volsplat.protocol.geometry import matrices
@@ -154,11 +156,13 @@ class SceneTold(Said, tag="scene"):
 
 
 class ProbeAnswered(Said, tag="probe"):
-    """What lies under the pixel that was asked about."""
+    """What lies under the pixel that was asked about, and how its values stand to the file's."""
 
     x: float
     y: float
     found: ProbedVoxel | None
+    density_is: Certainty
+    strength_is: Certainty
 
 
 class TroubleTold(Said, tag="trouble"):
@@ -228,6 +232,17 @@ def scene_told(state: SceneState, geometry: Geometry, fit: Fit | None) -> SceneT
         edges=scene.image.edges,
         width=scene.image.width,
         height=scene.image.height,
+    )
+
+
+def probe_answered(
+    x: float, y: float, found: ProbedVoxel | None, scene: Scene, volume: SurveyedVolume
+) -> ProbeAnswered:
+    """The answer to a probe of this scene."""
+    if found is None:
+        return ProbeAnswered(x, y, None, Certainty.EXACT, Certainty.EXACT)
+    return ProbeAnswered(
+        x, y, found, density_certainty(found, volume, scene.quantise), strength_certainty(found, volume)
     )
 
 

@@ -175,7 +175,7 @@ class ViewportTalk:
         except VolsplatError as error:
             log.info("no value under the pointer: %s", error)
             return
-        self._say(said.ProbeAnswered(x, y, found))
+        self._say(said.probe_answered(x, y, found, scene, self._viewing.volume))
 
     async def _center(self, x: float, y: float) -> None:
         scene = self._viewing.model.scene

@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, expect
 
 from support.pages.browser import browser, browser_page, patient_context, serving
-from support.pages.viewport_process import SIZE, VIEW, VOLUME, ShownViewport, ViewportProcess, plain
+from support.pages.viewport_process import SIZE, VIEW, VOLUME, Message, ShownViewport, ViewportProcess, plain
 from tolerances import CAMERA_PIXELS, HALF_A_CSS_PIXEL
 from volsplat.protocol.description.view_rotation import (
     VIEW_NAMES,
@@ -277,13 +277,49 @@ def rotation_called(view: str) -> Quaternion:
     return OBLIQUE["rotation"] if view == "oblique" else named_view(view)
 
 
-@pytest.mark.parametrize(("unit", "text", "pixels"), [("mm", "20 mm", 5.0 / 2 ** (1 / 3)), ("", "20 voxels", 5.0)])
-def test_the_scale_bar_has_a_round_length(shown: ShownViewport, unit: str, text: str, pixels: float) -> None:
-    shown.process.say({**VOLUME, "unit": unit})
+EXACT = {"density_is": "", "strength_is": ""}  # of a told value
+REFERENCE = VOLUME["reference_spacing"]
+EQUAL = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+
+
+def axis(name: str, unit: str, step: float) -> Message:
+    return {"name": name, "unit": unit, "first": 0.0, "step": step}
+
+
+@pytest.mark.parametrize(
+    ("volume", "bars"),
+    [  # texts, and the pixels of one of their units at 1 pixel per physical one
+        ({"unit": "mm"}, [("20 mm", 20)]),
+        ({"unit": "", "index_to_upright": EQUAL, "reference_spacing": REFERENCE}, [("20 voxels", 20)]),
+        ({"unit": ""}, [("i 20 voxels", 20), ("j 20 voxels", 20), ("k 10 voxels", 20)]),
+        (
+            {
+                "unit": "arcmin",
+                "axes": [axis("RA", "deg", -0.02), axis("Dec", "deg", 0.02), axis("velocity", "km/s", 4)],
+            },
+            [("RA, Dec 20 arcmin", 20), ("velocity 50 km/s", 25)],
+        ),
+        (
+            {"unit": "m", "axes": [axis("time", "ms", 4), axis("crossline", "", 1), axis("inline", "", 1)]},
+            [("crossline, inline 20 m", 20), ("time 100 ms", 25)],
+        ),
+        (
+            {"unit": "", "axes": [axis("time", "ms", 4), axis("crossline", "", 1), axis("inline", "", 2)]},
+            [("time 100 ms", 25), ("crossline 20", 20), ("inline 20", 20)],
+        ),
+    ],
+)
+def test_scale_bars_have_round_lengths_one_for_each_kind_of_axis(
+    shown: ShownViewport, volume: Message, bars: list[tuple[str, float]]
+) -> None:
+    shown.process.say({**VOLUME, **volume})
     shown.show_and_wait()
-    expect(shown.page.locator(".vs-scale")).to_have_text(text)
-    width = shown.page.locator(".vs-scale-bar").evaluate("(bar) => bar.getBoundingClientRect().width")
-    assert width == pytest.approx(20 * pixels, abs=HALF_A_CSS_PIXEL)
+    expect(shown.page.locator(".vs-scale")).to_have_text([text for text, _ in bars])
+    widths = shown.page.locator(".vs-scale-bar").evaluate_all(
+        "(bars) => bars.map((b) => b.getBoundingClientRect().width)"
+    )
+    expected = [length * VIEW["zoom"] / REFERENCE for _, length in bars]
+    assert widths == pytest.approx(expected, abs=HALF_A_CSS_PIXEL)
 
 
 def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> None:
@@ -291,11 +327,14 @@ def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> 
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
     assert (asked["x"], asked["y"]) == (199.5, 149.5)
-    answer = {"type": "probe", "x": asked["x"], "y": asked["y"]}
+    answer = {**asked, **EXACT}
     elsewhere = {"index": [1, 2, 3], "density": 5.0, "strength": 6.0}
     shown.process.say({**answer, "x": 1.0, "found": elsewhere})
-    shown.process.say({**answer, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
+    found = {"index": [48, 60, 20], "density": 1124.0, "strength": 31.21}
+    shown.process.say({**answer, "found": found})
     expect(value).to_have_text("density 1124 · gradient strength 31.2 at (48, 60, 20)")
+    shown.process.say({**answer, "found": found, "density_is": "≥", "strength_is": "≈"})
+    expect(value).to_have_text("density ≥1124 · gradient strength ≈31.2 at (48, 60, 20)")
     shown.process.say({**answer, "found": None})
     expect(value).to_be_hidden()
 
@@ -311,7 +350,7 @@ def test_a_value_is_told_in_its_unit_and_at_what_its_indices_stand_for(shown: Sh
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
     found = {"index": [9, 5, 2], "density": -3.5, "strength": 31.21}
-    shown.process.say({"type": "probe", "x": asked["x"], "y": asked["y"], "found": found})
+    shown.process.say({**asked, **EXACT, "found": found})
     expect(shown.page.locator(".vs-value")).to_have_text(
         "density -3.5 mV · gradient strength 31.2 at time 40 ms, crossline 880, RA 309.0557 deg"
     )
@@ -326,7 +365,7 @@ def test_the_document_hears_of_the_value_until_the_pointer_leaves(shown: ShownVi
     )
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
-    shown.process.say({**asked, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
+    shown.process.say({**asked, **EXACT, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
     shown.page.locator(".vs-value").wait_for()
     value = {"density": 1124.2, "strength": 31.21, "grid-i": 48, "grid-j": 60, "grid-k": 20}
     assert shown.page.evaluate("window.told") == [value]
@@ -349,7 +388,7 @@ def test_a_value_is_asked_for_anew_when_the_picture_has_changed(shown: ShownView
     value = shown.page.locator(".vs-value")
     shown.page.mouse.move(200, 150)
     asked = shown.process.wait_for("probe")
-    shown.process.say({**asked, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
+    shown.process.say({**asked, **EXACT, "found": {"index": [48, 60, 20], "density": 1124.2, "strength": 31.21}})
     value.wait_for()
     shown.show_and_wait(revision=2, last=False)
     expect(value).to_be_hidden()

@@ -3,7 +3,7 @@
 import { BoundsBox, Wires } from "./bounds_box.js";
 import { Grid, Projection } from "./camera.js";
 import { OrientationCube } from "./orientation_cube.js";
-import { ScaleBar } from "./scale_bar.js";
+import { ScaleBars } from "./scale_bar.js";
 import { svg } from "./svg.js";
 import { ValueReadout } from "./value_readout.js";
 
@@ -24,7 +24,7 @@ export class Marks {
     this.box = new BoundsBox(this.grid, moveBounds);
     this.value = new ValueReadout(volume, probe);
     this.cube = new OrientationCube(volume.sides, lookFrom);
-    this.scale = new ScaleBar(volume);
+    this.scale = new ScaleBars(volume);
     this.missing = svg("g"); // boxes of what no server holds any more
     this.undrawn = svg("g", { class: "vs-undrawn" }); // parts of the picture that a splat server was lost with
     this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.undrawn, this.box.element]);

@@ -47,13 +47,14 @@ export class ValueReadout {
   }
 
   /** @param {import("./viewport_messages.d.ts").ProbeAnswered} answer */
-  answer({ x, y, found }) {
+  answer({ x, y, found, density_is, strength_is }) {
     if (this.#asked === null || this.#asked[0] !== x || this.#asked[1] !== y) return;
     if (found === null) return this.#hide();
     const { index, density, strength } = found;
     this.element.hidden = false;
-    const [first, second] = [density, strength].map((value, n) => `${this.#names[n]} ${shortNumber(value)}`);
-    this.element.textContent = `${first}${this.#valueUnit} · ${second} at ${this.#place(index)}`;
+    const [first, second] = [density_is + shortNumber(density), strength_is + shortNumber(strength)];
+    const values = `${this.#names[0]} ${first}${this.#valueUnit} · ${this.#names[1]} ${second}`;
+    this.element.textContent = `${values} at ${this.#place(index)}`;
     const [i, j, k] = index;
     tellValues(this.element, { density, strength, "grid-i": i, "grid-j": j, "grid-k": k });
   }

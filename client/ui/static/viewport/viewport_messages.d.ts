@@ -121,12 +121,14 @@ export interface ProbedVoxel {
   strength: number;
 }
 
-/** What lies under the pixel that was asked about. */
+/** What lies under the pixel that was asked about, and how its values stand to the file's. */
 export interface ProbeAnswered {
   type: "probe";
   x: number;
   y: number;
   found: ProbedVoxel | null;
+  density_is: "" | "≈" | "≥" | "≤";
+  strength_is: "" | "≈" | "≥" | "≤";
 }
 
 /** A line for the person. */
