@@ -54,15 +54,12 @@ def slow_link(port: int, *, bits_per_second: float, round_trip: float) -> Iterat
         there_reader, there_writer = await asyncio.open_connection("127.0.0.1", port)
         there = _Direction(bits_per_second, round_trip / 2)
         back = _Direction(bits_per_second, round_trip / 2)
-        try:
-            await asyncio.gather(
-                there.take(reader), there.give(there_writer), back.take(there_reader), back.give(writer)
-            )
-        except (OSError, asyncio.CancelledError):
-            pass  # an end has gone, or the relay ends: so does the other; a stream's task that is cancelled would complain
-        finally:
-            writer.close()
-            there_writer.close()
+        # An end goes, and so does the other, or all ends: a stream's task that is cancelled would say so on stderr.
+        with contextlib.closing(writer), contextlib.closing(there_writer):
+            with contextlib.suppress(OSError, asyncio.CancelledError):
+                await asyncio.gather(
+                    there.take(reader), there.give(there_writer), back.take(there_reader), back.give(writer)
+                )
 
     async def listen() -> asyncio.Server:
         return await asyncio.start_server(connected, "127.0.0.1", 0)
