@@ -26,7 +26,7 @@ from volsplat.client.image.image_properties import image_properties
 from volsplat.client.image.temporary_name import temporary_name
 from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
 from volsplat.client.session.asked_frames import FrameAborted
-from volsplat.client.session.renderer import Renderer
+from volsplat.client.session.renderer import Finisher
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -43,7 +43,7 @@ class MovieCancelled(Exception):
 
 
 def write_movie(
-    renderer: Renderer,
+    renderer: Finisher,
     scenes: Sequence[Scene],
     path: Path,
     rate: int,
@@ -84,7 +84,7 @@ def _size_of_all(scenes: Sequence[Scene]) -> tuple[int, int]:
     return sizes[0]
 
 
-def _drawn(renderer: Renderer, scene: Scene, step: Step, cancelled: Callable[[], bool]) -> Pixels:
+def _drawn(renderer: Finisher, scene: Scene, step: Step, cancelled: Callable[[], bool]) -> Pixels:
     """The finished image. It is asked for again if something else on the same session took its place."""
     while not cancelled():
         try:

@@ -53,18 +53,22 @@ class Refinement:
         return self.outcome is not None
 
 
-class Renderer(Protocol):
-    """A volume that is ready to be drawn."""
+class Finisher(Protocol):
+    """What draws finished images of a volume."""
 
     @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume; waits until it is known."""
 
+    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
+        """The finished image of one step, with what it took."""
+
+
+class Renderer(Finisher, Protocol):
+    """A volume that is ready to be drawn."""
+
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha."""
-
-    def finish(self, scene: Scene, step: Step = Step.F) -> Refinement:
-        """As `render`, with what it took."""
 
     def refine(
         self,

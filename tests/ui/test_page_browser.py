@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import re
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,7 +12,7 @@ from PIL import Image as PillowImage
 
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
-from support.pages.page_tab import REFINED, after, canvas, drag, draws_again, opened, save
+from support.pages.page_tab import REFINED, after, canvas, drag, opened, save
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, viewed
 from volsplat.bench.page_drag import dragged
@@ -220,23 +218,3 @@ def test_a_lost_server_is_told_on_the_page_and_the_others_take_over(volume: Path
         left = after(page, go_on)
         assert left[..., :3].any()
         page.goto("about:blank")
-
-
-@pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="films need ffmpeg: apt install ffmpeg")
-def test_a_movie_is_made_with_progress_and_can_be_cancelled(page: Page) -> None:
-    before = canvas(page)
-    page.get_by_role("button", name="save").click()
-    page.get_by_text("movie…").click()
-    images = page.get_by_label("images", exact=True)
-    images.fill("5000")
-    page.get_by_text("make the movie").click()
-    page.get_by_text(re.compile(r"image \d+ of 5000")).wait_for()
-    page.get_by_role("button", name="cancel").click()
-    page.get_by_text("cancelled").wait_for()
-    images.fill("4")
-    with page.expect_download() as download:
-        page.get_by_text("make the movie").click()
-    assert download.value.path().read_bytes()[4:8] == b"ftyp"
-    page.get_by_role("button", name="key scenes").click()
-    draws_again(page, page.get_by_text("make the movie").click, before)
-    page.get_by_text("4 frames cannot pass through 0 key scenes").wait_for()

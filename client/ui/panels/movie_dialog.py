@@ -3,33 +3,38 @@
 from __future__ import annotations
 
 import asyncio
+import re
 import shutil
 import tempfile
 from pathlib import Path
 
-import msgspec
 from nicegui import background_tasks, context, ui
 
 from volsplat.client.movie.key_frames import key_framed, turntable
+from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
+from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.saving import MovieJob
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Scene
-from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 TURNTABLE, KEY_SCENES = "turntable", "key scenes"
 KINDS = (".mp4", ".webm")
-MOST_FRAMES = 10_000
+IMAGES = (2, 10_000)  # least and most
+IMAGES_A_SECOND = (1, 120)
+PIXELS = (16, LARGEST_EXTENT)
+LONGEST_NAME = 100
 SECONDS_BETWEEN_LOOKS = 0.2
 
 
 class MovieDialog:
-    """One tab's dialog. While a movie is made, nothing else is drawn."""
+    """One tab's dialog, beside which the volume can still be turned: a movie is drawn while nobody does so."""
 
-    def __init__(self, viewing: Viewing) -> None:
+    def __init__(self, viewing: Viewing, name: str) -> None:
         self._viewing = viewing
         self._keys: list[Scene] = []
         self._job: MovieJob | None = None
-        with ui.dialog() as self._dialog, ui.card().classes("vs-dialog"):
+        with ui.dialog().props("seamless position=right") as self._dialog, ui.card().classes("vs-dialog"):
             ui.label("Movie").classes("vs-name")
             self._path = ui.toggle([TURNTABLE, KEY_SCENES], value=TURNTABLE).props("dense no-caps unelevated")
             with ui.row().bind_visibility_from(self._path, "value", value=KEY_SCENES).classes("items-center"):
@@ -37,10 +42,15 @@ class MovieDialog:
                 ui.button("add this scene", on_click=self._add_key).props("flat dense no-caps")
                 ui.button("forget them", on_click=self._forget_keys).props("flat dense no-caps")
             with ui.row():
-                self._frames = ui.number("images", value=120, min=2, max=MOST_FRAMES, precision=0).props("dense")
-                self._rate = ui.number("images a second", value=30, min=1, max=120, precision=0).props("dense")
+                self._frames = _number("images", 120)
+                self._rate = _number("images a second", 30)
+            with ui.row():
+                self._width = _number("width, pixels", None)
+                self._height = _number("height, pixels", None)
+            with ui.row():
+                self._name = ui.input("name", value=name).props("dense")
                 self._kind = ui.select(list(KINDS), value=KINDS[0], label="kind").props("dense")
-            self._trouble = ui.label("").classes("vs-bad")
+            self._trouble = ui.label("").classes("vs-bad").props("role=alert")
             self._bar = ui.linear_progress(0.0, show_value=False).props("rounded")
             self._line = ui.label("").classes("vs-muted")
             with ui.row().classes("justify-end w-full"):
@@ -52,6 +62,9 @@ class MovieDialog:
         context.client.on_delete(self._leave)
 
     def open(self) -> None:
+        """Show it, with the size that the picture has now."""
+        image = self._viewing.model.scene.image
+        self._width.value, self._height.value = image.width, image.height
         self._dialog.open()
 
     def _add_key(self) -> None:
@@ -65,23 +78,24 @@ class MovieDialog:
     def _scenes(self) -> list[Scene]:
         """Raises BadInput."""
         geometry = self._viewing.volume.description.geometry
-        frames = int(self._frames.value or 0)
+        frames = _whole(self._frames, IMAGES)
+        width, height = _whole(self._width, PIXELS), _whole(self._height, PIXELS)
+
+        def made_ready(scene: Scene) -> Scene:
+            return sized(self._viewing.volume.settled(scene), width=width, height=height)
+
         if self._path.value == TURNTABLE:
-            return turntable(self._viewing.volume.settled(self._viewing.model.scene), geometry, max(frames, 2))
-        size = self._viewing.model.scene.image  # the window may have changed since a key was taken
-        keys = [self._viewing.volume.settled(msgspec.structs.replace(key, image=size)) for key in self._keys]
-        return key_framed(keys, geometry, frames)
+            return turntable(made_ready(self._viewing.model.scene), geometry, frames)
+        return key_framed([made_ready(key) for key in self._keys], geometry, frames)
 
     def _start(self) -> None:
         folder = Path(tempfile.mkdtemp(prefix="volsplat-movie-"))
-        self._viewing.loop.pause()
+        drawing = IdleDrawing(self._viewing.session, self._viewing.loop)
         try:
-            scenes = self._scenes()
-            path = folder / f"movie{self._kind.value}"
-            self._job = MovieJob(self._viewing.session, scenes, path, int(self._rate.value or 30))
+            path = folder / f"{_file_name(self._name.value)}{self._kind.value}"
+            self._job = MovieJob(drawing, self._scenes(), path, _whole(self._rate, IMAGES_A_SECOND))
         except VolsplatError as error:
-            self._trouble.text = str(error)
-            self._viewing.loop.resume()
+            self._trouble.text = _told(error, folder)
             shutil.rmtree(folder)
             return
         self._trouble.text = ""
@@ -92,25 +106,25 @@ class MovieDialog:
         """Show how it goes, to the end, whether or not the tab is still there."""
         try:
             while not job.done:
-                self._show_progress(job)
+                self._show_progress(job, folder)
                 await asyncio.sleep(SECONDS_BETWEEN_LOOKS)
             self._job = None
-            self._show_progress(job)
+            self._show_progress(job, folder)
             if job.whole and not self._gone:
+                self._line.text = f"{job.line} in {job.path.name}, which the browser saves"
                 with self._dialog.client:
                     ui.download(job.path.read_bytes(), job.path.name)
         finally:
             job.cancel()  # at the end of everything it may still be at it
-            job.join()
-            self._viewing.loop.resume()
+            await asyncio.to_thread(job.join)
             shutil.rmtree(folder)
 
-    def _show_progress(self, job: MovieJob) -> None:
+    def _show_progress(self, job: MovieJob, folder: Path) -> None:
         if self._gone:
             return
         self._bar.value = job.progress
         self._line.text = job.line if job.error is None else ""
-        self._trouble.text = job.error or ""
+        self._trouble.text = _told(job.error or "", folder)
         self._show_state()
 
     def _stop(self) -> None:
@@ -127,3 +141,28 @@ class MovieDialog:
         self._cancel.set_visibility(running)
         self._bar.set_visibility(running)
         self._key_count.text = f"{len(self._keys)} key scene{'' if len(self._keys) == 1 else 's'}"
+
+
+def _number(label: str, value: int | None) -> ui.number:
+    return ui.number(label, value=value, precision=0).props("dense")
+
+
+def _whole(field: ui.number, limits: tuple[int, int]) -> int:
+    """What the field says. Raises BadInput unless it is a whole number within the limits."""
+    least, most = limits
+    value = field.value
+    if value is None or value != int(value) or not least <= value <= most:
+        raise BadInput(f"{field.label}: give a whole number from {least} to {most}")
+    return int(value)
+
+
+def _file_name(name: str) -> str:
+    """Raises BadInput for what names no file."""
+    if not re.fullmatch(r"[^/\\\x00-\x1f]+", name) or name.startswith(".") or len(name) > LONGEST_NAME:
+        raise BadInput(f"name: give 1 to {LONGEST_NAME} characters that do not begin with a dot, without slashes")
+    return name
+
+
+def _told(error: VolsplatError | str, folder: Path) -> str:
+    """Without the folder, which is nobody's business and soon gone."""
+    return str(error).replace(f"{folder}/", "")

@@ -17,7 +17,7 @@ from volsplat.protocol.text.errors import VolsplatError
 
 
 def save_panel(viewing: Viewing) -> None:
-    movie = MovieDialog(viewing)
+    movie = MovieDialog(viewing, file_stem(viewing))
     opening = _scene_upload(viewing)
     with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
         with ui.menu().props("auto-close"):

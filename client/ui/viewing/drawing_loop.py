@@ -10,7 +10,8 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_over
@@ -26,6 +27,7 @@ from volsplat.protocol.text.errors import VolsplatError
 log = logging.getLogger(__name__)
 
 LONGEST_ABORT_SECONDS = 0.5  # that the end is held up by a frame that is aborted
+ABORT_SECONDS = 0.05  # after which a frame that goes on is aborted again
 NO_PARTIAL_IMAGES = threading.TIMEOUT_MAX  # seconds between them
 
 
@@ -47,10 +49,11 @@ class DrawingLoop:
         self._shown: Picture | None = None  # the newest whose step is finished
         self._number = 0
         self._drawn_revision = 0
+        self._drawing = False
         self._refining = False
-        self._paused = False
+        self._lent = False  # others draw with the session
         self._closed = False
-        self._changed = threading.Condition()  # guards the three above, and tells of a newer scene
+        self._changed = threading.Condition()  # guards the four above, and tells of a newer scene
         self._unsubscribe = model.subscribe(self._on_change)
         self._thread = threading.Thread(target=self._run, name="draw", daemon=True)
 
@@ -62,33 +65,38 @@ class DrawingLoop:
         self._unsubscribe()
         with self._changed:
             self._closed = True
-            self._changed.notify()
+            self._changed.notify_all()
             self._abort_refinement()
         if self._thread.is_alive():
             self._thread.join(LONGEST_ABORT_SECONDS)
 
-    def pause(self) -> None:
-        """Draw nothing until `resume`, so that others may draw."""
-        with self._changed:
-            self._paused = True
-            self._abort_refinement()
+    @contextmanager
+    def between_pictures(self) -> Iterator[None]:
+        """Others may draw with the session within; entered once the scene is settled and drawn to the end.
 
-    def resume(self) -> None:
-        """Draw again, the present scene from its first step on."""
-        self._paused = False
-        self.draw_again()
+        As soon as there is something to draw again, what they draw is aborted, and this loop goes on once they leave.
+        """
+        with self._changed:
+            self._changed.wait_for(self._nothing_to_do)
+            self._lent = True
+        try:
+            yield
+        finally:
+            with self._changed:
+                self._lent = False
+                self._changed.notify_all()
 
     def draw_again(self) -> None:
         """Draw the scene anew although it is the same, since what holds the volume has changed."""
         with self._changed:
             self._drawn_revision = 0
             self._shown = None
-            self._changed.notify()
+            self._changed.notify_all()
             self._abort_refinement()
 
     def _on_change(self, state: SceneState) -> None:
         with self._changed:
-            self._changed.notify()
+            self._changed.notify_all()
             self._abort_refinement()
 
     def _abort_refinement(self) -> None:
@@ -100,10 +108,12 @@ class DrawingLoop:
         while True:
             with self._changed:
                 self._changed.wait_for(self._something_to_do)
+                self._take_back()
                 if self._closed:
                     return
                 state = self._model.now
                 self._drawn_revision = state.revision
+                self._drawing = True
                 self._refining = state.settled
             try:
                 if state.settled:
@@ -119,10 +129,22 @@ class DrawingLoop:
                 self._tell(VolsplatError(f"this scene could not be drawn: {type(error).__name__}: {error}"))
             finally:
                 with self._changed:
-                    self._refining = False
+                    self._drawing = self._refining = False
+                    self._changed.notify_all()
 
     def _something_to_do(self) -> bool:
-        return self._closed or (not self._paused and self._model.now.revision != self._drawn_revision)
+        return self._closed or self._model.now.revision != self._drawn_revision
+
+    def _nothing_to_do(self) -> bool:
+        """A moving scene will change again."""
+        now = self._model.now
+        return self._closed or (not self._drawing and now.settled and now.revision == self._drawn_revision)
+
+    def _take_back(self) -> None:
+        """Have the session to ourselves."""
+        while self._lent and not self._closed:
+            self._session.abort()
+            self._changed.wait(ABORT_SECONDS)  # it misses what is asked for only then
 
     def _draw_moving(self, state: SceneState) -> None:
         step = self.pacing.step_while_moving()

@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.scene_file import scene_toml
-from volsplat.client.session.renderer import Renderer
+from volsplat.client.session.renderer import Finisher
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -103,12 +103,12 @@ def _merged(base: Any, changed: Any) -> Any:
 class MovieJob:
     """A movie being made on a thread of its own. All that is told of it may be read from any thread, at any time.
 
-    `renderer` must take turns with whatever else draws with it: a frame that is pushed aside is drawn again, but one
-    that pushes aside leaves the other with nothing.
+    A frame that is pushed aside by whatever else draws with `renderer` is drawn again; one that pushes others aside
+    leaves them with nothing, so that it must take its turn.
     """
 
     def __init__(
-        self, renderer: Renderer, scenes: Sequence[Scene], path: Path, rate: int = 30, step: Step = Step.F
+        self, renderer: Finisher, scenes: Sequence[Scene], path: Path, rate: int = 30, step: Step = Step.F
     ) -> None:
         """Start making it. Raises BadInput if it could not be written to `path`."""
         check_movie_writable(path)
@@ -144,13 +144,13 @@ class MovieJob:
         """Wait until it is done."""
         self._thread.join()
 
-    def _run(self, renderer: Renderer, scenes: Sequence[Scene], rate: int, step: Step) -> None:
+    def _run(self, renderer: Finisher, scenes: Sequence[Scene], rate: int, step: Step) -> None:
         from volsplat.client.movie.movie import MovieCancelled, write_movie
 
         try:
             write_movie(renderer, scenes, self.path, rate, self._on_progress, self._cancelled.is_set, step)
             self.whole = True
-            self.line = f"{self._frames} images in {self.path}"
+            self.line = f"{self._frames} images"
         except MovieCancelled:
             self.line = "cancelled"
         except VolsplatError as error:

@@ -1,0 +1,126 @@
+"""The page's dialog for movies, in a real browser: what it refuses, what it makes, and the volume beside it."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+import torch
+
+from support.pages.browser import browser, browser_page
+from support.pages.page_tab import after, canvas, drag, opened
+from support.pages.viewed import Viewed, viewed
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page"]
+
+pytestmark = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="films need ffmpeg: apt install ffmpeg")
+
+
+@pytest.fixture(scope="module")
+def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
+    write_volume(path, *make_phantom("head", (24, 32, 28)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def view(volume: Path) -> Iterator[Viewed]:
+    with viewed(volume.parent, volume, "--workers", "2") as running:
+        yield running
+
+
+@pytest.fixture
+def page(view: Viewed, browser_page: Page) -> Page:
+    """The page with the dialog open."""
+    page = opened(browser_page, view.url)
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("movie…").click()
+    page.get_by_text("make the movie").wait_for()
+    return page
+
+
+def fill(page: Page, **fields: str) -> None:
+    for name, text in fields.items():
+        page.get_by_label({"width": "width, pixels", "height": "height, pixels"}.get(name, name), exact=True).fill(text)
+
+
+def made(page: Page, folder: Path) -> dict[str, Any]:
+    """The movie that the browser saves: its name, and what ffprobe finds in it."""
+    with page.expect_download() as download:
+        page.get_by_text("make the movie").click()
+    path = folder / download.value.suggested_filename
+    shutil.copy(download.value.path(), path)
+    asked = ["ffprobe", "-v", "error", "-count_packets", "-show_streams", "-of", "json", str(path)]
+    (stream,) = json.loads(subprocess.run(asked, check=True, capture_output=True).stdout)["streams"]
+    return {"name": path.name, **stream}
+
+
+def test_a_movie_has_the_count_size_and_name_that_were_asked_for(page: Page, tmp_path: Path) -> None:
+    fill(page, images="4", width="64", height="48", name="my head")
+    movie = made(page, tmp_path)
+    assert movie["name"] == "my head.mp4"
+    assert (movie["width"], movie["height"], movie["nb_read_packets"]) == (64, 48, "4")
+    page.get_by_text("4 images in my head.mp4").wait_for()
+
+
+@pytest.mark.parametrize(
+    ("field", "text", "told"),
+    [
+        ("images", "0", "images: give a whole number from 2 to 10000"),
+        ("images", "1", "images: give a whole number from 2 to 10000"),
+        ("images", "-5", "images: give a whole number from 2 to 10000"),
+        ("images", "99999", "images: give a whole number from 2 to 10000"),
+        ("images", "", "images: give a whole number from 2 to 10000"),
+        ("images a second", "0", "images a second: give a whole number from 1 to 120"),
+        ("width", "8", "width, pixels: give a whole number from 16 to 16384"),
+        ("name", "../head", "name: give 1 to 100 characters"),
+        ("name", "", "name: give 1 to 100 characters"),
+    ],
+)
+def test_what_makes_no_movie_is_refused_in_words(page: Page, field: str, text: str, told: str) -> None:
+    fill(page, **{field: text})
+    page.get_by_text("make the movie").click()
+    page.get_by_text(told).wait_for()
+    assert page.get_by_role("button", name="cancel").is_hidden()
+
+
+def test_key_scenes_are_wanted_before_a_flight(page: Page) -> None:
+    page.get_by_role("button", name="key scenes").click()
+    page.get_by_text("make the movie").click()
+    page.get_by_text("cannot pass through 0 key scenes").wait_for()
+
+
+def test_while_a_movie_is_made_the_volume_can_be_turned_and_no_picture_of_the_movie_is_another(
+    page: Page, tmp_path: Path
+) -> None:
+    fill(page, images="60", width="512", height="512")
+    with page.expect_download() as download:
+        page.get_by_text("make the movie").click()
+        page.get_by_text(re.compile(r"image \d+ of 60")).wait_for()
+        turned = [after(page, lambda: drag(page, 40, 10))]
+        assert page.get_by_role("button", name="cancel").is_visible()  # it is still being made
+        turned += [after(page, lambda: drag(page, 40, 10)) for _ in range(2)]
+    assert not torch.equal(turned[0], turned[1]) and not torch.equal(turned[1], turned[2])
+    assert torch.equal(canvas(page), turned[2])
+    assert download.value.path().read_bytes()[4:8] == b"ftyp"
+
+
+def test_a_movie_is_cancelled(page: Page) -> None:
+    fill(page, images="5000")
+    page.get_by_text("make the movie").click()
+    page.get_by_text(re.compile(r"image \d+ of 5000")).wait_for()
+    page.get_by_role("button", name="cancel").click()
+    page.get_by_text("cancelled").wait_for()
+    before = canvas(page)
+    assert not torch.equal(after(page, lambda: drag(page, 30, 0)), before)
