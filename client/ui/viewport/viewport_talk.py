@@ -1,7 +1,7 @@
 """What is said between one viewport and the client's process, whatever carries it.
 
-The page gets the newest picture only, and no more than two that it has not shown yet: on a slow line the rate falls
-and the lag does not grow.
+The page gets the newest picture only, and no more at once than its line holds: on a slow line the rate falls and the
+lag does not grow.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import logging
+import time
 from collections.abc import Callable, Coroutine
 from typing import Any, assert_never
 
@@ -19,6 +20,7 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport import viewport_messages as said
+from volsplat.client.ui.viewport.under_way import UnderWay
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.protocol.description.scene import Bounds, Scene
 from volsplat.protocol.geometry.upright import Up
@@ -27,8 +29,6 @@ from volsplat.protocol.text.errors import PeerLost, VolsplatError
 
 log = logging.getLogger(__name__)
 replace = msgspec.structs.replace
-
-MOST_UNDER_WAY = 2  # pictures sent and not yet shown
 
 
 class ViewportTalk:
@@ -42,7 +42,7 @@ class ViewportTalk:
         self._send = send
         self._up: Up | None = None  # as the page was told
         self._sent = 0  # number of the last picture that was sent
-        self._under_way: set[int] = set()
+        self._under_way = UnderWay()
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions = contextlib.ExitStack()
 
@@ -98,9 +98,9 @@ class ViewportTalk:
 
     def _give_picture(self) -> None:
         picture: Picture | None = self._viewing.pictures.newest
-        if picture is not None and picture.number > self._sent and len(self._under_way) < MOST_UNDER_WAY:
+        if picture is not None and picture.number > self._sent and self._under_way.may_send():
             self._sent = picture.number
-            self._under_way.add(picture.number)
+            self._under_way.sent(picture.number, time.monotonic())
             self._send(said.picture_message(picture, self._tab, self._geometry, self._viewing.loop.pacing))
 
     # -- from the page
@@ -117,7 +117,7 @@ class ViewportTalk:
     def _obey(self, message: said.PageMessage) -> None:
         match message:
             case said.PictureShown(number=number):
-                self._under_way = {sent for sent in self._under_way if sent > number}
+                self._under_way.shown(number, time.monotonic())
                 self._give_picture()
             case said.Size(width=width, height=height):
                 self._image_size.opened_or_resized(self._tab, (width, height))
