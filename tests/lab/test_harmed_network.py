@@ -41,6 +41,7 @@ class Echo:
     def __init__(self, host: Host, process: psutil.Process) -> None:
         self._host, self.process = host, process
         self.link = self.connected()
+        self.seconds()  # before the program has accepted it, it is not the program's
 
     def connected(self) -> socket.socket:
         listening = ("ss", "-Htln", "sport = :5000")
