@@ -33,6 +33,7 @@ SHUTDOWN_SECONDS = 1  # for open sockets, at the end
 LONGEST_ADDRESS = 1 << 18  # bytes: a link may hold four tables drawn freehand
 LARGEST_FORM = 1 << 16  # bytes around a file that is uploaded
 SMALLEST_COMPRESSED = 500  # bytes
+ALIVE_PATH = "/alive"  # where a page asks whether anybody is there
 STATIC_PATH = "/volsplat/static"
 CHECK_SECONDS = 1.0  # between looks at whether a page is open
 
@@ -88,7 +89,8 @@ class Application:
         application = FastAPI(lifespan=self._lifespan, openapi_url=None, docs_url=None, redoc_url=None)
         application.mount(STATIC_PATH, StaticFiles(directory=STATIC))
         application.add_api_websocket_route("/viewport", self._viewport)
-        application.add_api_route(WAITING_PATH, _waiting_is_over, include_in_schema=False)
+        for path in (WAITING_PATH, ALIVE_PATH):
+            application.add_api_route(path, _nothing_to_say, include_in_schema=False)
         ui.page("/")(self._page)
         ui.run_with(
             application,
@@ -165,5 +167,6 @@ class Application:
         return None
 
 
-def _waiting_is_over() -> Response:
+async def _nothing_to_say() -> Response:
+    """Nobody need wait any more, and somebody is there."""
     return Response(status_code=204)

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import psutil
 import pytest
 import torch
 
@@ -149,3 +150,27 @@ def test_a_page_that_a_link_opened_keeps_what_was_done_since_when_it_is_loaded_a
     page.reload()
     page.wait_for_function(REFINED)
     assert torch.equal(canvas(page), turned)
+
+
+# -- lines that stall
+
+
+def test_a_stalled_line_is_told_by_one_voice_and_what_the_hand_did_meanwhile_is_drawn(view: Viewed, page: Page) -> None:
+    from playwright.sync_api import expect
+
+    before = canvas(page)
+    status = page.locator(".vs-trouble")
+    revision = page.evaluate("() => window.volsplatViewport.log.at(-1).revision")
+    frozen = psutil.Process(view.process.pid)
+    frozen.suspend()
+    try:
+        expect(status).to_contain_text("does not answer")
+        drag(page, 50, 10)
+        expect(page.locator("#popup")).to_be_hidden()
+    finally:
+        frozen.resume()
+    expect(status).to_be_hidden()
+    page.wait_for_function(
+        f"() => {{ const p = window.volsplatViewport.log.at(-1); return p.last && p.revision > {revision}; }}"
+    )
+    assert not torch.equal(canvas(page), before)

@@ -8,10 +8,11 @@ export default {
   props: { tab: String, home: Array },
   mounted() {
     const page = /** @type {any} */ (window); // of which NiceGUI tells where it lies
-    const url = new URL(`${page.path_prefix ?? ""}/viewport`, window.location.href);
+    const under = (path) => new URL(`${page.path_prefix ?? ""}/${path}`, window.location.href);
+    const url = under("viewport");
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.searchParams.set("tab", this.tab);
-    this.socket = new ViewportSocket(url);
+    this.socket = new ViewportSocket(url, under("alive"));
     this.viewport = new Viewport(this.$el, this.socket, { home: this.home, wholePage: true });
     page.volsplatViewport = this.viewport; // for tests, and for measuring latency
     this.socket.open();

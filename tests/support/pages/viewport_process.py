@@ -14,7 +14,7 @@ from PIL import Image
 from playwright.sync_api import Locator, Page
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import HTMLResponse
+from starlette.responses import HTMLResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -52,7 +52,7 @@ _PAGE = """<!doctype html><meta charset="utf-8"><title>viewport</title>
   import { Viewport } from "/static/viewport/viewport.js";
   import { ViewportSocket } from "/static/viewport/viewport_socket.js";
   const url = new URL("/viewport?tab=t1", location.href.replace("http", "ws"));
-  const socket = new ViewportSocket(url);
+  const socket = new ViewportSocket(url, new URL("/alive", location.href));
   window.volsplatViewport = new Viewport(document.getElementById("host"), socket);
   socket.open();
 </script>"""
@@ -70,6 +70,7 @@ class ViewportProcess:
         self.application = Starlette(
             routes=[
                 Route("/", self._page),
+                Route("/alive", self._nothing),
                 WebSocketRoute("/viewport", self._viewport),
                 Mount("/static", StaticFiles(directory=STATIC)),
             ]
@@ -164,6 +165,9 @@ class ViewportProcess:
 
     async def _page(self, request: Request) -> HTMLResponse:
         return HTMLResponse(_PAGE)
+
+    async def _nothing(self, request: Request) -> Response:
+        return Response(status_code=204)
 
     async def _viewport(self, socket: WebSocket) -> None:
         await socket.accept()

@@ -432,19 +432,21 @@ def test_a_process_that_is_away_is_told_of_and_found_again(browser_page: Page) -
     expect(status).to_contain_text("No connection to volsplat's process")
     assert shown.colour_at(0, 0) == RED
     shown.canvas.focus()
-    browser_page.keyboard.press("+")  # heard by nobody
+    browser_page.keyboard.press("+")
     browser_page.wait_for_function("() => !window.volsplatViewport.steering.busy")
     second = ViewportProcess()
     with serving(second.application, port=urlsplit(url).port or 0):
         second.wait_for_page()
         expect(status).to_be_hidden()
+        said = second.wait_for("view")  # what was done while nobody heard it
+        assert said["zoom"] == pytest.approx(1.25 * VIEW["zoom"])
         second.say(VOLUME)
         second.say_scene()
         shown.process = second
-        shown.show_and_wait(plain(GREEN))  # numbers begin anew
+        shown.show_and_wait(plain(GREEN), event=said["event"])  # numbers begin anew
         assert shown.colour_at(0, 0) == GREEN
         browser_page.keyboard.press("ArrowUp")
-        assert second.wait_for("view")["zoom"] == VIEW["zoom"]
+        assert second.wait_for("view", 2)["zoom"] == VIEW["zoom"]
 
 
 def test_a_picture_with_nothing_on_it_is_told_of_until_there_is_something(shown: ShownViewport) -> None:

@@ -28,7 +28,7 @@ class WidgetTransport {
 
   open() {
     this.model.send({ view: this.view, text: null });
-    this.listeners.state({ connected: true, text: "" });
+    this.listeners.state({ connected: true, anew: true, text: "" });
   }
 
   takePicture(bytes) {

@@ -10,6 +10,7 @@ const MOST_REMEMBERED = 4096;
 export class Outbox {
   #send;
   #waiting = new Map();
+  #newest = /** @type {Map<string, Counted>} */ (new Map()); // of each kind
   #frame = 0;
 
   /** @param {(message: Counted) => void} send */
@@ -25,8 +26,15 @@ export class Outbox {
   post(message, at) {
     this.event += 1;
     remember(this.sent, { event: this.event, at });
-    this.#waiting.set(message.type, { ...message, event: this.event });
+    const counted = { ...message, event: this.event };
+    this.#newest.set(message.type, counted);
+    this.#waiting.set(message.type, counted);
     if (this.#frame === 0) this.#flush();
+  }
+
+  /** Say anew what the person did after an event, since it may have been lost. @param {number} event */
+  repeatAfter(event) {
+    for (const message of this.#newest.values()) if (message.event > event) this.#send(message);
   }
 
   close() {

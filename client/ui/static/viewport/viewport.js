@@ -28,11 +28,18 @@ const LABEL = "The volume. Drag or use the arrow keys to turn it; press ? for al
 /** @typedef {import("./viewport_messages.d.ts").VolumeTold} VolumeTold */
 
 /**
+ * @typedef {Object} TransportState
+ * @property {boolean} connected whether what is said is heard
+ * @property {boolean} [anew] whether the process knows nothing of what was said before
+ * @property {string} text what to tell the person, "" if nothing new
+ */
+
+/**
  * @typedef {Object} Transport
  * @property {(message: PageMessage) => void} send
  * @property {(listener: (message: ProcessMessage) => void) => void} onmessage
  * @property {(listener: (header: PictureHeader, bytes: Uint8Array) => void) => void} onpicture
- * @property {(listener: (state: {connected: boolean, text: string}) => void) => void} onstate
+ * @property {(listener: (state: TransportState) => void) => void} onstate
  */
 
 export class Viewport {
@@ -175,17 +182,18 @@ export class Viewport {
 
   // -- from the process
 
-  #onState({ connected, text }) {
+  /** @param {TransportState} state */
+  #onState({ connected, anew, text }) {
     if (text || connected) {
       this.#trouble.ofConnection(text);
       this.element.classList.toggle("vs-lost", !connected);
     }
-    if (!connected) return;
-    this.#contained = this.#outbox.event; // what was said into the drop is lost
+    if (!anew) return;
     this.#pictures.reconnected();
     this.#asked = { width: 0, height: 0 };
     this.#box = this.#measured();
     this.#sendSize();
+    this.#outbox.repeatAfter(this.#contained);
   }
 
   /** @param {ProcessMessage} message */

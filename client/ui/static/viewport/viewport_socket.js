@@ -3,35 +3,47 @@
 const FIRST_WAIT = 250; // milliseconds before the first new attempt; doubled after each failure
 const LONGEST_WAIT = 4000;
 const QUIET = 400; // a drop that is over by then is not spoken of
-const TICK = 2000;
+const TICK = 2000; // between two questions whether the process is there
+const SILENT = 5000; // without an answer that is spoken of: the line is stalled, or the process
+const DEAD = 20000; // without an answer after which the connection is made anew; a slow line may be full for seconds
+const MISSED = 2; // questions that could not even be asked, one after the other, that count likewise
 const ASLEEP = 15000; // between two ticks: the machine slept, and the connection may be dead without knowing
 const REFUSED = 1008; // close code of a missing token
 
 const LOST = "No connection to volsplat's process. The picture stays as it was; trying again…";
+const NO_ANSWER = "volsplat's process does not answer. The picture stays as it was; waiting…";
 const TOKEN_MISSING = "This page may no longer see the volume: open the whole address that `volsplat view` printed.";
 
 /** @typedef {import("./viewport_messages.d.ts").PageMessage} PageMessage */
 /** @typedef {import("./viewport_messages.d.ts").ProcessMessage} ProcessMessage */
 /** @typedef {import("./viewport_messages.d.ts").PictureHeader} PictureHeader */
-/** @typedef {{connected: boolean, text: string}} TransportState `text`: what to tell the person, "" if nothing new */
+/** @typedef {import("./viewport.js").TransportState} TransportState */
 
 export class ViewportSocket {
   #url;
+  #alive;
   #socket = /** @type {WebSocket | null} */ (null);
   #wait = FIRST_WAIT;
   #retry = 0;
   #telling = 0; // the timer that will say it, or has
   #lastTick = Date.now();
   #ticking = 0;
+  #asking = false; // whether an answer is waited for
+  #missed = 0; // questions without an answer, one after the other
+  #stalled = false; // given up until an answer comes
   #message = /** @type {(message: ProcessMessage) => void} */ (() => {});
   #picture = /** @type {(header: PictureHeader, bytes: Uint8Array) => void} */ (() => {});
   #state = /** @type {(state: TransportState) => void} */ (() => {});
   #onVisible = () => this.#woken();
   #onOnline = () => this.#again();
 
-  /** @param {string | URL} url of the WebSocket; nothing happens before open() */
-  constructor(url) {
+  /**
+   * @param {string | URL} url of the WebSocket; nothing happens before open()
+   * @param {string | URL} alive what to fetch to learn whether anybody is there; any answer will do
+   */
+  constructor(url, alive) {
     this.#url = url;
+    this.#alive = alive;
   }
 
   open() {
@@ -45,6 +57,7 @@ export class ViewportSocket {
     document.removeEventListener("visibilitychange", this.#onVisible);
     window.removeEventListener("online", this.#onOnline);
     clearInterval(this.#ticking);
+    this.#ticking = 0;
     clearTimeout(this.#telling);
     this.#drop();
   }
@@ -64,9 +77,9 @@ export class ViewportSocket {
     this.#state = listener;
   }
 
-  /** Nothing is sent while there is no connection: all that is said is said anew after it. @param {PageMessage} message */
+  /** Nothing is sent while there is no connection; whoever speaks says anew after it what still holds. @param {PageMessage} message */
   send(message) {
-    if (this.#socket?.readyState === WebSocket.OPEN) this.#socket.send(JSON.stringify(message));
+    if (this.#connected) this.#socket.send(JSON.stringify(message));
   }
 
   #connect() {
@@ -102,7 +115,7 @@ export class ViewportSocket {
     clearTimeout(this.#telling);
     this.#telling = 0;
     this.#wait = FIRST_WAIT;
-    this.#state({ connected: true, text: "" });
+    this.#state({ connected: true, anew: true, text: "" });
   }
 
   /** Let go of the socket, so that nothing late comes from it. */
@@ -115,7 +128,7 @@ export class ViewportSocket {
   }
 
   #again() {
-    if (this.#socket?.readyState === WebSocket.OPEN) return;
+    if (this.#connected) return;
     this.#drop();
     this.#connect();
   }
@@ -127,7 +140,45 @@ export class ViewportSocket {
     if (slept) {
       this.#lose();
       this.#connect();
+    } else if (document.visibilityState === "visible") this.#ask();
+  }
+
+  /**
+   * Whether the process answers. It is asked beside the socket, on which a large picture may be on its way for long, and
+   * which knows for minutes nothing of a line that carries nothing any more.
+   */
+  async #ask() {
+    if (this.#asking) return;
+    this.#asking = true;
+    const telling = setTimeout(() => this.#tellSilence(), SILENT);
+    const answered = await fetch(this.#alive, { cache: "no-store", signal: AbortSignal.timeout(DEAD) }).then(
+      () => true,
+      (error) => (error.name === "TimeoutError" ? null : false),
+    );
+    clearTimeout(telling);
+    this.#asking = false;
+    if (this.#ticking === 0) return; // closed meanwhile
+    this.#missed = answered ? 0 : this.#missed + 1;
+    if (answered) this.#answered();
+    else if (this.#connected && (answered === null || this.#missed >= MISSED)) {
+      this.#stalled = true;
+      this.#lose();
     }
+  }
+
+  #tellSilence() {
+    if (this.#connected) this.#state({ connected: false, text: NO_ANSWER });
+  }
+
+  #answered() {
+    if (this.#stalled) {
+      this.#stalled = false;
+      this.#connect();
+    } else if (this.#connected) this.#state({ connected: true, anew: false, text: "" });
+  }
+
+  get #connected() {
+    return this.#socket?.readyState === WebSocket.OPEN;
   }
 
   #woken() {
