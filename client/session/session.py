@@ -207,6 +207,11 @@ class Session:
         return list(self._coordinator.server_states.values())
 
     @property
+    def failure(self) -> VolsplatError | None:
+        """What ended the session, None as long as it goes on."""
+        return self._failure
+
+    @property
     def volume(self) -> SurveyedVolume:
         """What is known of the volume; waits until every server has read its sub-cube."""
         self._volume_known.wait()

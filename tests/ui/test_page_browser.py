@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import psutil
 import pytest
 import torch
 from PIL import Image as PillowImage
@@ -217,4 +219,35 @@ def test_a_lost_server_is_told_on_the_page_and_the_others_take_over(volume: Path
 
         left = after(page, go_on)
         assert left[..., :3].any()
+        page.goto("about:blank")
+
+
+def splat_servers(view: Viewed) -> list[psutil.Process]:
+    return [server for server in view.person.servers() if "volsplat.splat_server" in server.cmdline()]
+
+
+def test_the_page_shows_how_a_lost_splat_server_is_replaced_and_says_so_when_it_is_not(
+    volume: Path, browser_page: Page
+) -> None:
+    with viewed(volume.parent, volume, "--workers", "2") as view:
+        page = opened(browser_page, view.url)
+        before = canvas(page)
+        told = page.locator(".vs-trouble")
+        killed: set[int] = set()
+        while "nothing can be drawn any more" not in told.inner_text():
+            until(page, lambda: any(server.pid not in killed for server in splat_servers(view)))
+            (server,) = [server for server in splat_servers(view) if server.pid not in killed]
+            killed.add(server.pid)
+            server.kill()
+            # Nothing of those that were lost before, and replaced.
+            news = re.compile(
+                f"^splat server [0-9]+ .*process {server.pid}.*(whole again|nothing can be drawn any more)"
+            )
+            told.filter(has_text=news).wait_for()
+            if len(killed) < 4:  # as often another one is started within a minute
+                until(page, lambda: torch.equal(canvas(page), before))
+        assert len(killed) >= 4 and "save the scene" in told.inner_text()
+        page.get_by_text("Servers", exact=True).click()
+        states = page.locator(".vs-servers-table").first.locator("tbody tr td:last-child")
+        until(page, lambda: "drawing" not in states.all_inner_texts())
         page.goto("about:blank")

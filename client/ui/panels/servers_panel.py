@@ -91,7 +91,8 @@ def servers_panel(viewing: Viewing) -> None:
 
 def _drawing(viewing: Viewing) -> bool:
     moving = viewing.loop.pacing.step_while_moving()
-    return progress(viewing.pictures.newest, viewing.model.now, moving).running is not None
+    running = progress(viewing.pictures.newest, viewing.model.now, moving).running
+    return running is not None and viewing.loop.drawing
 
 
 def _legend() -> None:

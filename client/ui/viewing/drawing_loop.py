@@ -70,6 +70,11 @@ class DrawingLoop:
         if self._thread.is_alive():
             self._thread.join(LONGEST_ABORT_SECONDS)
 
+    @property
+    def drawing(self) -> bool:
+        """Whether a picture is on its way."""
+        return self._drawing
+
     @contextmanager
     def between_pictures(self) -> Iterator[None]:
         """Others may draw with the session within; entered once the scene is settled and drawn to the end.
@@ -115,22 +120,26 @@ class DrawingLoop:
                 self._drawn_revision = state.revision
                 self._drawing = True
                 self._refining = state.settled
-            try:
-                if state.settled:
-                    self._refine(state)
-                else:
-                    self._draw_moving(state)
-            except VolsplatError as error:
-                self._tell(error)
-            except (
-                Exception
-            ) as error:  # an error in our own code: the person must hear of it, and the page must live on
-                log.exception("this scene could not be drawn")
-                self._tell(VolsplatError(f"this scene could not be drawn: {type(error).__name__}: {error}"))
-            finally:
-                with self._changed:
-                    self._drawing = self._refining = False
-                    self._changed.notify_all()
+            trouble = self._drawn(state)
+            with self._changed:
+                self._drawing = self._refining = False
+                self._changed.notify_all()
+            if trouble is not None:
+                self._tell(trouble)
+
+    def _drawn(self, state: SceneState) -> VolsplatError | None:
+        """Draw this scene; returns why that cannot be."""
+        try:
+            if state.settled:
+                self._refine(state)
+            else:
+                self._draw_moving(state)
+        except VolsplatError as error:
+            return error
+        except Exception as error:  # an error in our own code: the person must hear of it, and the page must live on
+            log.exception("this scene could not be drawn")
+            return VolsplatError(f"this scene could not be drawn: {type(error).__name__}: {error}")
+        return None
 
     def _something_to_do(self) -> bool:
         return self._closed or self._model.now.revision != self._drawn_revision

@@ -13,9 +13,9 @@ from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import ImageSize
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
+from volsplat.client.ui.viewing.trouble import Trouble
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene
-from volsplat.protocol.text.errors import VolsplatError
 
 Unsubscribe = Callable[[], None]
 
@@ -61,7 +61,7 @@ class Viewing:
     volume: SurveyedVolume
     default_scene: Scene
     pictures: Feed[Picture]
-    troubles: Feed[VolsplatError]
+    troubles: Feed[Trouble]
     image_size: ImageSize = field(default_factory=ImageSize)
 
     def show_scene(self, scene: Scene) -> None:

@@ -18,6 +18,7 @@ import msgspec
 from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.ui.viewing.trouble import Trouble
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport import viewport_messages as said
 from volsplat.client.ui.viewport.under_way import UnderWay
@@ -25,7 +26,7 @@ from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.protocol.description.scene import Bounds, Scene
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.rules.resolved_view import resolved_bounds
-from volsplat.protocol.text.errors import PeerLost, VolsplatError
+from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
 replace = msgspec.structs.replace
@@ -49,8 +50,9 @@ class ViewportTalk:
     def begin(self) -> None:
         """Tell all that there is, and from now on what changes."""
         self._on_scene(self._viewing.model.now)
-        if isinstance(self._viewing.troubles.newest, PeerLost):
-            self._on_trouble(self._viewing.troubles.newest)
+        trouble = self._viewing.troubles.newest
+        if trouble is not None and trouble.lasting:
+            self._on_trouble(trouble)
         self._subscriptions.callback(self._viewing.model.subscribe(self._on_scene))
         self._subscriptions.callback(self._viewing.pictures.subscribe(lambda picture: self._give_picture()))
         self._subscriptions.callback(self._viewing.troubles.subscribe(self._on_trouble))
@@ -93,8 +95,8 @@ class ViewportTalk:
             return None
         return said.Fit(view.zoom, view.center)
 
-    def _on_trouble(self, trouble: VolsplatError) -> None:
-        self._say(said.TroubleTold(str(trouble), lasting=isinstance(trouble, PeerLost)))
+    def _on_trouble(self, trouble: Trouble) -> None:
+        self._say(said.TroubleTold(trouble.text, trouble.lasting))
 
     def _give_picture(self) -> None:
         picture: Picture | None = self._viewing.pictures.newest

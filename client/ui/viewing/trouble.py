@@ -1,0 +1,22 @@
+"""What went wrong, for the person at the page."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+
+CURE = "nothing can be drawn any more; save the scene, and start volsplat again"
+
+
+@dataclass(frozen=True)
+class Trouble:
+    """A line for the person. What is lasting is told until something else is, in tabs that are opened later as well."""
+
+    text: str
+    lasting: bool = False
+
+
+def trouble_of(error: VolsplatError) -> Trouble:
+    """What to tell of an error that ended a picture: without the servers that were lost there will be none."""
+    return Trouble(f"{error}; {CURE}", lasting=True) if isinstance(error, PeerLost) else Trouble(str(error))
