@@ -5,6 +5,7 @@ that each machine of a lab derives the same bits.
 """
 
 import math
+from collections.abc import Sequence
 from functools import lru_cache
 
 Vector = tuple[float, float, float]
@@ -125,3 +126,9 @@ def cube_root(value: float) -> float:
     for _ in range(40):
         root -= (root * root * root - value) / (3 * root * root)
     return root
+
+
+def nearest_axes(directions: Sequence[Vector]) -> tuple[int, int, int]:
+    """For each of three directions an axis of its own, so that together they lie nearest."""
+    orders = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
+    return max(orders, key=lambda order: sum(abs(directions[n][axis]) for n, axis in enumerate(order)))

@@ -23,7 +23,7 @@ from volsplat.client.volume.up_guess import guessed_up
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Shading, View
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view, rotation_from_angles
-from volsplat.protocol.description.volume import Geometry, VolumeDescription
+from volsplat.protocol.description.volume import Geometry, GridAxis, VolumeDescription
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.upright import UPS, Up, upright
 from volsplat.protocol.rules.resolved_view import screen_rotation
@@ -222,3 +222,12 @@ def test_sides_are_named_by_what_lies_there() -> None:
     assert patient.up == "+z"
     assert [side.mark for side in sides(patient, "+z").values()] == ["A", "P", "L", "R", "S", "I"]
     assert [side.mark for side in sides(patient, "-y").values()] == ["I", "S", "L", "R", "A", "P"]
+
+
+def test_sides_of_named_axes_tell_where_these_lead() -> None:
+    axes = (GridAxis("time", "ms", 4.0, 4.0), GridAxis("crossline", "", 875.0, 1.0), GridAxis("RA", "deg", 9.0, -0.1))
+    down_right_back = Geometry(dims=(8, 8, 8), index_to_physical=((0.0, 1.0, 0.1), (0.0, 0.0, 1.0), (-1.0, 0.0, 0.0)))
+    told = VolumeDescription(name="a", format="SEG-Y", geometry=down_right_back, scalar_type="uint8", axes=axes)
+    marks = {name: side.mark for name, side in sides(told, "+z").items()}
+    assert marks == {"front": "RA+", "back": "RA−", "left": "XL+", "right": "XL−", "top": "time−", "bottom": "time+"}
+    assert sides(told, "+z")["back"].words == "smaller RA"

@@ -15,6 +15,8 @@ const SIDES = /** @type {{view: string, normal: Vector, up: Vector}[]} */ ([
   { view: "bottom", normal: [0, 0, -1], up: [0, -1, 0] },
 ]);
 
+const LARGEST_LETTERS = 1.05; // in halves of a side
+const WIDEST = 2.7; // letters of such a size on a side, one beside the other
 const TIE = 1e-6; // what is no nearer upright than by this is as near: rounding decides nothing
 
 export class OrientationCube {
@@ -25,6 +27,7 @@ export class OrientationCube {
     this.#sides = SIDES.map((side) => {
       const label = svg("text", { class: "vs-letter" });
       label.textContent = letters[side.view];
+      label.style.fontSize = `${Math.min(LARGEST_LETTERS, WIDEST / letters[side.view].length)}px`;
       const title = svg("title");
       title.textContent = `look from the ${side.view}`;
       const square = svg("rect", { x: "-1", y: "-1", width: "2", height: "2", rx: "0.12" });
