@@ -4,10 +4,9 @@ import json
 
 import click
 
-from volsplat.client.scene.contour_scenes import contour_level
 from volsplat.client.session.session import Session
 from volsplat.client.volume.volume_facts import volume_facts
-from volsplat.client.volume.volume_info import info_text
+from volsplat.client.volume.volume_info import VolumeInfo
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.volume_name import check_is_there
 
@@ -24,15 +23,4 @@ def info(volume: str, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(volume_facts(known), indent=2, ensure_ascii=False))
         return
-    told = info_text(
-        known.description,
-        known.survey,
-        known.density_counts,
-        known.automatic_window,
-        known.strength_counts,
-        prepared=known.prepared,
-        strength_scale=known.strength_scale,
-        contour=contour_level(known.subject()),
-        stands_up=known.stands_up,
-    )
-    PlainConsole().print(told)
+    PlainConsole().print(VolumeInfo.of(known).text())

@@ -9,6 +9,7 @@ from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
 from volsplat.client.ui.panels.servers_panel import servers_panel
 from volsplat.client.ui.panels.steps_bar import steps_bar
+from volsplat.client.ui.panels.volume_information import volume_information
 from volsplat.client.ui.tables.tables_panel import tables_panel
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.viewport_element import viewport_element
@@ -26,6 +27,7 @@ def page(viewing: Viewing) -> None:
         with ui.element("header").classes("vs-head"):
             ui.label(description.name).classes("vs-name").tooltip(description.name)
             ui.label(" × ".join(str(n) for n in description.geometry.dims)).classes("vs-muted")
+            volume_information(viewing.volume)
             steps_bar(viewing)
             ui.element("div").classes("vs-spread")
             save_panel(viewing)

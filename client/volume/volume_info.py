@@ -1,12 +1,16 @@
 """The text of `volsplat info`: what is known of a volume, with its histogram drawn in characters."""
 
+from __future__ import annotations
+
 import math
+from dataclasses import dataclass
 
 from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
-from volsplat.client.scene.contour_scenes import Level
+from volsplat.client.scene.contour_scenes import Level, contour_level
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.up_guess import StandsUp
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import TABLE_ENTRIES
@@ -16,6 +20,7 @@ from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.index_rules import Survey, percentile
 from volsplat.protocol.rules.levels import Prepared
 
+NOTE = "note"  # what a row is called that says what the reader had to change or assume
 HISTOGRAM_COLUMNS = 64
 HISTOGRAM_ROWS = 8
 BLOCKS = " ▁▂▃▄▅▆▇█"
@@ -26,79 +31,92 @@ LETTERS = (("R", "L"), ("A", "P"), ("I", "S"))  # where a step along a grid axis
 PLAIN_LETTERS = (("-x", "+x"), ("-y", "+y"), ("-z", "+z"))
 
 
-def info_text(
-    description: VolumeDescription,
-    survey: Survey,
-    density_counts: list[int],
-    window: tuple[float, float],
-    strength_counts: list[int] | None = None,
-    prepared: Prepared | None = None,
-    strength_scale: float = 0.0,
-    contour: Level | None = None,
-    stands_up: StandsUp | None = None,
-) -> Group:
-    """What a person wants to know of a volume before rendering it, for rich's console.
+@dataclass(frozen=True)
+class VolumeInfo:
+    """What a person wants to know of a volume before rendering it.
 
     `density_counts` splits survey.low..survey.high into even bins, `strength_counts` the range of strengths;
     `window` is the density window that the servers will use, `strength_scale` their bytes per unit of strength;
     `prepared` what was decided when the volume was prepared; `contour` where the default scene has its surface;
     `stands_up` which way is up.
     """
-    table = Table(box=None, show_header=False, pad_edge=False)
-    table.add_column(style="bold", no_wrap=True)
-    table.add_column(overflow="fold")
-    strength = _strength_text(description, survey, strength_counts, strength_scale)
-    for name, text in _rows(description, survey, density_counts, window, strength, prepared, contour, stands_up):
-        table.add_row(name, Text(text))
-    if survey.low > survey.high:
-        return Group(table)
-    return Group(table, Text(), Text(histogram_text(survey, density_counts, window)))
 
+    description: VolumeDescription
+    survey: Survey
+    density_counts: list[int]
+    window: tuple[float, float]
+    strength_counts: list[int] | None = None
+    prepared: Prepared | None = None
+    strength_scale: float = 0.0
+    contour: Level | None = None
+    stands_up: StandsUp | None = None
 
-def _rows(
-    description: VolumeDescription,
-    survey: Survey,
-    density_counts: list[int],
-    window: tuple[float, float],
-    strength: str,
-    prepared: Prepared | None,
-    contour: Level | None,
-    stands_up: StandsUp | None,
-) -> list[tuple[str, str]]:
-    geometry = description.geometry
-    unit = f" {description.unit}" if description.unit else " (the file states no unit)"
-    no_data = f"{survey.no_data} of {survey.voxels} voxels ({survey.no_data / max(survey.voxels, 1):.2%}), never drawn"
-    rows = [
-        ("volume", f"{description.name} ({description.format})"),
-        *_kind_rows(description),
-        ("dimensions", " x ".join(str(n) for n in geometry.dims) + f" = {math.prod(geometry.dims)} voxels"),
-        ("spacing", " x ".join(f"{step:.6g}" for step in geometry.spacing) + unit),
-        ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
-        ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
-        ("orientation", orientation_text(description)),
-        *([("up", f"{stands_up.up}, {stands_up.why}")] if stands_up is not None else []),
-        *_axis_rows(description),
-        ("type", description.scalar_type + (f", in {description.value_unit}" if description.value_unit else "")),
-    ]
-    if survey.low > survey.high:
-        rows.append(("range", "no voxel has a value"))
-    else:
-        rows.append(("range", f"{survey.low:.7g} to {survey.high:.7g}"))
-        cuts = [percentile(density_counts, survey.low, survey.high, fraction) for fraction in PERCENTILES]
-        if "int" in description.scalar_type:
-            cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
-        shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))
-        rows.append(("percentiles", shown))
-    if contour is not None:
-        rows.append(("contour", f"{contour.value:.5g}, {contour.told}"))
-    rows.append(("NaN", no_data if survey.no_data else "none"))
-    rows.append(
-        ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
-    )
-    rows.append(("packet byte 2", description.strength_name + strength))
-    rows.append(("servers read", _reading_text(description, prepared)))
-    rows += [("note", warning) for warning in description.warnings]
-    return rows
+    @classmethod
+    def of(cls, known: SurveyedVolume) -> VolumeInfo:
+        """With the window and the contour that the data chooses."""
+        return cls(
+            known.description,
+            known.survey,
+            known.density_counts,
+            known.automatic_window,
+            known.strength_counts,
+            known.prepared,
+            known.strength_scale,
+            contour_level(known.subject()),
+            known.stands_up,
+        )
+
+    def text(self) -> Group:
+        """For rich's console, with the histogram drawn in characters."""
+        table = Table(box=None, show_header=False, pad_edge=False)
+        table.add_column(style="bold", no_wrap=True)
+        table.add_column(overflow="fold")
+        for name, text in self.rows():
+            table.add_row(name, Text(text))
+        if self.survey.low > self.survey.high:
+            return Group(table)
+        return Group(table, Text(), Text(histogram_text(self.survey, self.density_counts, self.window)))
+
+    def rows(self) -> list[tuple[str, str]]:
+        """What it is about, and what there is to say; several may be about the same."""
+        description, survey, window = self.description, self.survey, self.window
+        strength = _strength_text(description, survey, self.strength_counts, self.strength_scale)
+        geometry = description.geometry
+        unit = f" {description.unit}" if description.unit else " (the file states no unit)"
+        no_data = (
+            f"{survey.no_data} of {survey.voxels} voxels ({survey.no_data / max(survey.voxels, 1):.2%}), never drawn"
+        )
+        rows = [
+            ("volume", f"{description.name} ({description.format})"),
+            *_kind_rows(description),
+            ("dimensions", " x ".join(str(n) for n in geometry.dims) + f" = {math.prod(geometry.dims)} voxels"),
+            ("spacing", " x ".join(f"{step:.6g}" for step in geometry.spacing) + unit),
+            ("extent", " x ".join(f"{n * d:.5g}" for n, d in zip(geometry.dims, geometry.spacing, strict=True)) + unit),
+            ("origin", ", ".join(f"{position:.6g}" for position in geometry.origin)),
+            ("orientation", orientation_text(description)),
+            *([("up", f"{self.stands_up.up}, {self.stands_up.why}")] if self.stands_up is not None else []),
+            *_axis_rows(description),
+            ("type", description.scalar_type + (f", in {description.value_unit}" if description.value_unit else "")),
+        ]
+        if survey.low > survey.high:
+            rows.append(("range", "no voxel has a value"))
+        else:
+            rows.append(("range", f"{survey.low:.7g} to {survey.high:.7g}"))
+            cuts = [percentile(self.density_counts, survey.low, survey.high, fraction) for fraction in PERCENTILES]
+            if "int" in description.scalar_type:
+                cuts = [math.floor(cut) for cut in cuts]  # upper edges of bins narrower than 1
+            shown = ", ".join(f"{fraction:.0%}: {cut:.5g}" for fraction, cut in zip(PERCENTILES, cuts, strict=True))
+            rows.append(("percentiles", shown))
+        if self.contour is not None:
+            rows.append(("contour", f"{self.contour.value:.5g}, {self.contour.told}"))
+        rows.append(("NaN", no_data if survey.no_data else "none"))
+        rows.append(
+            ("packet byte 1", f"{description.density_name}: {window[0]:.6g} becomes 0, {window[1]:.6g} becomes 255")
+        )
+        rows.append(("packet byte 2", description.strength_name + strength))
+        rows.append(("servers read", _reading_text(description, self.prepared)))
+        rows += [(NOTE, warning) for warning in description.warnings]
+        return rows
 
 
 def _reading_text(description: VolumeDescription, prepared: Prepared | None) -> str:
@@ -161,7 +179,7 @@ def orientation_text(description: VolumeDescription) -> str:
     geometry, anatomical = description.geometry, description.anatomical
     letters = LETTERS if anatomical else PLAIN_LETTERS
     axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
-    towards = _nearest_axes(axes)
+    towards = matrices.nearest_axes(axes)
     codes = [letters[axis][axes[n][axis] > 0] for n, axis in enumerate(towards)]
     text = "".join(codes) if anatomical else "i, j, k along " + ", ".join(codes)
     notes = []
@@ -180,12 +198,6 @@ def orientation_text(description: VolumeDescription) -> str:
 
 def _cosine(a: Vector, b: Vector) -> float:
     return max(-1.0, min(1.0, matrices.dot(a, b)))
-
-
-def _nearest_axes(axes: list[Vector]) -> list[int]:
-    """For each grid axis its own physical axis, so that together they lie nearest."""
-    orders = ((0, 1, 2), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1), (2, 1, 0))
-    return list(max(orders, key=lambda order: sum(abs(axes[n][axis]) for n, axis in enumerate(order))))
 
 
 def histogram_text(survey: Survey, counts: list[int], window: tuple[float, float]) -> str:

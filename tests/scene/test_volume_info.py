@@ -11,8 +11,8 @@ from volsplat.client.scene.contour_scenes import Level
 from volsplat.client.volume.volume_info import (
     HISTOGRAM_COLUMNS,
     HISTOGRAM_ROWS,
+    VolumeInfo,
     histogram_text,
-    info_text,
     orientation_text,
 )
 from volsplat.protocol.description.kind import Band, Kind
@@ -39,7 +39,7 @@ def description(matrix: Matrix = IDENTITY, anatomical: bool = True, **changes: o
 def printed(what: VolumeDescription, survey: Survey = SURVEY, counts: list[int] | None = None, **more: object) -> str:
     console = Console(width=120, record=True, file=None, quiet=False)
     with console.capture() as capture:
-        console.print(info_text(what, survey, counts or COUNTS, (-500.0, 700.0), **more))  # type: ignore[arg-type]
+        console.print(VolumeInfo(what, survey, counts or COUNTS, (-500.0, 700.0), **more).text())  # type: ignore[arg-type]
     return capture.get()
 
 

@@ -63,6 +63,20 @@ def test_dragging_turns_the_volume_and_nothing_stale_is_shown(page: Page) -> Non
     assert numbers == sorted(set(numbers))
 
 
+def test_what_is_known_of_the_volume_and_of_the_servers_is_at_hand(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    page.get_by_role("button", name="about this volume").click()
+    known = page.locator(".vs-information")
+    expect(known).to_contain_text("48 x 64 x 56 = 172032 voxels")
+    expect(known).to_contain_text("gradient strength: 0 becomes 0")
+    page.keyboard.press("Escape")
+    expect(known).to_be_hidden()
+    expect(page.locator(".vs-servers-head")).to_contain_text(
+        re.compile(r"2 map/shade \+ 1 splat · step F in [0-9.]+ m?s")
+    )
+
+
 def test_the_value_under_the_pointer_is_marked_in_the_tables(page: Page) -> None:
     from playwright.sync_api import expect
 

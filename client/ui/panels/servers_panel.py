@@ -42,7 +42,10 @@ ROLE_WORDS = {Role.MAPSHADE_SERVER: "map/shade", Role.SPLAT_SERVER: "splat serve
 def servers_panel(viewing: Viewing) -> None:
     """A panel at the page's foot, closed at first; while it is closed nothing is worked out for it."""
     panel_style()
-    with ui.expansion("Servers").classes("vs-servers").props("dense dense-toggle") as expansion:
+    with ui.expansion().classes("vs-servers").props("dense dense-toggle aria-label=Servers") as expansion:
+        with expansion.add_slot("header"), ui.element("div").classes("vs-servers-head"):
+            ui.label("Servers")
+            summary = ui.label().classes("vs-muted")
         table = ui.html(sanitize=False).classes("vs-servers-table")
         losses = ui.label().classes("vs-losses")
         links = ui.html(sanitize=False).classes("vs-servers-table vs-links-table")
@@ -55,6 +58,8 @@ def servers_panel(viewing: Viewing) -> None:
     def note(picture: Picture) -> None:
         if picture.outcome is not None:
             finished[:] = [picture]
+        if picture.last and picture.outcome is not None:  # not with every picture: the page is rendered anew
+            summary.set_text(summary_words(viewing.session.servers, picture.outcome))
         ask()
 
     def show() -> None:
@@ -87,6 +92,14 @@ def servers_panel(viewing: Viewing) -> None:
     newest = viewing.pictures.newest
     if newest is not None:
         note(newest)
+
+
+def summary_words(servers: list[ServerState], outcome: StepOutcome) -> str:
+    """What the folded panel tells: how many servers there are, how many were lost, and what the last step took."""
+    counts = [sum(server.role is role and not server.lost for server in servers) for role in ROLE_WORDS]
+    lost = sum(server.lost for server in servers)
+    words = [f"{counts[0]} map/shade + {counts[1]} splat", *([f"{lost} lost"] if lost else [])]
+    return " · ".join([*words, f"step {outcome.step} in {time_text(outcome.wall_seconds)}"])
 
 
 def _drawing(viewing: Viewing) -> bool:

@@ -76,6 +76,7 @@ class TablesPanel:
                     self._preset_menu = PresetMenu(self._presets, self._take_whole)
         with ui.element("div").classes("vs-row"):
             ui.label("All opacities").classes("vs-label")
+            ui.label("log").classes("vs-muted").tooltip("the slider’s scale is logarithmic: fog needs the small ones")
             self._slider = Slider(
                 SceneEditor(self._model, self._volume.description.geometry, "opacities"),
                 "greatest opacity of the opacity table",
