@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import base64
 import bisect
+import io
 import math
 import statistics
 import time
@@ -10,10 +12,15 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
+import numpy as np
+from PIL import Image as PillowImage
+
+from volsplat.bench.ssim import luminance, ssim
 from volsplat.protocol.text.errors import VolsplatError
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
+    from torch import Tensor
 
 MOVES_PER_SECOND = 60
 MOVES_OF_A_ROUND = 120
@@ -32,6 +39,13 @@ _NOTES = """() => ({
         [number, event, shownAt, step, width, height]),
 })"""
 _FORGET = "() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }"
+_FINISHED = "() => window.volsplatViewport.log.at(-1).last"
+_SEEN = """() => {
+    const shown = window.volsplatViewport.canvas, copy = document.createElement("canvas");
+    [copy.width, copy.height] = [shown.clientWidth, shown.clientHeight];
+    copy.getContext("2d").drawImage(shown, 0, 0, copy.width, copy.height);
+    return copy.toDataURL("image/png");
+}"""
 _CAUGHT_UP = """() => {
     const viewport = window.volsplatViewport, sent = viewport.sent.at(-1), shown = viewport.log.at(-1);
     return sent && shown && shown.event >= sent.event;
@@ -55,6 +69,7 @@ class Drag:
 
     sent: list[tuple[int, float]]  # event, at
     shown: list[ShownPicture]
+    likeness: float  # of the last moving picture, as large as it was shown, to the finished one of the same view: SSIM
 
     def latencies(self) -> list[float]:
         """Seconds from each event to the first picture that contains it; events that none contains are left out."""
@@ -71,10 +86,10 @@ class Drag:
         """While events came."""
         return len(self.moving()) / max((self.sent[-1][1] - self.sent[0][1]) / 1e3, 1e-9)
 
-    def steps(self) -> dict[str, float]:
-        """Which share of the moving pictures each step has."""
-        steps = Counter(picture.step for picture in self.moving())
-        return {step: count / steps.total() for step, count in sorted(steps.items())}
+    def drawn_as(self) -> dict[str, float]:
+        """Steps and sizes, with the share of the moving pictures that were drawn so, the most frequent first."""
+        ways = Counter(f"{picture.step} in {picture.width} x {picture.height}" for picture in self.moving())
+        return {way: count / ways.total() for way, count in ways.most_common()}
 
     def stale(self) -> int:
         """Pictures shown after a newer one."""
@@ -114,10 +129,22 @@ def dragged(tab: Page, moves: int) -> Drag:
         move(n)
         due += 1 / MOVES_PER_SECOND
         time.sleep(max(0.0, due - time.perf_counter()))
-    tab.mouse.up()
     tab.wait_for_function(_CAUGHT_UP, timeout=PAGE_WAIT)
     noted = tab.evaluate(_NOTES)
-    return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]])
+    moving = _seen(tab)
+    tab.mouse.up()
+    tab.wait_for_function(_FINISHED, timeout=PAGE_WAIT)
+    likeness = ssim(moving, _seen(tab))
+    return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], likeness)
+
+
+def _seen(tab: Page) -> Tensor:
+    """The luminance of what is on the canvas, (H, W) 0..1, as large as it is shown."""
+    import torch
+
+    url: str = tab.evaluate(_SEEN)
+    picture = np.asarray(PillowImage.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGBA"))
+    return luminance(torch.from_numpy(picture / 255.0))
 
 
 def _bare_place(tab: Page, x: float, y: float, radius: float) -> float:

@@ -1,58 +1,81 @@
-"""The choice of the step that is drawn while things move."""
+"""The choice of what is drawn while things move."""
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from volsplat.client.ui.viewing.pacing import StepPacing
+from support.scenes.arbitrary import plain_scene
+from volsplat.client.ui.viewing.pacing import LEAST_SIDE, Pacing, Rung, ladder
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 SECONDS = st.floats(1e-4, 10.0)
+SCENE = plain_scene(size=(512, 512))
+RUNGS = ladder(SCENE)
 
 
-def test_the_coarsest_step_is_drawn_where_nothing_is_known() -> None:
-    assert StepPacing().step_while_moving() == Step.A
+def test_the_coarsest_step_is_drawn_if_nothing_is_known() -> None:
+    assert Pacing().while_moving(SCENE) == Rung(Step.A)
 
 
-def test_the_finest_step_that_holds_the_rate_is_chosen_even_where_a_coarser_one_does_not() -> None:
-    pacing = StepPacing(images_per_second=10.0)
-    for step, seconds in {Step.A: 0.01, Step.B: 0.02, Step.C: 0.3, Step.D: 0.05, Step.E: 0.06, Step.F: 0.2}.items():
-        pacing.measured(step, seconds)
-        pacing.measured(step, seconds)
-    assert pacing.step_while_moving() in (Step.D, Step.E)
+def test_smaller_images_of_the_finest_step_lie_between_the_coarser_steps_and_the_whole_image() -> None:
+    shares = [rung.share for rung in RUNGS if rung.step is Step.F]
+    assert [rung.step for rung in RUNGS] == [*PAPER_STEPS[:-1], *[Step.F] * len(shares)]
+    assert shares == sorted(shares) and shares[-1] == 1.0 and len(shares) > 2
+    assert all(512 * share >= LEAST_SIDE for share in shares)
+    assert ladder(plain_scene(size=(LEAST_SIDE, 900))) == [Rung(step) for step in PAPER_STEPS]
 
 
-@given(st.dictionaries(st.sampled_from(PAPER_STEPS), SECONDS, min_size=1))
-def test_what_is_chosen_is_expected_to_hold_the_rate(times: dict[Step, float]) -> None:
-    pacing = StepPacing()
-    for step, seconds in times.items():
-        pacing.measured(step, seconds)
-    chosen = pacing.step_while_moving()
+def test_the_best_that_holds_the_rate_is_chosen_even_if_a_coarser_step_does_not() -> None:
+    pacing = Pacing(images_per_second=10.0)
+    for step, seconds in {Step.A: 0.01, Step.B: 0.02, Step.C: 0.3, Step.D: 0.05, Step.E: 0.06}.items():
+        pacing.measured(Rung(step), seconds)
+    assert pacing.while_moving(SCENE) in (Rung(Step.D), Rung(Step.E))
+
+
+def test_a_smaller_image_is_expected_to_hold_by_the_whole_ones_time_and_then_by_its_own() -> None:
+    pacing = Pacing(images_per_second=10.0)
+    pacing.measured(Rung(Step.A), 0.01)
+    pacing.measured(Rung(Step.F), 0.12)
+    smaller = pacing.while_moving(SCENE)
+    assert smaller.step is Step.F and smaller.share < 1.0
+    for _ in range(9):
+        pacing.measured(smaller, 0.11)
+    assert pacing.while_moving(SCENE) < smaller
+
+
+@given(st.dictionaries(st.sampled_from(RUNGS), SECONDS, min_size=1))
+def test_what_is_chosen_is_expected_to_hold_the_rate(times: dict[Rung, float]) -> None:
+    pacing = Pacing()
+    for rung, seconds in times.items():
+        pacing.measured(rung, seconds)
+    chosen = pacing.while_moving(SCENE)
     expected = pacing.expected(chosen)
-    assert chosen == Step.A or (expected is not None and expected <= 1 / 30)
+    patience = 1.6 if chosen == next(rung for rung in RUNGS if rung.step is Step.F) else 1.0
+    assert chosen == Rung(Step.A) or (expected is not None and expected <= patience / 30)
 
 
 @given(SECONDS, SECONDS, st.floats(4.1, 50.0))
 def test_a_step_that_becomes_much_slower_takes_the_others_along(a: float, f: float, factor: float) -> None:
-    pacing = StepPacing()
-    pacing.measured(Step.A, a)
-    pacing.measured(Step.F, f)
-    before = pacing.expected(Step.A)
-    pacing.measured(Step.F, f * factor)
-    after = pacing.expected(Step.A)
+    pacing = Pacing()
+    pacing.measured(Rung(Step.A), a)
+    pacing.measured(Rung(Step.F), f)
+    before = pacing.expected(Rung(Step.A))
+    pacing.measured(Rung(Step.F), f * factor)
+    after = pacing.expected(Rung(Step.A))
     assert before is not None and after is not None and after > before
 
 
-def test_a_step_is_kept_while_its_times_vary_around_the_margin() -> None:
-    pacing = StepPacing(images_per_second=30.0)
+def test_what_is_drawn_is_kept_while_its_times_vary_around_the_margin() -> None:
+    pacing = Pacing(images_per_second=30.0)
     for step, seconds in {Step.A: 0.003, Step.E: 0.020}.items():
-        pacing.measured(step, seconds)
+        pacing.measured(Rung(step), seconds)
+    assert pacing.while_moving(SCENE) == Rung(Step.E)
     for seconds in (0.030, 0.025, 0.032, 0.024):
-        pacing.measured(Step.E, seconds)
-        assert pacing.step_while_moving() == Step.E
+        pacing.measured(Rung(Step.E), seconds)
+        assert pacing.while_moving(SCENE) == Rung(Step.E)
     for _ in range(5):
-        pacing.measured(Step.E, 0.040)
-    assert pacing.step_while_moving() == Step.A
+        pacing.measured(Rung(Step.E), 0.040)
+    assert pacing.while_moving(SCENE) == Rung(Step.A)
     for seconds in (0.0040, 0.0022, 0.0028):  # E is still thought to take too long
-        pacing.measured(Step.A, seconds)
-        assert pacing.step_while_moving() == Step.A
+        pacing.measured(Rung(Step.A), seconds)
+        assert pacing.while_moving(SCENE) == Rung(Step.A)

@@ -103,7 +103,7 @@ def summary_words(servers: list[ServerState], outcome: StepOutcome) -> str:
 
 
 def _drawing(viewing: Viewing) -> bool:
-    moving = viewing.loop.pacing.step_while_moving()
+    moving = viewing.loop.pacing.moving.step
     running = progress(viewing.pictures.newest, viewing.model.now, moving).running
     return running is not None and viewing.loop.drawing
 

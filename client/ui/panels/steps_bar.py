@@ -11,6 +11,7 @@ from nicegui.element import Element
 from volsplat.client.session.frame_report import STEP_WORDS
 from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
 from volsplat.client.ui.controls.throttle import Throttle
+from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -72,23 +73,23 @@ class StepsState:
 
     def __init__(self, viewing: Viewing) -> None:
         self._viewing = viewing
-        self._seconds = {step: viewing.loop.pacing.expected(step) for step in Step}
+        self._seconds = {step: viewing.loop.pacing.expected(Rung(step)) for step in Step}
         self._running: tuple[int, Step] | None = None  # revision and step
         self._fill: tuple[float, float] | None = None  # of the running one
 
     def note(self, picture: Picture) -> None:
-        """Remember what the picture's step took."""
-        if picture.outcome is not None:
+        """Remember what the picture's step took, in the size of the scene's image."""
+        if picture.outcome is not None and picture.in_full_size:
             self._seconds[picture.step] = picture.outcome.wall_seconds
 
     def chips(self) -> list[ChipState]:
         """How the chips should look now."""
         state, pacing = self._viewing.model.now, self._viewing.loop.pacing
-        now = progress(self._viewing.pictures.newest, state, pacing.step_while_moving())
+        now = progress(self._viewing.pictures.newest, state, pacing.moving.step)
         running = (state.revision, now.running) if now.running else None
         if running != self._running:
             self._running = running
-            expected = pacing.expected(now.running) if now.running and state.settled else None
+            expected = pacing.expected(Rung(now.running)) if now.running and state.settled else None
             self._fill = None if expected is None else (expected, 0.0)
         return [
             ChipState(

@@ -1,6 +1,6 @@
 """Draws the newest scene, again and again, on a thread of its own.
 
-While a person is at it (the scene is not settled) each picture is one step, the finest that holds the rate. Once it is
+While a person is at it (the scene is not settled) each picture is the best that holds the rate. Once it is
 settled, the image refines from there to the scene's finest step. A newer scene takes the place of whatever is being
 refined.
 """
@@ -16,7 +16,8 @@ from dataclasses import replace
 
 from volsplat.client.session.renderer import PARTIAL_INTERVAL, Refinement, laid_over
 from volsplat.client.session.session import Session
-from volsplat.client.ui.viewing.pacing import StepPacing
+from volsplat.client.ui.viewing.image_size import scaled
+from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture, nothing_finer
 from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
@@ -41,7 +42,7 @@ class DrawingLoop:
         show: Callable[[Picture], None],
         tell: Callable[[VolsplatError], None],
     ) -> None:
-        self.pacing = StepPacing()
+        self.pacing = Pacing()
         self._session = session
         self._model = model
         self._show = show
@@ -156,20 +157,22 @@ class DrawingLoop:
             self._changed.wait(ABORT_SECONDS)  # it misses what is asked for only then
 
     def _draw_moving(self, state: SceneState) -> None:
-        step = self.pacing.step_while_moving()
-        for refinement in self._session.refine(state.scene, step, NO_PARTIAL_IMAGES, first=step, exact=()):
-            self._publish(state, refinement)
+        """One picture, perhaps smaller than the scene's: the page shows it as large."""
+        rung = self.pacing.while_moving(state.scene)
+        scene, step = scaled(state.scene, rung.share), rung.step
+        for refinement in self._session.refine(scene, step, NO_PARTIAL_IMAGES, first=step, exact=()):
+            self._publish(state, refinement, rung)
 
     def _refine(self, state: SceneState) -> None:
         shown, finest = self._shown, finest_step(state.scene)
         first: Step | None = Step.A
         if shown is not None and shown.state.scene == state.scene:
-            first = finer(shown.step, finest)
+            first = finer(shown.step, finest) if shown.in_full_size else shown.step
             if first is None and not shown.published.exact:  # it was only looked at
                 first = shown.step
         if first is None:
             assert shown is not None
-            self._publish(state, Refinement(shown.step, shown.published, shown.outcome), measured=False)
+            self._publish(state, Refinement(shown.step, shown.published, shown.outcome))
             return
         for refinement in self._session.refine(state.scene, finest, PARTIAL_INTERVAL, first, exact=(finest,)):
             if self._model.now.revision != state.revision:
@@ -177,16 +180,19 @@ class DrawingLoop:
             # What a drag has left on the screen stays there until the step after it is finished.
             if refinement.step == first != Step.A and not refinement.complete and _is_laid_over(state.scene):
                 assert shown is not None
-                refinement = replace(refinement, published=laid_over(refinement.published, shown.published))
-            self._publish(state, refinement)
+                refinement = replace(
+                    refinement, published=laid_over(refinement.published, shown.published_in_full_size)
+                )
+            self._publish(state, refinement, Rung(refinement.step))
 
-    def _publish(self, state: SceneState, refinement: Refinement, measured: bool = True) -> None:
+    def _publish(self, state: SceneState, refinement: Refinement, drawn: Rung | None = None) -> None:
+        """Show an image; what was `drawn` for it is measured."""
         began = time.perf_counter()
         last = nothing_finer(state, refinement.step, refinement.complete)
         data = encoded(refinement.published, state.scene.image.background, lossless=last)
-        if refinement.outcome is not None and measured:
+        if refinement.outcome is not None and drawn is not None:
             encoding_seconds = time.perf_counter() - began
-            self.pacing.measured(refinement.step, refinement.outcome.wall_seconds + encoding_seconds)
+            self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)
         self._number += 1
         picture = Picture(
             self._number, state, refinement.step, refinement.published, refinement.outcome, data, refinement.undrawn

@@ -48,3 +48,9 @@ def sized(scene: Scene, *, width: int | None = None, height: int | None = None) 
         zoom = view.zoom * min(image.width, image.height) / min(old.width, old.height)
         view = msgspec.structs.replace(view, zoom=min(max(zoom, LEAST_ZOOM), GREATEST_ZOOM))
     return msgspec.structs.replace(scene, image=image, view=view)
+
+
+def scaled(scene: Scene, share: float) -> Scene:
+    """The scene in an image of which each side is about this share as long, at least one pixel."""
+    width, height = (max(1, round(side * share)) for side in (scene.image.width, scene.image.height))
+    return sized(scene, width=width, height=height)

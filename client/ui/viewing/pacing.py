@@ -1,58 +1,96 @@
-"""Which step to draw while things move: the finest that holds the wanted rate, from measured times."""
+"""What to draw while things move: the best picture that holds the wanted rate, from measured times.
+
+Best is the finest of the paper's steps, lit and with footprints, in as large an image as can be: in half the width and
+height it is still far more like the finished picture than a coarser step of the whole size is (docs/performance.md).
+"""
 
 from __future__ import annotations
 
-from volsplat.protocol.description.scene import Step
+from typing import NamedTuple
+
+from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 
 IMAGES_PER_SECOND = 30.0
+SMALLER = (0.25, 0.375, 0.5, 0.75)  # images, as shares of the width and of the height
+LEAST_SIDE = 160  # pixels of a smaller image
 _NEWEST_WEIGHT = 0.4  # of the newest time in the running mean
-_NEWS = 1.6  # a change of one step's time by this factor tells of the others as well
-_MARGIN = 0.8  # of the time between two images that a finer step may take; what is drawn already may take all of it
+_NEWS = 1.6  # a change of one time by this factor tells of the others as well
+_MARGIN = 0.8  # of the time between two images that a better one may take; what is drawn already may take all of it
+_LIT_PATIENCE = 1.6  # intervals that the smallest image of the finest step may take before coarser steps are drawn
+_VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save
 
 
-class StepPacing:
-    """Running times of the steps, in seconds, and the choice that follows from them."""
+class Rung(NamedTuple):
+    """One way to draw: a step, in an image whose width and height are this share of the scene's."""
+
+    step: Step
+    share: float = 1.0
+
+
+def ladder(scene: Scene) -> list[Rung]:
+    """All ways to draw a moving scene, the best one last."""
+    *coarser, finest = PAPER_STEPS
+    side = min(scene.image.width, scene.image.height)
+    smaller = [Rung(finest, share) for share in SMALLER if share * side >= LEAST_SIDE]
+    return [*map(Rung, coarser), *smaller, Rung(finest)]
+
+
+class Pacing:
+    """Running times of the rungs, in seconds, and the choice that follows from them."""
 
     def __init__(self, images_per_second: float = IMAGES_PER_SECOND) -> None:
         self._interval = 1 / images_per_second
-        self._seconds: dict[Step, float] = {}
-        self._drawn: Step | None = None  # the step that was measured last,
+        self._seconds: dict[Rung, float] = {}
+        self._drawn: Rung | None = None  # what was measured last,
         self._began_at = 0.0  # and its time when the others were last in proportion to it
-        self._moving = Step.A
+        self._moving = Rung(Step.A)
 
-    def measured(self, step: Step, seconds: float) -> None:
+    def measured(self, rung: Rung, seconds: float) -> None:
         """Note the time of one image.
 
-        What makes one step much slower or faster (zoom, image size, tables) does so with all, so that those not drawn
+        What makes one much slower or faster (zoom, image size, tables) does so with all, so that those not drawn
         lately follow in proportion. What varies from image to image is no news of the others.
         """
-        old = self._seconds.get(step)
+        old = self._seconds.get(rung)
         new = seconds if old is None else old + _NEWEST_WEIGHT * (seconds - old)
-        self._seconds[step] = new
-        if step != self._drawn:
-            self._drawn, self._began_at = step, new
+        self._seconds[rung] = new
+        if rung != self._drawn:
+            self._drawn, self._began_at = rung, new
         change = new / self._began_at
         if not 1 / _NEWS <= change <= _NEWS:
-            for other in self._seconds.keys() - {step}:
+            for other in self._seconds.keys() - {rung}:
                 self._seconds[other] *= change
             self._began_at = new
-        self._moving = max((step for step in PAPER_STEPS if self._holds(step)), default=Step.A)
 
-    def expected(self, step: Step) -> float | None:
-        """Seconds that the step will take, if that is known."""
-        return self._seconds.get(step)
+    def expected(self, rung: Rung) -> float | None:
+        """Seconds that it will take, as measured or as the same step's whole image lets expect; None if unknown."""
+        whole = self._seconds.get(Rung(rung.step))
+        likely = None if whole is None else whole * (_VOXELS_SHARE + (1 - _VOXELS_SHARE) * rung.share**2)
+        return self._seconds.get(rung, likely)
 
-    def step_while_moving(self) -> Step:
-        """The finest step that holds the rate; A if none is known to.
-
-        A step is kept until it takes too long, and left for a finer one only if that will surely do: times vary,
-        and an image that changes its looks with them flickers.
-        """
+    @property
+    def moving(self) -> Rung:
+        """What was chosen last."""
         return self._moving
 
-    def _holds(self, step: Step) -> bool:
-        if step not in self._seconds:
-            return False
-        share = 1.0 if step <= self._moving else _MARGIN
-        return self._seconds[step] <= share * self._interval
+    def while_moving(self, scene: Scene) -> Rung:
+        """The best that holds the rate; step A if nothing is known to.
+
+        What is drawn is kept until it takes too long, and left for a better one only if that will surely do: times
+        vary, and an image that changes its looks with them flickers.
+        """
+        rungs = ladder(scene)
+        drawn = rungs.index(self._moving) if self._moving in rungs else -1
+        self._moving = rungs[0]
+        for place, rung in enumerate(rungs):
+            seconds = self.expected(rung)
+            allowed = (1.0 if place <= drawn else _MARGIN) * (_LIT_PATIENCE if _is_smallest_lit(rungs, place) else 1.0)
+            if seconds is not None and seconds <= allowed * self._interval:
+                self._moving = rung
+        return self._moving
+
+
+def _is_smallest_lit(rungs: list[Rung], place: int) -> bool:
+    """Whether this is the fastest way to draw the finest step; anything coarser looks quite different."""
+    return place == next(n for n, rung in enumerate(rungs) if rung.step == rungs[-1].step)

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from PIL import Image as PillowImage
+
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.ui.viewing.scene_model import SceneState
@@ -19,7 +22,7 @@ class Picture:
     number: int  # rises with every picture; an older one never follows a newer one
     state: SceneState  # what it shows
     step: Step
-    published: PublishedImage
+    published: PublishedImage  # smaller than the scene's image if it was drawn while things moved
     outcome: StepOutcome | None  # None while the step is still being drawn
     data: bytes  # the image over the background: as PNG if it is the last, else as JPEG
     undrawn: tuple[Rectangle, ...] = ()  # see Refinement
@@ -27,6 +30,25 @@ class Picture:
     @property
     def complete(self) -> bool:
         return self.outcome is not None
+
+    @property
+    def in_full_size(self) -> bool:
+        """Whether the image is as large as the scene's."""
+        image = self.state.scene.image
+        return (self.published.width, self.published.height) == (image.width, image.height)
+
+    @property
+    def published_in_full_size(self) -> PublishedImage:
+        """The image as the page shows it: scaled up, between its pixels in straight lines."""
+        if self.in_full_size:
+            return self.published
+        image = self.state.scene.image
+        channels = np.moveaxis(self.published.pixels, 2, 0)
+        larger = [
+            PillowImage.fromarray(channel).resize((image.width, image.height), PillowImage.Resampling.BILINEAR)
+            for channel in channels
+        ]
+        return PublishedImage.of(np.stack([np.asarray(channel) for channel in larger], axis=2))
 
     @property
     def last(self) -> bool:

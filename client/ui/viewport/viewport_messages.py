@@ -9,7 +9,8 @@ import msgspec
 
 from volsplat.client.image.empty_image import why_empty
 from volsplat.client.scene.view_sides import sides
-from volsplat.client.ui.viewing.pacing import StepPacing
+from volsplat.client.ui.viewing.image_size import sized
+from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -246,9 +247,10 @@ def probe_answered(
     )
 
 
-def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: StepPacing) -> bytes:
+def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Pacing) -> bytes:
     """A picture for one tab: its header's length, its header, its image."""
     following = _following(picture)
+    width, height = picture.published.width, picture.published.height
     header = PictureHeader(
         number=picture.number,
         revision=picture.state.revision,
@@ -257,10 +259,10 @@ def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Step
         complete=picture.complete,
         last=picture.last,
         seconds=picture.outcome.wall_seconds if picture.outcome else None,
-        next=NextStep(following, pacing.expected(following)) if following else None,
-        width=picture.published.width,
-        height=picture.published.height,
-        view=_view(picture.state.scene, geometry),
+        next=NextStep(following, pacing.expected(Rung(following))) if following else None,
+        width=width,
+        height=height,
+        view=_view(sized(picture.state.scene, width=width, height=height), geometry),
         notice=why_empty(picture.published.pixels, picture.state.scene) if picture.last else "",
         missing=tuple(picture.outcome.servers.missing) if picture.outcome else (),
         undrawn=picture.undrawn,

@@ -169,7 +169,7 @@ export class Viewport {
   /** The visible voxel under an event becomes the centre. @param {MouseEvent} event */
   centerOn(event) {
     if (this.#picture === null) return;
-    const [x, y] = this.#frame().toPicture(this.#inElement(event));
+    const [x, y] = this.pointAt(event);
     this.#transport.send({ type: "center", x, y });
   }
 
@@ -247,7 +247,7 @@ export class Viewport {
 
   #askValue() {
     if (this.#picture === null || this.#marks === null || this.#pointer === null) return;
-    const frame = this.#frame();
+    const frame = new Frame(this.size, this.#box); // the picture on the screen may be a smaller one
     if (frame.holds(this.#pointer)) {
       this.#marks.value.hover(frame.toPicture(this.#pointer), () => !this.steering.busy);
     } else {

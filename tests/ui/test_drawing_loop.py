@@ -1,0 +1,94 @@
+"""What is drawn while a scene moves and once it is settled, by real servers."""
+
+from __future__ import annotations
+
+import queue
+from collections.abc import Iterator
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from support.patience import PATIENCE
+from volsplat.client import Session
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
+from volsplat.client.ui.viewing.image_size import sized
+from volsplat.client.ui.viewing.pacing import Rung
+from volsplat.client.ui.viewing.picture import Picture
+from volsplat.client.ui.viewing.scene_model import SceneModel
+from volsplat.client.ui.viewport.viewport_messages import HEADER_LENGTH_BYTES, picture_message
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.text.errors import VolsplatError
+
+SIDE = 400  # pixels: of which half is enough for a smaller image
+
+
+class Drawn:
+    """A session's scene, and the pictures that its loop draws."""
+
+    def __init__(self, session: Session) -> None:
+        scene = session.volume.settled(session.default_scene())
+        self.session = session
+        self.model = SceneModel(sized(scene, width=SIDE, height=SIDE), session.volume.fitted)
+        self._pictures: queue.SimpleQueue[Picture | VolsplatError] = queue.SimpleQueue()
+        self.loop = DrawingLoop(session, self.model, self._pictures.put, self._pictures.put)
+        self.loop.start()
+
+    def next(self) -> Picture:
+        picture = self._pictures.get(timeout=PATIENCE)
+        assert isinstance(picture, Picture)
+        return picture
+
+    def last(self) -> list[Picture]:
+        """All up to the last one."""
+        pictures = [self.next()]
+        while not pictures[-1].last:
+            pictures.append(self.next())
+        return pictures
+
+    def zoom_by(self, factor: float, *, settled: bool) -> None:
+        def zoomed(scene: Scene) -> Scene:
+            assert isinstance(scene.view.zoom, float)
+            view = msgspec.structs.replace(scene.view, zoom=scene.view.zoom * factor)
+            return msgspec.structs.replace(scene, view=view)
+
+        self.model.change(zoomed, settled=settled)
+
+
+@pytest.fixture
+def drawn(tmp_path: Path) -> Iterator[Drawn]:
+    path = tmp_path / "head.nrrd"
+    write_volume(path, *make_phantom("head", (24, 32, 28)))
+    with Session(path, workers=1) as session:
+        drawn = Drawn(session)
+        drawn.last()
+        yield drawn
+        drawn.loop.close()
+
+
+def test_a_moving_scene_is_drawn_in_a_smaller_image_that_holds_the_rate(drawn: Drawn) -> None:
+    for _ in range(20):  # as on a slow machine
+        drawn.loop.pacing.measured(Rung(Step.F), 0.1)
+        drawn.loop.pacing.measured(Rung(Step.F, 0.75), 0.1)
+        drawn.loop.pacing.measured(Rung(Step.F, 0.5), 0.001)
+    drawn.zoom_by(1.1, settled=False)
+    moving = drawn.next()
+    assert (moving.step, moving.published.width, moving.published.height) == (Step.F, SIDE // 2, SIDE // 2)
+    assert moving.complete and not moving.last and not moving.in_full_size
+
+    message = picture_message(moving, "tab", drawn.session.volume.description.geometry, drawn.loop.pacing)
+    length = int.from_bytes(message[:HEADER_LENGTH_BYTES], "little")
+    header = msgspec.json.decode(message[HEADER_LENGTH_BYTES : HEADER_LENGTH_BYTES + length])
+    assert (header["width"], header["view"]["zoom"]) == (SIDE // 2, drawn.model.scene.view.zoom / 2)  # type: ignore[operator]
+
+    still = drawn.session.finish(drawn.model.scene).published.pixels
+    difference = np.abs(moving.published_in_full_size.pixels - still)
+    assert difference.mean() < 0.01 and still.mean() > 0.05
+
+    drawn.model.change(lambda scene: scene)
+    refined = drawn.last()
+    assert refined[0].step is Step.F  # what was on the screen is as fine as that
+    assert refined[-1].in_full_size and np.array_equal(refined[-1].published.pixels, still)
