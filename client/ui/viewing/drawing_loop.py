@@ -189,7 +189,8 @@ class DrawingLoop:
         """Show an image; what was `drawn` for it is measured."""
         began = time.perf_counter()
         last = nothing_finer(state, refinement.step, refinement.complete)
-        data = encoded(refinement.published, state.scene.image.background, lossless=last)
+        enlarged = drawn is not None and drawn.share < 1.0
+        data = encoded(refinement.published, state.scene.image.background, lossless=last, enlarged=enlarged)
         if refinement.outcome is not None and drawn is not None:
             encoding_seconds = time.perf_counter() - began
             self.pacing.measured(drawn, refinement.outcome.wall_seconds + encoding_seconds)

@@ -13,18 +13,20 @@ from volsplat.client.session.published_image import PublishedImage
 from volsplat.protocol.description.scene import Colour
 
 JPEG_QUALITY = 85
+ENLARGED_JPEG_QUALITY = 95  # of what is shown larger, blocks and all
 PNG_EFFORT = 1  # 0 to 9; more costs time and hardly saves bytes
 
 
-def encoded(image: PublishedImage, background: Colour, *, lossless: bool) -> bytes:
-    """An image over the background: PNG with the very levels of a saved image, or JPEG."""
+def encoded(image: PublishedImage, background: Colour, *, lossless: bool, enlarged: bool = False) -> bytes:
+    """An image over the background: PNG with the very levels of a saved image, or JPEG, finer if it is `enlarged`."""
     size, out = (image.width, image.height), io.BytesIO()
     if lossless:
         picture = PillowImage.frombuffer("RGB", size, coded(image.pixels, background, "uint8"), "raw", "RGB", 0, 1)
         picture.save(out, "PNG", compress_level=PNG_EFFORT)
     else:
         picture = PillowImage.frombuffer("RGB", size, screen_levels(image, background), "raw", "RGBX", 0, 1)
-        picture.save(out, "JPEG", quality=JPEG_QUALITY, subsampling=0)
+        quality = ENLARGED_JPEG_QUALITY if enlarged else JPEG_QUALITY
+        picture.save(out, "JPEG", quality=quality, subsampling=0)
     return out.getvalue()
 
 

@@ -291,7 +291,7 @@ def axis(name: str, unit: str, step: float) -> Message:
     [  # texts, and the pixels of one of their units at 1 pixel per physical one
         ({"unit": "mm"}, [("20 mm", 20)]),
         ({"unit": "", "index_to_upright": EQUAL, "reference_spacing": REFERENCE}, [("20 voxels", 20)]),
-        ({"unit": ""}, [("i 20 voxels", 20), ("j 20 voxels", 20), ("k 10 voxels", 20)]),
+        ({"unit": ""}, [("i, j 20 voxels", 20), ("k 10 voxels", 20)]),
         (
             {
                 "unit": "arcmin",
@@ -305,7 +305,7 @@ def axis(name: str, unit: str, step: float) -> Message:
         ),
         (
             {"unit": "", "axes": [axis("time", "ms", 4), axis("crossline", "", 1), axis("inline", "", 2)]},
-            [("time 100 ms", 25), ("crossline 20", 20), ("inline 20", 20)],
+            [("time 100 ms", 25), ("crossline, inline 20", 20)],
         ),
     ],
 )

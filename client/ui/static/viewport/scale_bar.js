@@ -31,9 +31,20 @@ export function scalesOf({ unit, axes, index_to_upright }) {
   if (axes === null && unit === "" && Math.max(...spacing) <= Math.min(...spacing) * (1 + ALIKE))
     return [{ name: "", unit: "voxels", length: spacing[0] }];
   const others = [0, 1, 2].filter((n) => !ofLength.includes(n)).map((n) => scaleAlong(axes?.[n], "ijk"[n], spacing[n]));
-  if (ofLength.length === 0) return others;
+  if (ofLength.length === 0) return joined(others);
   const name = others.length > 0 ? ofLength.map((n) => axes[n].name).join(", ") : "";
-  return [{ name, unit, length: 1 }, ...others];
+  return [{ name, unit, length: 1 }, ...joined(others)];
+}
+
+/** Those that are alike as one, by all their names. @param {Scale[]} scales */
+function joined(scales) {
+  const told = /** @type {Scale[]} */ ([]);
+  for (const scale of scales) {
+    const same = told.find(({ unit, length }) => unit === scale.unit && Math.abs(length / scale.length - 1) < ALIKE);
+    if (same) same.name += `, ${scale.name}`;
+    else told.push({ ...scale });
+  }
+  return told;
 }
 
 function scaleAlong(axis, letter, spacing) {
