@@ -43,6 +43,19 @@ def test_a_smaller_image_is_expected_to_hold_by_the_whole_ones_time_and_then_by_
     assert pacing.while_moving(SCENE) < smaller
 
 
+def test_what_was_slow_once_is_tried_again_after_the_next_whole_image() -> None:
+    pacing = Pacing()
+    pacing.measured(Rung(Step.A), 0.005)
+    pacing.measured(Rung(Step.F), 0.04)
+    for _ in range(9):  # while other programs took the machine
+        pacing.measured(pacing.while_moving(SCENE), 0.5)
+    assert pacing.while_moving(SCENE).step is Step.A
+    for _ in range(9):
+        pacing.measured(Rung(Step.A), 0.005)
+        pacing.measured(Rung(Step.F), 0.04)
+    assert pacing.while_moving(SCENE).step is Step.F
+
+
 @given(st.dictionaries(st.sampled_from(RUNGS), SECONDS, min_size=1))
 def test_what_is_chosen_is_expected_to_hold_the_rate(times: dict[Rung, float]) -> None:
     pacing = Pacing()

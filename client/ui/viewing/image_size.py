@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
+
 import msgspec
 
 from volsplat.protocol.description.scene import GREATEST_ZOOM, LEAST_ZOOM, Scene
@@ -14,21 +16,21 @@ class ImageSize:
 
     def __init__(self) -> None:
         self.follows_window = True
-        self._windows: dict[str, Pixels] = {}  # viewports by their tabs, the one that was used last at the end
+        self._windows: dict[Hashable, Pixels] = {}  # by viewports, the one that was used last at the end
 
-    def opened_or_resized(self, tab: str, window: Pixels) -> None:
-        """A tab has a viewport of so many pixels, which counts as using it."""
-        self._windows.pop(tab, None)
-        self._windows[tab] = window
+    def opened_or_resized(self, viewport: Hashable, window: Pixels) -> None:
+        """A viewport has so many pixels, which counts as using it."""
+        self._windows.pop(viewport, None)
+        self._windows[viewport] = window
 
-    def used(self, tab: str) -> None:
-        """A person did something in this tab."""
-        if tab in self._windows:
-            self._windows[tab] = self._windows.pop(tab)
+    def used(self, viewport: Hashable) -> None:
+        """A person did something in it."""
+        if viewport in self._windows:
+            self._windows[viewport] = self._windows.pop(viewport)
 
-    def closed(self, tab: str) -> None:
-        """The tab is gone; the one that was used before it counts again."""
-        self._windows.pop(tab, None)
+    def closed(self, viewport: Hashable) -> None:
+        """It is gone; the one that was used before it counts again."""
+        self._windows.pop(viewport, None)
 
     def fitted(self, scene: Scene) -> Scene:
         """The scene in the size that its image is to have."""

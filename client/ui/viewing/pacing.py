@@ -18,6 +18,7 @@ _NEWEST_WEIGHT = 0.4  # of the newest time in the running mean
 _NEWS = 1.6  # a change of one time by this factor tells of the others as well
 _MARGIN = 0.8  # of the time between two images that a better one may take; what is drawn already may take all of it
 _LIT_PATIENCE = 1.6  # intervals that the smallest image of the finest step may take before coarser steps are drawn
+_SLACK = 1.5  # by which a smaller image may be thought slower than the whole one's time tells
 _VOXELS_SHARE = 0.5  # of a step's time, which a smaller image does not save
 
 
@@ -62,12 +63,15 @@ class Pacing:
             for other in self._seconds.keys() - {rung}:
                 self._seconds[other] *= change
             self._began_at = new
+        if rung.share == 1.0:  # what was slow once is not drawn again, and must not be thought slow for ever
+            for other in self._seconds.keys() - {rung}:
+                if other.step == rung.step:
+                    self._seconds[other] = min(self._seconds[other], _SLACK * _of_whole(other, new))
 
     def expected(self, rung: Rung) -> float | None:
         """Seconds that it will take, as measured or as the same step's whole image lets expect; None if unknown."""
         whole = self._seconds.get(Rung(rung.step))
-        likely = None if whole is None else whole * (_VOXELS_SHARE + (1 - _VOXELS_SHARE) * rung.share**2)
-        return self._seconds.get(rung, likely)
+        return self._seconds.get(rung, None if whole is None else _of_whole(rung, whole))
 
     @property
     def moving(self) -> Rung:
@@ -89,6 +93,11 @@ class Pacing:
             if seconds is not None and seconds <= allowed * self._interval:
                 self._moving = rung
         return self._moving
+
+
+def _of_whole(rung: Rung, seconds: float) -> float:
+    """Likely seconds of an image whose step takes so many in the whole size."""
+    return seconds * (_VOXELS_SHARE + (1 - _VOXELS_SHARE) * rung.share**2)
 
 
 def _is_smallest_lit(rungs: list[Rung], place: int) -> bool:

@@ -66,7 +66,7 @@ class ViewportTalk:
         now = self._viewing.model.now
         if now.by == self._tab and not now.settled:
             self._viewing.model.change(lambda s: s, by=self._tab)
-        self._image_size.closed(self._tab)
+        self._image_size.closed(self)  # its tab may have another connection by now
         self._resize()
 
     # -- to the page
@@ -122,7 +122,7 @@ class ViewportTalk:
                 self._under_way.shown(number, time.monotonic())
                 self._give_picture()
             case said.Size(width=width, height=height):
-                self._image_size.opened_or_resized(self._tab, (width, height))
+                self._image_size.opened_or_resized(self, (width, height))
                 self._resize()
             case said.ViewTurned(settled=settled, event=event):
                 self._change(lambda s: _turned(s, message), settled, event)
@@ -144,13 +144,13 @@ class ViewportTalk:
 
     def _change(self, edit: Callable[[Scene], Scene], settled: bool = True, event: int | None = None) -> None:
         """Change the scene, and have its image in this window's size."""
-        self._image_size.used(self._tab)
+        self._image_size.used(self)
         self._viewing.model.change(
             lambda s: self._image_size.fitted(edit(s)), by=self._tab, settled=settled, event=event
         )
 
     def _use(self) -> None:
-        self._image_size.used(self._tab)
+        self._image_size.used(self)
         self._resize()
 
     def _resize(self) -> None:
