@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import base64
 import bisect
-import io
 import math
 import statistics
 import time
 from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
-
-import numpy as np
-from PIL import Image as PillowImage
 
 from volsplat.bench.ssim import luminance, ssim
 from volsplat.protocol.text.errors import VolsplatError
@@ -40,11 +36,14 @@ _NOTES = """() => ({
 })"""
 _FORGET = "() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }"
 _FINISHED = "() => window.volsplatViewport.log.at(-1).last"
+# Width, height, and the bytes of red, green, blue and alpha.
 _SEEN = """() => {
     const shown = window.volsplatViewport.canvas, copy = document.createElement("canvas");
     [copy.width, copy.height] = [shown.clientWidth, shown.clientHeight];
-    copy.getContext("2d").drawImage(shown, 0, 0, copy.width, copy.height);
-    return copy.toDataURL("image/png");
+    const context = copy.getContext("2d");
+    context.drawImage(shown, 0, 0, copy.width, copy.height);
+    const bytes = context.getImageData(0, 0, copy.width, copy.height).data;
+    return [copy.width, copy.height, btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join(""))];
 }"""
 _CAUGHT_UP = """() => {
     const viewport = window.volsplatViewport, sent = viewport.sent.at(-1), shown = viewport.log.at(-1);
@@ -142,9 +141,9 @@ def _seen(tab: Page) -> Tensor:
     """The luminance of what is on the canvas, (H, W) 0..1, as large as it is shown."""
     import torch
 
-    url: str = tab.evaluate(_SEEN)
-    picture = np.asarray(PillowImage.open(io.BytesIO(base64.b64decode(url.partition(",")[2]))).convert("RGBA"))
-    return luminance(torch.from_numpy(picture / 255.0))
+    width, height, text = tab.evaluate(_SEEN)
+    colours = torch.frombuffer(bytearray(base64.b64decode(text)), dtype=torch.uint8).reshape(height, width, 4)
+    return luminance(colours.double() / 255.0)
 
 
 def _bare_place(tab: Page, x: float, y: float, radius: float) -> float:

@@ -8,6 +8,7 @@ from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
 from volsplat.client.ui.panels.servers_panel import servers_panel
+from volsplat.client.ui.panels.skip_links import skip_links
 from volsplat.client.ui.panels.steps_bar import steps_bar
 from volsplat.client.ui.panels.volume_information import volume_information
 from volsplat.client.ui.tables.tables_panel import tables_panel
@@ -23,23 +24,26 @@ def page(viewing: Viewing) -> None:
     for style in STYLES:
         ui.add_head_html(f'<link rel="stylesheet" href="/volsplat/static/{style}">')
     ui.page_title(f"{description.name} – volsplat")
-    with ui.element("main").classes("vs-page"):
-        with ui.element("header").classes("vs-head"):
-            ui.label(description.name).classes("vs-name").tooltip(description.name)
+    ui.add_head_html('<script>document.documentElement.lang = "en";</script>')
+    with ui.element("div").classes("vs-page"):  # within NiceGUI's main
+        skip_links()
+        with ui.element("header").classes("vs-head").props("role=banner"):
+            name = ui.label(description.name).classes("vs-name").tooltip(description.name)
+            name.props("role=heading aria-level=1")
             ui.label(" × ".join(str(n) for n in description.geometry.dims)).classes("vs-muted")
             volume_information(viewing.volume)
             steps_bar(viewing)
             ui.element("div").classes("vs-spread")
             save_panel(viewing)
             _theme_button()
-        with ui.element("aside").classes("vs-left"):
+        with ui.element("aside").classes("vs-left").props("aria-label=scene"):
             scene_panels(viewing)
-        with ui.element("section").classes("vs-view"):
+        with ui.element("section").classes("vs-view").props("aria-label=picture"):
             viewport_element(viewing.default_scene.view.rotation)
             PhaseLegend(viewing)
-        with ui.element("aside").classes("vs-right"):
+        with ui.element("aside").classes("vs-right").props('aria-label="tables of the scene"'):
             tables_panel(viewing)
-        with ui.element("footer").classes("vs-foot"):
+        with ui.element("footer").classes("vs-foot").props("role=contentinfo"):
             servers_panel(viewing)
 
 

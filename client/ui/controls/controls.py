@@ -32,6 +32,11 @@ def panel_style() -> None:
         ui.add_css(STYLE)
 
 
+def title(text: str) -> ui.label:
+    """The heading of a panel."""
+    return ui.label(text).classes("vs-title").props("role=heading aria-level=2")
+
+
 def show_prop(element: Element, name: str, value: Any) -> None:
     """Set a property of an element, and tell the browser only if it is another."""
     if element.props.get(name) != value:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import msgspec
 from nicegui import ui
 
-from volsplat.client.ui.controls.controls import SceneEditor
+from volsplat.client.ui.controls.controls import SceneEditor, title
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.controls.text_field import whole_number_field
 from volsplat.client.ui.viewing.viewing import Viewing
@@ -22,7 +22,7 @@ def bounds_controls(editor: SceneEditor, viewing: Viewing) -> None:
     """The part of the grid that is drawn, axis by axis."""
     geometry = viewing.volume.description.geometry
     with ui.element("div").classes("vs-row"):
-        ui.label("Bounds").classes("vs-title")
+        title("Bounds")
         ui.element("div").classes("vs-spread")
         reset = ui.button("reset", on_click=lambda: editor.change(lambda scene: replace(scene, bounds=Bounds())))
         reset.props("dense flat no-caps").classes("vs-quiet-button")

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from nicegui import ui
 
-from volsplat.client.ui.controls.controls import SceneEditor
+from volsplat.client.ui.controls.controls import SceneEditor, title
 from volsplat.client.ui.controls.density_window_fields import density_window_fields
 from volsplat.client.ui.controls.image_size_fields import image_size_fields
 from volsplat.client.ui.controls.key_controls import key_control
@@ -54,7 +54,7 @@ def scene_panels(viewing: Viewing) -> None:
         editor = SceneEditor(viewing.model, viewing.volume.description.geometry, panel.name)
         with ui.element("section").classes("vs-panel").props(f'aria-label="{panel.name}"'):
             if panel.title:
-                ui.label(panel.title).classes("vs-title")
+                title(panel.title)
             for section in panel.sections:
                 _section(editor, viewing, section)
 

@@ -9,7 +9,7 @@ from functools import lru_cache, partial
 import msgspec
 from nicegui import context, ui
 
-from volsplat.client.ui.controls.controls import SceneEditor
+from volsplat.client.ui.controls.controls import SceneEditor, title
 from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.doors.static_files import STATIC
@@ -67,7 +67,7 @@ class TablesPanel:
 
     def _build_head(self) -> None:
         with ui.element("div").classes("vs-row vs-tables-head"):
-            ui.label("Tables").classes("vs-title")
+            title("Tables")
             ui.element("div").classes("vs-spread")
             self._undo = _icon_button("undo", "undo", lambda: self._model.undo(self._by("undo")))
             self._redo = _icon_button("redo", "redo", lambda: self._model.redo(self._by("redo")))

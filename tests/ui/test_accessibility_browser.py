@@ -1,0 +1,102 @@
+"""The page without eyes or a mouse: what Chromium's accessibility tree holds, and what Tab reaches."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import pytest
+
+from support.pages.browser import browser, browser_page
+from support.pages.page_tab import opened
+from support.pages.viewed import viewed
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.panels.skip_links import PARTS
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page"]
+
+MOST_TABS = 10
+OPERATED = {
+    "button",
+    "radio",
+    "slider",
+    "switch",
+    "textbox",
+    "combobox",
+    "link",
+    "checkbox",
+    "application",
+    "ColorWell",
+}
+
+
+class Node(NamedTuple):
+    role: str
+    name: str
+    value: Any
+    properties: dict[str, Any]
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
+    write_volume(path, *make_phantom("head", (24, 32, 28)))
+    with viewed(path.parent, path, "--workers", "1") as running:
+        yield running.url
+
+
+@pytest.fixture
+def page(url: str, browser_page: Page) -> Page:
+    return opened(browser_page, url)
+
+
+def tree(page: Page) -> list[Node]:
+    """All that a screen reader is told of."""
+    told = page.context.new_cdp_session(page).send("Accessibility.getFullAXTree")["nodes"]
+    return [
+        Node(
+            node["role"]["value"],
+            node.get("name", {}).get("value", ""),
+            node.get("value", {}).get("value"),
+            {one["name"]: one["value"].get("value") for one in node.get("properties", [])},
+        )
+        for node in told
+        if not node.get("ignored")
+    ]
+
+
+def test_the_page_has_a_language_one_main_and_headings(page: Page) -> None:
+    assert page.evaluate("() => document.documentElement.lang") == "en"
+    nodes = tree(page)
+    assert [node.role for node in nodes].count("main") == 1
+    headings = [(node.properties["level"], node.name) for node in nodes if node.role == "heading"]
+    assert headings[0] == (1, "head.nrrd")
+    assert {name for level, name in headings if level == 2} >= {"Shading", "View", "Bounds", "Image", "Tables"}
+    assert {"banner", "navigation", "complementary", "contentinfo"} <= {node.role for node in nodes}
+
+
+def test_whatever_can_be_operated_has_a_name_and_sliders_have_values(page: Page) -> None:
+    operated = [node for node in tree(page) if node.role in OPERATED]
+    assert len(operated) > 100
+    assert [node for node in operated if not node.name] == []
+    sliders = [node for node in operated if node.role == "slider"]
+    assert {"specular power", "bounds on i", "Opacity, point 1 of 5"} <= {node.name for node in sliders}
+    for slider in sliders:
+        assert slider.value is not None and slider.properties["valuemin"] < slider.properties["valuemax"]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_every_part_is_reached_within_ten_tabs(page: Page, part: str) -> None:
+    link = page.get_by_role("button", name=f"to the {part}", exact=True)
+    for _ in range(MOST_TABS):
+        page.keyboard.press("Tab")
+        if link.evaluate("(link) => link === document.activeElement"):
+            break
+    page.keyboard.press("Enter")
+    page.wait_for_function(
+        "([place]) => document.querySelector(place).contains(document.activeElement)", arg=[PARTS[part]]
+    )
