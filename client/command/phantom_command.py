@@ -1,10 +1,15 @@
 """`volsplat phantom`: writes a volume that volsplat makes itself."""
 
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from volsplat.client.command.choices import Words
+from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import triple_from_option
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
 from volsplat.client.phantoms.volume_writer import NRRD, check_volume_writable, extension_of, write_nrrd, write_volume
@@ -12,6 +17,9 @@ from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.kind import stated
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.errors import BadInput
+
+if TYPE_CHECKING:
+    from torch import Tensor
 
 
 @click.command()
@@ -32,12 +40,25 @@ def phantom(name: str, output: Path, size: str | None, spacing: str | None, seed
         spacing=triple_from_option("--spacing", spacing, float) if spacing else None,
         seed=seed,
     )
-    if extension_of(output) == NRRD:
-        write_nrrd(output, made.slabs, made.dtype, made.geometry, stated(made.kind, made.bands))
-    else:
-        write_volume(output, *made.whole())
     ni, nj, nk = made.geometry.dims
-    PlainConsole(stderr=True).say(f"{output}: {name}, {ni} x {nj} x {nk} voxels")
+    console = PlainConsole(stderr=True)
+    with shown_progress(nk, console) as (tell, done):
+        tell("making sheets")
+        made = made._replace(slabs=_counted(made.slabs, done))
+        if extension_of(output) == NRRD:
+            write_nrrd(output, made.slabs, made.dtype, made.geometry, stated(made.kind, made.bands))
+        else:
+            write_volume(output, *made.whole())
+    console.say(f"{output}: {name}, {ni} x {nj} x {nk} voxels")
+
+
+def _counted(slabs: Iterator[Tensor], done: Callable[[int], None]) -> Iterator[Tensor]:
+    """The slabs as they come; `done` gets the number of sheets that were made."""
+    sheets = 0
+    for slab in slabs:
+        yield slab
+        sheets += len(slab)
+        done(sheets)
 
 
 def size_of_grid(text: str) -> Index:

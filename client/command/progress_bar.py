@@ -1,4 +1,4 @@
-"""A bar on the terminal for commands that draw many images."""
+"""A bar on the terminal for commands that make many images, or sheets of a volume."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -231,6 +231,15 @@ def test_plus_and_minus_zoom(shown: ShownViewport) -> None:
     assert shown.process.wait_for_settled()["zoom"] == pytest.approx(VIEW["zoom"])
 
 
+def test_zooming_out_ends_before_the_volume_is_a_dot(shown: ShownViewport) -> None:
+    shown.canvas.focus()
+    for _ in range(20):
+        shown.page.keyboard.press("-")
+    assert shown.wait_for_the_last_to_settle()["zoom"] == pytest.approx(FIT["zoom"] / 8)
+    shown.page.keyboard.press("+")
+    assert shown.wait_for_the_last_to_settle()["zoom"] == pytest.approx(1.25 * FIT["zoom"] / 8)
+
+
 @pytest.mark.parametrize("key", ["0", "f"])
 def test_reset_and_fit_show_what_the_process_says_is_visible(shown: ShownViewport, key: str) -> None:
     shown.canvas.focus()

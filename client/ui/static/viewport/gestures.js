@@ -94,7 +94,7 @@ export class Gestures {
     const { steering, view, grid, size } = this.#viewport;
     const unit = (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1) * (event.ctrlKey ? PINCH : 1);
     const pixels = Math.min(MOST, Math.max(-MOST, event.deltaY * unit));
-    const factor = 2 ** (-pixels / HALF_ZOOM);
+    const factor = this.#viewport.zoomFactor(view, 2 ** (-pixels / HALF_ZOOM));
     steering.nudge(zoomed(view, grid, size, this.#viewport.pointAt(event), factor), event.timeStamp);
   }
 }

@@ -52,7 +52,7 @@ export class ViewActions {
   zoomBy(factor) {
     const { grid, size } = this.#viewport;
     const middle = /** @type {Point} */ ([(size.width - 1) / 2, (size.height - 1) / 2]);
-    this.#nudge((view) => zoomed(view, grid, size, middle, factor));
+    this.#nudge((view) => zoomed(view, grid, size, middle, this.#viewport.zoomFactor(view, factor)));
   }
 
   /** Whether the volume goes on turning when it is let go. */

@@ -12,6 +12,7 @@ import { Steering } from "./steering.js";
 import { TroubleBar } from "./trouble_bar.js";
 import { ViewActions } from "./view_actions.js";
 
+const SMALLEST = 8; // times smaller than it fits
 const RESIZED_AFTER = 100; // milliseconds without a further change
 const LABEL = "The volume. Drag or use the arrow keys to turn it; press ? for all keys.";
 
@@ -141,6 +142,12 @@ export class Viewport {
   /** Where the view fits what is visible, as the process told when nobody was at it last. @returns {Partial<View>} */
   get fit() {
     return this.#fit;
+  }
+
+  /** By how much a zoom may change that is to change by `factor`: no volume shrinks to a dot. @param {View} view @param {number} factor */
+  zoomFactor(view, factor) {
+    const least = (this.#fit.zoom ?? 0) / SMALLEST;
+    return Math.max(factor, Math.min(1, least / view.zoom));
   }
 
   undo() {
