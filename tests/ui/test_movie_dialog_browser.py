@@ -104,10 +104,10 @@ def test_key_scenes_are_wanted_before_a_flight(page: Page) -> None:
 def test_while_a_movie_is_made_the_volume_can_be_turned_and_no_picture_of_the_movie_is_another(
     page: Page, tmp_path: Path
 ) -> None:
-    fill(page, images="60", width="512", height="512")
+    fill(page, images="250", width="512", height="512")
     with page.expect_download() as download:
         page.get_by_text("make the movie").click()
-        page.get_by_text(re.compile(r"image \d+ of 60")).wait_for()
+        page.get_by_text(re.compile(r"image \d+ of 250")).wait_for()
         turned = [after(page, lambda: drag(page, 40, 10))]
         assert page.get_by_role("button", name="cancel").is_visible()  # it is still being made
         turned += [after(page, lambda: drag(page, 40, 10)) for _ in range(2)]
