@@ -3,6 +3,7 @@
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -56,11 +57,22 @@ def brought_up(person: Person, cluster: Path) -> None:
 
 
 def servers_of(worker: psutil.Process) -> list[psutil.Process]:
-    return [child for child in worker.children(recursive=True) if "_server" in " ".join(child.cmdline())]
+    found = []
+    for child in worker.children(recursive=True):
+        with suppress(psutil.NoSuchProcess):  # it has ended by now
+            if "_server" in " ".join(child.cmdline()):
+                found.append(child)
+    return found
 
 
 def ended(processes: list[psutil.Process]) -> bool:
-    return not any(process.is_running() and process.status() != psutil.STATUS_ZOMBIE for process in processes)
+    return not any(lives(process) for process in processes)
+
+
+def lives(process: psutil.Process) -> bool:
+    with suppress(psutil.NoSuchProcess):
+        return process.is_running() and process.status() != psutil.STATUS_ZOMBIE
+    return False
 
 
 def test_servers_outlive_clients_and_a_lost_worker_s_is_started_on_another(
