@@ -315,18 +315,23 @@ def test_bounds_are_typed_counted_and_reset(tab: Tab) -> None:
 
 def test_bounds_are_slid(tab: Tab) -> None:
     track = tab.page.locator('[aria-label="bounds on j"]').first
-    track.scroll_into_view_if_needed()
-    box = track.bounding_box()
-    assert box is not None
-    middle = box["y"] + box["height"] / 2
-    tab.drag((box["x"] + 1, middle), (box["x"] + box["width"] / 2, middle))
+
+    def slide(inset: float) -> None:
+        """From so far within the left end, or the right one if that is below 0, to the middle."""
+        track.scroll_into_view_if_needed()
+        box = track.bounding_box()  # anew: what stands above may have grown
+        assert box is not None
+        left, width, middle = box["x"], box["width"], box["y"] + box["height"] / 2
+        tab.drag((left + inset if inset > 0 else left + width + inset, middle), (left + width / 2, middle))
+
+    slide(1)
     bounds = tab.until(lambda state: state.scene.bounds.low[1] > 0).bounds
     assert abs(bounds.low[1] - DIMS[1] / 2) <= 1 and bounds == Bounds(low=(0, bounds.low[1], 0))
     assert "bounds" in tab.state.unsettled
     tab.page.wait_for_function(
         "low => document.querySelector('[aria-label=\"lowest j\"]').value === low", arg=str(bounds.low[1])
     )
-    tab.drag((box["x"] + box["width"] - 1, middle), (box["x"] + box["width"] / 2, middle))
+    slide(-1)
     bounds = tab.until(lambda state: state.scene.bounds.high[1] != -1).bounds
     assert bounds.low[1] < bounds.high[1] <= bounds.low[1] + 1  # a slab of one voxel at least
 
