@@ -22,6 +22,12 @@ MOVES_PER_SECOND = 60
 MOVES_OF_A_ROUND = 120
 PLACES = 120  # on the circle, where the pointer might press
 PAGE_WAIT = 60_000  # milliseconds, for pictures of the page
+# To the end, and in the size of the window: before the page has told it, another size may be finished.
+REFINED = """() => {
+    const viewport = window.volsplatViewport, picture = viewport?.log.at(-1);
+    return picture?.last && picture.width === viewport.canvas.clientWidth * devicePixelRatio &&
+        picture.height === viewport.canvas.clientHeight * devicePixelRatio;
+}"""
 # Places on a circle about the middle of the picture on which nothing lies, as radians.
 _BARE = """([x, y, radius, places]) => {
     const angles = [...Array(places).keys()].map((n) => (2 * Math.PI * n) / places);
@@ -35,7 +41,6 @@ _NOTES = """() => ({
         [number, event, shownAt, step, width, height]),
 })"""
 _FORGET = "() => { window.volsplatViewport.log.length = 0; window.volsplatViewport.sent.length = 0; }"
-_FINISHED = "() => window.volsplatViewport.log.at(-1).last"
 # Width, height, and the bytes of red, green, blue and alpha.
 _SEEN = """() => {
     const shown = window.volsplatViewport.canvas, copy = document.createElement("canvas");
@@ -132,7 +137,7 @@ def dragged(tab: Page, moves: int) -> Drag:
     noted = tab.evaluate(_NOTES)
     moving = _seen(tab)
     tab.mouse.up()
-    tab.wait_for_function(_FINISHED, timeout=PAGE_WAIT)
+    tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
     likeness = ssim(moving, _seen(tab))
     return Drag([tuple(s) for s in noted["sent"]], [ShownPicture(*p) for p in noted["shown"]], likeness)
 

@@ -14,10 +14,10 @@ from PIL import Image as PillowImage
 
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
-from support.pages.page_tab import REFINED, after, canvas, drag, opened, save
+from support.pages.page_tab import after, canvas, drag, opened, save
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, viewed
-from volsplat.bench.page_drag import dragged
+from volsplat.bench.page_drag import REFINED, dragged
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.phantoms import make_phantom

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from PIL import Image as PillowImage
@@ -37,7 +38,7 @@ class Picture:
         image = self.state.scene.image
         return (self.published.width, self.published.height) == (image.width, image.height)
 
-    @property
+    @cached_property
     def published_in_full_size(self) -> PublishedImage:
         """The image as the page shows it: scaled up, between its pixels in straight lines."""
         if self.in_full_size:

@@ -12,16 +12,10 @@ import torch
 from PIL import Image as PillowImage
 
 from support.patience import PATIENCE
+from volsplat.bench.page_drag import REFINED
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
-
-# To the end, and in the size of the window: before the page has told it, another size may be finished.
-REFINED = """() => {
-    const viewport = window.volsplatViewport, picture = viewport?.log.at(-1);
-    return picture?.last && picture.width === viewport.canvas.clientWidth * devicePixelRatio &&
-        picture.height === viewport.canvas.clientHeight * devicePixelRatio;
-}"""
 
 
 def opened(page: Page, url: str) -> Page:
@@ -32,12 +26,11 @@ def opened(page: Page, url: str) -> Page:
 
 def canvas(page: Page) -> torch.Tensor:
     """What is on the canvas, (H, W, 4) uint8."""
-    size: list[int] = page.evaluate("() => { const c = window.volsplatViewport.canvas; return [c.height, c.width]; }")
     data = page.evaluate(
         "() => window.volsplatViewport.canvas.toDataURL('image/png').slice('data:image/png;base64,'.length)"
     )
     image = PillowImage.open(io.BytesIO(base64.b64decode(data))).convert("RGBA")
-    return torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(*size, 4)
+    return torch.frombuffer(bytearray(image.tobytes()), dtype=torch.uint8).reshape(image.height, image.width, 4)
 
 
 def after(page: Page, action: Callable[[], object]) -> torch.Tensor:
