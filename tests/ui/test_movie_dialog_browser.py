@@ -6,7 +6,6 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,29 +14,14 @@ import torch
 
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened
-from support.pages.viewed import Viewed, viewed
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.phantoms.volume_writer import write_volume
+from support.pages.viewed import Viewed, phantom, view, volume
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "browser_page"]
+__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
 
 pytestmark = pytest.mark.skipif(shutil.which("ffmpeg") is None, reason="films need ffmpeg: apt install ffmpeg")
-
-
-@pytest.fixture(scope="module")
-def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
-    write_volume(path, *make_phantom("head", (24, 32, 28)))
-    return path
-
-
-@pytest.fixture(scope="module")
-def view(volume: Path) -> Iterator[Viewed]:
-    with viewed(volume.parent, volume, "--workers", "2") as running:
-        yield running
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,31 +15,22 @@ from support.pages import patient_http
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened, save
 from support.pages.tables_tab import until
-from support.pages.viewed import Viewed, viewed
+from support.pages.viewed import Viewed, view, viewed, volume
 from volsplat.bench.page_drag import REFINED, dragged
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import scene_from_toml
+from volsplat.protocol.description.volume import Index
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "browser_page"]
+__all__ = ["browser", "browser_page", "view", "volume"]
 
 
 @pytest.fixture(scope="module")
-def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
-    write_volume(path, *make_phantom("head", (48, 64, 56)))
-    return path
-
-
-@pytest.fixture(scope="module")
-def view(volume: Path) -> Iterator[Viewed]:
-    with viewed(volume.parent, volume, "--workers", "2") as running:
-        yield running
+def phantom() -> tuple[str, Index]:
+    return "head", (48, 64, 56)
 
 
 @pytest.fixture

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import psutil
@@ -13,28 +11,13 @@ import torch
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened
 from support.pages.tables_tab import box, until
-from support.pages.viewed import Viewed, viewed
+from support.pages.viewed import Viewed, phantom, view, volume
 from volsplat.bench.page_drag import REFINED
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.phantoms.volume_writer import write_volume
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
 
-__all__ = ["browser", "browser_page"]
-
-
-@pytest.fixture(scope="module")
-def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("volume") / "head.nrrd"
-    write_volume(path, *make_phantom("head", (24, 32, 28)))
-    return path
-
-
-@pytest.fixture(scope="module")
-def view(volume: Path) -> Iterator[Viewed]:
-    with viewed(volume.parent, volume, "--workers", "2") as running:
-        yield running
+__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
 
 
 @pytest.fixture

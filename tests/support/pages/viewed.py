@@ -1,4 +1,8 @@
-"""A volume viewed by the real command `volsplat view`, and a viewport that is not a browser's."""
+"""A volume viewed by the real command `volsplat view`, and a viewport that is not a browser's.
+
+A test module imports the fixtures `volume` and `view` by name, and names them in its `__all__`; `phantom`, which it
+imports as well or makes its own, says what is viewed.
+"""
 
 from __future__ import annotations
 
@@ -15,11 +19,15 @@ from typing import Any
 from urllib.parse import urlsplit
 
 import psutil
+import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from support.pages import patient_http
 from support.patience import PATIENCE
 from support.programs.programs import Person
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.protocol.description.volume import Index
 
 _ADDRESS = re.compile(r"http://\S+token=\S+")
 
@@ -87,6 +95,27 @@ def viewed(folder: Path, volume: Path, *arguments: str) -> Iterator[Viewed]:
         process.kill()
         process.communicate()
     assert not person.servers(), "servers were left behind"
+
+
+@pytest.fixture(scope="module")
+def phantom() -> tuple[str, Index]:
+    """Name and size."""
+    return "head", (24, 32, 28)
+
+
+@pytest.fixture(scope="module")
+def volume(phantom: tuple[str, Index], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    name, size = phantom
+    path = tmp_path_factory.mktemp("volume") / f"{name}.nrrd"
+    write_volume(path, *make_phantom(name, size))
+    return path
+
+
+@pytest.fixture(scope="module")
+def view(volume: Path) -> Iterator[Viewed]:
+    """By two map/shade servers, for all tests of a module."""
+    with viewed(volume.parent, volume, "--workers", "2") as running:
+        yield running
 
 
 def _address(lines: Iterable[str], said: list[str]) -> str | None:

@@ -11,30 +11,23 @@ import pytest
 import torch
 from PIL import Image as PillowImage
 
-from support.pages.viewed import Shown, Viewed, Viewport, viewed
+from support.pages.viewed import Shown, Viewed, Viewport, view, viewed, volume
 from support.patience import PATIENCE
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import coded
-from volsplat.client.phantoms import make_phantom
-from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.ui.viewing.image_size import sized
 from volsplat.protocol.description.scene import PaperStep, Refine
+from volsplat.protocol.description.volume import Index
+
+__all__ = ["view", "volume"]
 
 SIDE = 96  # pixels of the image
 
 
 @pytest.fixture(scope="module")
-def volume(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    path = tmp_path_factory.mktemp("volume") / "shells.nrrd"
-    write_volume(path, *make_phantom("shells", (24, 20, 28)))
-    return path
-
-
-@pytest.fixture(scope="module")
-def view(volume: Path) -> Iterator[Viewed]:
-    with viewed(volume.parent, volume, "--workers", "2") as running:
-        yield running
+def phantom() -> tuple[str, Index]:
+    return "shells", (24, 20, 28)
 
 
 @pytest.fixture
