@@ -76,7 +76,7 @@ inline Lanes all_lanes(float value) {
     return lanes;
 }
 
-// Numbers of 16 and of 32 bits as twice as wide ones.
+// Numbers of 16 bits as twice as wide ones.
 typedef std::uint32_t EightWords32 __attribute__((vector_size(32)));
 inline EightWords32 eight_widened(const std::uint16_t* numbers) {
 #if defined(__AVX2__)
@@ -86,15 +86,6 @@ inline EightWords32 eight_widened(const std::uint16_t* numbers) {
     return __builtin_convertvector(load<EightHalves>(numbers), EightWords32);
 #endif
 }
-#if defined(__AVX512F__)
-typedef std::uint32_t SixteenWords __attribute__((vector_size(64)));
-inline SixteenWords sixteen_widened(const std::uint16_t* numbers) {
-    return (SixteenWords)_mm512_cvtepu16_epi32(_mm256_loadu_si256(reinterpret_cast<const __m256i*>(numbers)));
-}
-inline SixteenWords halves_swapped(SixteenWords lanes) {
-    return (SixteenWords)_mm512_maskz_shuffle_i64x2(0xff, (__m512i)lanes, (__m512i)lanes, 0x4e);
-}
-#endif
 
 // Whether there is a bit.
 inline bool any(FourBits bits) {

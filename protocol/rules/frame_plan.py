@@ -201,7 +201,7 @@ def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScr
     dims = dims_at_level(geometry.dims, grid.factors)
     i, j, k = (
         visits_of(max(low - more, 0), min(high + more, size), 1)
-        for low, high, more, size in zip(*bounds, slabs.needs, dims, strict=True)
+        for low, high, more, size in zip(*bounds, slabs.beyond, dims, strict=True)
     )
     return FramePlan(
         step=step,

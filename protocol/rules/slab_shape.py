@@ -21,6 +21,7 @@ from volsplat.protocol.rules.footprint_shape import GREATEST_COEFFICIENT, widene
 from volsplat.protocol.rules.grid_on_screen import Dda, GridOnScreen, dda
 from volsplat.protocol.rules.levels import point_at_level
 from volsplat.protocol.rules.packet_layout import DEPTH_BITS, GROUP_PLANES, SUBPIXEL_BITS
+from volsplat.protocol.rules.slab_needs import Neighbourhood, surroundings
 
 MOST_PLANES = 1 << 20
 LARGEST_REACH = 16384  # pixels, and planes: a voxel's kernel is no larger to either side
@@ -47,8 +48,9 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     form: Matrix
     half_extents: Vector  # of the ellipsoid's bounding box: pixels, pixels, planes
     baseline: int  # pixels: gradients are differences over so many to either side
-    looks: Index  # voxels along i, j, k that the two densities of a slab, which begins in a voxel's cell, can depend on
-    needs: Index  # voxels along i, j, k that its gradient can depend on as well
+    looks: Neighbourhood  # of the voxel in whose cell a slab has its middle: what its densities can depend on
+    needs: Neighbourhood  # and what its gradient can depend on as well
+    beyond: Index  # how many voxels outside of the bounds may be needed for what is drawn within
     grid: tuple[Vector, Vector, Vector, Vector]  # i, j, k of pixel (0, 0) on plane 0, and what each of x, y, d adds
     gradient: Matrix  # from differences per pixel right, pixel down and plane to those per unit along physical axes
     low: Vector  # grid coordinates within which slabs are drawn
@@ -69,7 +71,7 @@ class SlabShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"a kernel must reach 0 to {LARGEST_REACH} pixels and planes, not {self.half_extents}")
         if not 1 <= self.baseline <= GREATEST_BASELINE:
             raise ValueError(f"gradients look 1 to {GREATEST_BASELINE} pixels aside, not {self.baseline}")
-        if not all(0 <= voxels <= LONGEST_AXIS for voxels in (*self.looks, *self.needs)):
+        if not all(0 <= voxels <= LONGEST_AXIS for voxels in self.beyond):
             raise ValueError(f"a kernel reaches 0 to {LONGEST_AXIS} voxels")
         if not 0 <= self.offset_bits <= FINEST_OFFSET_BITS:
             raise ValueError(f"a table of slices has 2^0 to 2^{FINEST_OFFSET_BITS} offsets a pixel")
@@ -104,15 +106,7 @@ def slab_shape(
     to_grid = matrices.inverse(grid.pixels_per_index)
     across, down = matrices.column(to_grid, 0), matrices.column(to_grid, 1)
     behind = matrices.scaled(matrices.column(to_grid, 2), -spacing)  # from a plane to the next
-    moved = _moved(across, down, behind, offset_bits)
-
-    # From a point of a voxel's cell, whose middle is half a voxel away
-    kernel = [
-        radius * math.sqrt(matrices.dot(to_grid[axis], matrices.applied(covariance, to_grid[axis]))) + moved[axis] + 0.5
-        for axis in range(3)
-    ]
-    next_plane = [kernel[axis] + abs(behind[axis]) for axis in range(3)]
-    aside = [next_plane[axis] + baseline * max(abs(across[axis]), abs(down[axis])) for axis in range(3)]
+    around = surroundings(grid, geometry, radius, spacing, baseline, _rounding(spacing, offset_bits))
     half_x, half_y, half_z = (radius * math.sqrt(covariance[axis][axis]) for axis in range(3))
     low, high = _around(clip)
     # The middle of the volume lies on a plane, whatever is drawn of it
@@ -133,8 +127,9 @@ def slab_shape(
         form=matrices.inverse(_in_planes(covariance, spacing)),
         half_extents=(half_x, half_y, half_z / spacing),
         baseline=baseline,
-        looks=(math.floor(next_plane[0]), math.floor(next_plane[1]), math.floor(next_plane[2])),
-        needs=(math.floor(aside[0]), math.floor(aside[1]), math.floor(aside[2])),
+        looks=around.looks,
+        needs=around.needs,
+        beyond=around.beyond,
         grid=(matrices.applied(to_grid, matrices.minus(front, grid.origin)), across, down, behind),
         gradient=_gradient(rotation, per_pixel, spacing),
         low=low,
@@ -147,13 +142,10 @@ def _offset_bits(zoom: float) -> int:
     return min(max(math.ceil(math.log2(OFFSETS_IN_A_VOXEL / zoom)), 0), FINEST_OFFSET_BITS)
 
 
-def _moved(across: Vector, down: Vector, behind: Vector, offset_bits: int) -> Vector:
-    """How far, in voxels, the wire's lattice and the table's offsets may move a voxel along i, j, k."""
-    pixels = 2.0 ** -(offset_bits + 1) + 2.0 ** -(SUBPIXEL_BITS + 1)
-    i, j, k = (
-        pixels * (abs(across[axis]) + abs(down[axis])) + abs(behind[axis]) / (2 << DEPTH_BITS) for axis in range(3)
-    )
-    return (i, j, k)
+def _rounding(spacing: float, offset_bits: int) -> float:
+    """How far, in pixels, the wire's lattice and the table's offsets may move a voxel."""
+    aside = 2.0 ** -(offset_bits + 1) + 2.0 ** -(SUBPIXEL_BITS + 1)
+    return math.hypot(aside, aside, spacing / (2 << DEPTH_BITS))
 
 
 def _covariance(grid: GridOnScreen, spacing: float) -> Matrix:

@@ -37,8 +37,10 @@ struct SumLayout<std::uint64_t> {
 // Of what the weights around a point sum to: less is known only outside of the volume, and deep in no data.
 constexpr double kLeastKnown = 1.0 / 16;
 
-// The planes of a group of voxels lie next to each other for each pixel, and are added to at once: a block.
+// The planes of a group of voxels are a block, which is shaded once it is complete. Those of the blocks that a group
+// may reach lie next to each other for each pixel. So many are added to at once, from a multiple of others on.
 constexpr int kBlockPlanes = kGroupPlanes;
+constexpr int kPlanesAtOnce = 8, kPlaneStep = 4;
 
 constexpr int kTileLines = 8, kTileColumns = 32;  // of what is noted to have been touched, and shaded at once
 constexpr int kTilePixels = kTileLines * kTileColumns;
@@ -55,13 +57,13 @@ struct SlabTableView {
 
 // The sums of the blocks that a group of voxels may reach. Once a block is complete, its densities take their place.
 struct SlabSums {
-    void* sums;          // [line][column][slot][plane of the block]
+    void* sums;          // [line][column][plane, from the group's first on]
     std::int64_t pitch;  // columns from one line to the next
     int columns;
-    int slots;              // blocks
+    int planes;             // whole blocks
     int margin;             // columns of a line before pixel 0
     int first_line, lines;  // of the image
-    std::uint8_t* touched;  // [slot][tile row][tile]
+    std::uint8_t* touched;  // [block][tile row][tile]
     int tile_rows, tiles;
     int aside;        // pixels that gradients look to either side
     bool any_closed;  // tiles of the image

@@ -11,9 +11,11 @@ namespace volsplat {
 namespace {
 
 constexpr int kPhases = 1 << kDepthBits;
-constexpr int kIntervals = 4096;           // of the kernel over rho^2
-constexpr double kLargestTable = 1 << 27;  // weights
-constexpr int kAround = 2 * kBlockPlanes;  // numbers before and behind that may be read
+constexpr int kIntervals = 4096;            // of the kernel over rho^2
+constexpr double kLargestTable = 1 << 27;   // weights
+constexpr int kAround = 2 * kPlanesAtOnce;  // numbers before and behind that may be read
+
+int rounded_up(int number, int to) { return (number + to - 1) / to * to; }
 
 double checked(double half_extent) {
     if (!(half_extent > 0 && half_extent <= kLargestHalfExtent))
@@ -70,6 +72,16 @@ SlabTable::SlabTable(const KernelProjection& kernel, const Ellipsoid& ellipsoid,
         throw std::invalid_argument("the table of slices is too large");
     if (wide) wide_slices_ = slices_of<std::uint64_t>(kernel, ellipsoid);
     else narrow_slices_ = slices_of<std::uint32_t>(kernel, ellipsoid);
+}
+
+int SlabTable::planes() const {
+    const int last = kGroupPlanes - 1 + before_ + front_.back();  // that a voxel may reach first
+    int planes = 0;
+    for (int first = std::max(last - kPlaneStep + 1, 0); first <= last; ++first) {
+        const int ahead = first % kPlaneStep;
+        planes = std::max(planes, first - ahead + rounded_up(ahead + slices_, kPlanesAtOnce));
+    }
+    return rounded_up(planes, kBlockPlanes);
 }
 
 template <class Number>

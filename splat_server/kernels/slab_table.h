@@ -25,8 +25,8 @@ public:
 
     SlabTableView view() const;
     bool wide() const { return wide_; }
-    // How far behind a group's first plane its voxels may reach.
-    int depth() const { return kGroupPlanes - 1 + before_ + front_.back() + slices_; }
+    // From a group's first one on, that are added to with its voxels; whole blocks.
+    int planes() const;
     // Pixels of the box around a voxel.
     int width() const { return columns_; }
     int height() const { return rows_; }

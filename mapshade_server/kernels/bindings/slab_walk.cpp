@@ -7,6 +7,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <algorithm>
 #include <cstring>
 #include <memory>
 #include <optional>
@@ -27,6 +28,17 @@ namespace {
 using PythonBox = std::tuple<PacketArray, Index3, std::shared_ptr<NeededVoxels>>;
 using DensityArray = nb::ndarray<const std::uint8_t, nb::shape<32>, nb::c_contig, nb::device::cpu>;
 
+using NeighbourhoodNumbers = std::tuple<Index3, std::vector<std::vector<std::int64_t>>>;
+
+Neighbourhood neighbourhood_of(const NeighbourhoodNumbers& numbers) {
+    const auto& [box, shape] = numbers;
+    bool right = !shape.empty() && std::ranges::all_of(box, [](std::int64_t voxels) { return voxels >= 0; });
+    for (const auto& row : shape)
+        right = right && !row.empty() && std::ranges::all_of(row, [](std::int64_t voxels) { return voxels >= 0; });
+    if (!right) throw std::invalid_argument("a neighbourhood reaches 0 voxels and more");
+    return {box, shape};
+}
+
 // Keeps alive what the walkers borrow.
 class PythonSlabWalk {
 public:
@@ -34,7 +46,7 @@ public:
                    const std::array<bool, 3>& ascending, const std::array<VisitNumbers, 3>& visits, const DdaNumbers& x,
                    const DdaNumbers& y, const DdaNumbers& depth, const std::array<std::int64_t, 2>& image,
                    const std::array<double, 2>& reach, const std::array<std::int64_t, 3>& groups, const Index3& dims,
-                   const DensityArray& visible, const Index3& look, const Index3& spread,
+                   const DensityArray& visible, const NeighbourhoodNumbers& look, const NeighbourhoodNumbers& spread,
                    std::optional<TileArray> closed_tiles, const std::vector<LineNumbers>& regions, std::int64_t walkers,
                    const std::array<std::int64_t, 2>& limits) {
         const auto [count, lead, before] = groups;
@@ -57,7 +69,7 @@ public:
         if (closed_tiles_) check_tiles(*closed_tiles_, plan.walk);
         if (walkers < 1) throw std::invalid_argument("somebody must walk");
         const std::vector<Lines> lines = regions_of(regions, plan.walk.height);
-        Need need{{}, look, spread, {}, {}};
+        Need need{{}, neighbourhood_of(look), neighbourhood_of(spread), {}, {}};
         std::memcpy(need.visible.data(), visible.data(), sizeof(need.visible));
         std::vector<NeededBox> needed;
         for (const auto& [packets, low, kept] : boxes) {
@@ -94,9 +106,9 @@ void bind_slab_walk(nb::module_& m) {
         .def(nb::init<const std::vector<PythonBox>&, const std::array<int, 3>&, const std::array<bool, 3>&,
                       const std::array<VisitNumbers, 3>&, const DdaNumbers&, const DdaNumbers&, const DdaNumbers&,
                       const std::array<std::int64_t, 2>&, const std::array<double, 2>&,
-                      const std::array<std::int64_t, 3>&, const Index3&, const DensityArray&, const Index3&,
-                      const Index3&, std::optional<TileArray>, const std::vector<LineNumbers>&, std::int64_t,
-                      const std::array<std::int64_t, 2>&>(),
+                      const std::array<std::int64_t, 3>&, const Index3&, const DensityArray&,
+                      const NeighbourhoodNumbers&, const NeighbourhoodNumbers&, std::optional<TileArray>,
+                      const std::vector<LineNumbers>&, std::int64_t, const std::array<std::int64_t, 2>&>(),
              "boxes"_a, "axes"_a, "ascending"_a, "visits"_a, "x"_a, "y"_a, "depth"_a, "image"_a, "reach"_a, "groups"_a,
              "dims"_a, "visible"_a, "look"_a, "spread"_a, "closed_tiles"_a.none(), "regions"_a, "walkers"_a, "limits"_a)
         .def("walker", &PythonSlabWalk::walker, "number"_a, nb::rv_policy::reference_internal);

@@ -1,11 +1,13 @@
-// Running minima and maxima along each axis.
+// Running minima and maxima, along each axis for a box, and sheet by sheet for what has another shape.
 #include "needed_voxels.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <limits>
 #include <stdexcept>
 #include <vector>
 
+#include "kernels/compiler.h"
 #include "kernels/packet_layout.h"
 
 namespace volsplat {
@@ -18,11 +20,11 @@ constexpr std::uint8_t kDensest = 255;
 typedef std::vector<std::uint8_t> Bytes;
 
 struct Least {
-    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return std::min(a, b); }
+    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return a < b ? a : b; }
 };
 
 struct Greatest {
-    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return std::max(a, b); }
+    std::uint8_t operator()(std::uint8_t a, std::uint8_t b) const { return a < b ? b : a; }
 };
 
 std::int64_t distance(const Index3& size, int axis) { return axis == 0 ? 1 : axis == 1 ? size[0] : size[0] * size[1]; }
@@ -60,6 +62,77 @@ void widen(Bytes& bytes, const Index3& size, const Index3& radius) {
     }
 }
 
+// Sheets of a box, each row of them widened along i by 0, 1, … places: those around one sheet.
+template <class Extreme>
+class WidenedSheets {
+public:
+    WidenedSheets(const Index3& size, std::int64_t reach, std::int64_t around)
+        : size_(size), reach_(reach), around_(around), sheets_((reach + 1) * (2 * around + 1)) {
+        for (Bytes& sheet : sheets_) sheet.resize(size[0] * size[1]);
+    }
+
+    void take(std::int64_t k, const std::uint8_t* sheet) {
+        const Extreme extreme;
+        const std::int64_t length = size_[0];
+        std::copy_n(sheet, length * size_[1], at(k, 0));
+        for (std::int64_t shift = 1; shift <= reach_; ++shift)
+            for (std::int64_t j = 0; j < size_[1]; ++j) {
+                const std::uint8_t *const in = sheet + j * length, *const before = at(k, shift - 1) + j * length;
+                std::uint8_t* const out = at(k, shift) + j * length;
+                std::copy_n(before, length, out);
+                VOLSPLAT_INDEPENDENT
+                for (std::int64_t n = 0; n < length - shift; ++n) out[n] = extreme(out[n], in[n + shift]);
+                VOLSPLAT_INDEPENDENT
+                for (std::int64_t n = shift; n < length; ++n) out[n] = extreme(out[n], in[n - shift]);
+            }
+    }
+
+    std::uint8_t* at(std::int64_t k, std::int64_t shift) {
+        return sheets_[k % (2 * around_ + 1) * (reach_ + 1) + shift].data();
+    }
+
+private:
+    const Index3 size_;
+    const std::int64_t reach_, around_;
+    std::vector<Bytes> sheets_;
+};
+
+// The extremes of all that a shape holds, which is put around each.
+template <class Extreme>
+void widen(Bytes& bytes, const Index3& size, const std::vector<std::vector<std::int64_t>>& shape) {
+    const Extreme extreme;
+    std::int64_t reach = 0;
+    for (const auto& row : shape) reach = std::max(reach, *std::max_element(row.begin(), row.end()));
+    const auto last_k = static_cast<std::int64_t>(shape.size()) - 1;
+    const std::int64_t sheet = size[0] * size[1];
+    WidenedSheets<Extreme> sheets(size, reach, last_k);
+    for (std::int64_t k = 0, taken = 0; k < size[2]; ++k) {
+        for (; taken < size[2] && taken <= k + last_k; ++taken) sheets.take(taken, bytes.data() + taken * sheet);
+        std::uint8_t* const out = bytes.data() + k * sheet;
+        std::copy_n(sheets.at(k, shape[0][0]), sheet, out);
+        for (std::int64_t other = std::max<std::int64_t>(k - last_k, 0); other <= std::min(k + last_k, size[2] - 1);
+             ++other) {
+            const auto& row = shape[std::abs(other - k)];
+            const std::int64_t last_j = std::min<std::int64_t>(row.size(), size[1]) - 1;
+            for (std::int64_t j = -last_j; j <= last_j; ++j) {
+                const std::uint8_t* const in =
+                    sheets.at(other, row[std::abs(j)]) + std::max<std::int64_t>(j, 0) * size[0];
+                std::uint8_t* const to = out + std::max<std::int64_t>(-j, 0) * size[0];
+                const std::int64_t count = sheet - std::abs(j) * size[0];
+                VOLSPLAT_INDEPENDENT
+                for (std::int64_t n = 0; n < count; ++n) to[n] = extreme(to[n], in[n]);
+            }
+        }
+    }
+}
+
+template <class Extreme>
+void widen(Bytes& bytes, const Index3& size, const Neighbourhood& neighbourhood) {
+    if (bytes.empty()) return;
+    widen<Extreme>(bytes, size, neighbourhood.box);
+    widen<Extreme>(bytes, size, neighbourhood.shape);
+}
+
 // For each density the least one from it on that can be seen; 256 if there is none.
 std::array<int, 256> next_visible(const Need& need) {
     std::array<int, 256> next;
@@ -91,8 +164,9 @@ Bytes showing(const std::uint32_t* packets, const Index3& size, const Need& need
 // What lies so near to a face that it may be needed for what is beyond.
 void add_faces(Bytes& needed, const Index3& size, const Need& need) {
     Index3 begin, end;
+    const Index3 look = need.look.reach(), spread = need.spread.reach();
     for (int axis = 0; axis < 3; ++axis) {
-        const std::int64_t near = need.look[axis] + need.spread[axis];
+        const std::int64_t near = look[axis] + spread[axis];
         begin[axis] = need.before[axis] ? near : 0;
         end[axis] = size[axis] - (need.behind[axis] ? near : 0);
     }
@@ -114,6 +188,16 @@ Bytes needed_of(const std::uint32_t* packets, const Index3& size, const Need& ne
 }
 
 }  // namespace
+
+Index3 Neighbourhood::reach() const {
+    Index3 found = box;
+    for (const auto& row : shape) {
+        found[0] = std::max(found[0], box[0] + *std::max_element(row.begin(), row.end()));
+        found[1] = std::max(found[1], box[1] + static_cast<std::int64_t>(row.size()) - 1);
+    }
+    found[2] += static_cast<std::int64_t>(shape.size()) - 1;
+    return found;
+}
 
 NeededRows::NeededRows(const std::uint32_t* packets, const std::uint8_t* needed, const Index3& size, int axis)
     : size_(size), low_(axis == 0 ? 1 : 0), high_(axis == 2 ? 1 : 2) {

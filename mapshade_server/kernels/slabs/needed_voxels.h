@@ -10,17 +10,28 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <vector>
 
 #include "kernels/large_memory.h"
 #include "mapshade_server/kernels/source_volume.h"
 
 namespace volsplat {
 
+// All offsets that a box and a shape add up to, the same to either side along every axis.
+struct Neighbourhood {
+    Index3 box;                                    // voxels to either side
+    std::vector<std::vector<std::int64_t>> shape;  // by offsets along k and j, from 0 on: how far along i
+
+    Index3 reach() const;
+
+    bool operator==(const Neighbourhood&) const = default;
+};
+
 // What decides which voxels are needed.
 struct Need {
     std::array<std::uint64_t, 4> visible;  // a bit for each density
-    Index3 look;                           // voxels to either side that a slab's densities may depend on
-    Index3 spread;                         // voxels to either side of such a place that are needed
+    Neighbourhood look;                    // what the densities of a slab with its middle in a voxel's cell depend on
+    Neighbourhood spread;                  // and what is needed if these may show anything
     std::array<bool, 3> before, behind;    // whether the grid goes on beyond the box
 
     bool operator==(const Need&) const = default;

@@ -15,7 +15,7 @@ void find_densities(const SlabSums& sums, void* block, int pixels) {
     typedef typename Layout::Quotient Quotient;
     typedef typename Layout::Signed Signed;
     constexpr auto kLeast = static_cast<std::int32_t>(kLeastKnown * Layout::kUnit);
-    const std::int64_t step = std::int64_t(sums.slots) * kBlockPlanes;
+    const std::int64_t step = sums.planes;
     Number* planes = static_cast<Number*>(block);
     for (int pixel = 0; pixel < pixels; ++pixel, planes += step) {
         Number numbers[kBlockPlanes];

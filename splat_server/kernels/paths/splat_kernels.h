@@ -23,8 +23,7 @@ struct SplatKernels {
         find_slab_voxels;
 
     // Add voxels of a group to the planes that they reach, in sums of 32 and of 64 bits.
-    Kernel<void(const SlabTableView& table, const SlabSums& sums, std::int64_t group, const SlabVoxel* voxels,
-                std::uint64_t count)>
+    Kernel<void(const SlabTableView& table, const SlabSums& sums, const SlabVoxel* voxels, std::uint64_t count)>
         splat_slabs, splat_wide_slabs;
 
     // Put densities in the place of the sums of a complete block, at so many neighbouring pixels.

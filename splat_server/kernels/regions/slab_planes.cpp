@@ -40,14 +40,14 @@ void SlabPlanes::make_room() {
     sums_.pitch = sums_.columns + kLineGap;
     sums_.first_line = row_begin_ - baseline;
     sums_.lines = row_end_ - row_begin_ + 2 * baseline;
-    sums_.slots = rounded_up(frame_.table->depth(), kBlockPlanes) / kBlockPlanes;
+    sums_.planes = frame_.table->planes();
     sums_.tile_rows = rounded_up(sums_.lines, kTileLines) / kTileLines;
     sums_.aside = baseline;
     const std::size_t columns = static_cast<std::size_t>(sums_.pitch) * sums_.tile_rows * kTileLines;
     const std::size_t tiles = static_cast<std::size_t>(sums_.tile_rows) * sums_.tiles;
-    memory_ = zeros(columns * sums_.slots * kBlockPlanes * (number_bytes_ / sizeof(float)));
+    memory_ = zeros(columns * sums_.planes * (number_bytes_ / sizeof(float)));
     sums_.sums = memory_.get();
-    touched_.assign(sums_.slots * tiles, 0);
+    touched_.assign(sums_.planes / kBlockPlanes * tiles, 0);
     sums_.touched = touched_.data();
     found_.patch_columns = (sums_.columns >> kPatchBits) + 1;
     patches_.assign(static_cast<std::size_t>(found_.patch_columns) * ((sums_.lines >> kPatchBits) + 1), 0);
@@ -107,7 +107,7 @@ void SlabPlanes::add_group() {
     }
     const SplatKernels& kernels = splat_kernels();
     const auto& splat = frame_.table->wide() ? kernels.splat_wide_slabs : kernels.splat_slabs;
-    splat(frame_.table->view(), sums_, group_, sorted_.data(), found_.count);
+    splat(frame_.table->view(), sums_, sorted_.data(), found_.count);
     std::fill(patches_.begin(), patches_.end(), 0);
     found_.count = 0;
 }
@@ -123,14 +123,16 @@ void SlabPlanes::shade_before(std::int64_t block) {
 }
 
 void SlabPlanes::shade(std::int64_t block) {
-    std::uint8_t* const marks = touched(block);
-    each_tile(marks, [&](int row, int tile) { find_densities(block, row, tile); });
+    const std::size_t tiles = last_touched_.size();
+    each_tile(touched_.data(), [&](int row, int tile) { find_densities(row, tile); });
     // The first slab begins on the last plane of the block before
-    for (std::size_t n = 0; n < last_touched_.size(); ++n) last_touched_[n] |= marks[n];
+    for (std::size_t n = 0; n < tiles; ++n) last_touched_[n] |= touched_[n];
     each_tile(last_touched_.data(), [&](int row, int tile) { shade_tile(block, row, tile); });
-    each_tile(last_touched_.data(), [&](int row, int tile) { keep_last_plane(block, row, tile); });
-    std::copy_n(marks, last_touched_.size(), last_touched_.begin());
-    std::fill_n(marks, last_touched_.size(), 0);
+    for (std::size_t n = tiles; n < touched_.size(); ++n) last_touched_[n % tiles] |= touched_[n];
+    each_tile(last_touched_.data(), [&](int row, int tile) { move_on(row, tile); });
+    std::copy_n(touched_.begin(), tiles, last_touched_.begin());
+    std::copy(touched_.begin() + tiles, touched_.end(), touched_.begin());
+    std::fill(touched_.end() - tiles, touched_.end(), 0);
 }
 
 template <class Do>
@@ -140,11 +142,11 @@ void SlabPlanes::each_tile(const std::uint8_t* marks, const Do& act) {
             if (marks[row * sums_.tiles + tile]) act(row, tile);
 }
 
-void SlabPlanes::find_densities(std::int64_t block, int row, int tile) {
+void SlabPlanes::find_densities(int row, int tile) {
     const SplatKernels& kernels = splat_kernels();
     const auto& find = frame_.table->wide() ? kernels.find_wide_slab_densities : kernels.find_slab_densities;
     for (int line = row * kTileLines; line < (row + 1) * kTileLines; ++line)
-        find(sums_, block_at(block, line, tile * kTileColumns), kTileColumns);
+        find(sums_, planes_at(line, tile * kTileColumns), kTileColumns);
 }
 
 SlabPlanes::TileArea SlabPlanes::area_of(int row, int tile) const {
@@ -165,7 +167,7 @@ void SlabPlanes::shade_tile(std::int64_t block, int row, int tile) {
 // False if none are.
 bool SlabPlanes::find_shown(std::int64_t block, const TileArea& area, ShownPixels& shown) const {
     const SlabShadingView shading = frame_.shading->view();
-    const Plane last = plane(block, -1), first = plane(block, 0);
+    const Plane last = plane(-1), first = plane(0);
     const std::int64_t before_slab_0 = kBlockPlanes * block - frame_.lead - 1;  // its first plane
     const auto begin = std::clamp<std::int64_t>(-before_slab_0, 0, kBlockPlanes);
     const auto end = std::clamp<std::int64_t>(frame_.planes - 1 - before_slab_0, 0, kBlockPlanes);
@@ -198,7 +200,7 @@ bool SlabPlanes::find_shown(std::int64_t block, const TileArea& area, ShownPixel
 }
 
 void SlabPlanes::shade_slab(std::int64_t block, int slab, const TileArea& area, const ShownPixels& shown) {
-    const Plane planes[] = {plane(block, slab - 1), plane(block, slab)};
+    const Plane planes[] = {plane(slab - 1), plane(slab)};
     float* const pixels = image_.pixels + (area.top + sums_.first_line) * image_.pitch + area.left;
     const auto pixel_at = [&](int n) {
         return pixels + shown.pixels[slab][n] / kTileColumns * image_.pitch + shown.pixels[slab][n] % kTileColumns;
@@ -258,34 +260,31 @@ void SlabPlanes::note_closed(const TileArea& area) {
         }
 }
 
-// The block is empty from then on.
-void SlabPlanes::keep_last_plane(std::int64_t block, int row, int tile) {
-    const Plane own = plane(block, kBlockPlanes - 1);
+// Keeps the last plane of the block that was shaded, and has the next one take its place.
+void SlabPlanes::move_on(int row, int tile) {
+    const std::size_t block = kBlockPlanes * number_bytes_, all = sums_.planes * number_bytes_;
     for (int line = row * kTileLines; line < (row + 1) * kTileLines; ++line) {
-        char* at = block_at(block, line, tile * kTileColumns);
+        char* at = planes_at(line, tile * kTileColumns);
         float* const kept = last_plane_.data() + line * sums_.pitch + tile * kTileColumns;
-        for (int n = 0; n < kTileColumns; ++n, at += own.right * sizeof(float)) {
+        for (int n = 0; n < kTileColumns; ++n, at += all) {
             std::memcpy(kept + n, at + (kBlockPlanes - 1) * sizeof(float), sizeof(float));
-            std::memset(at, 0, kBlockPlanes * number_bytes_);
+            std::memmove(at, at + block, all - block);
+            std::memset(at + all - block, 0, block);
         }
     }
 }
 
-std::uint8_t* SlabPlanes::touched(std::int64_t block) const {
-    return sums_.touched + block % sums_.slots * sums_.tile_rows * sums_.tiles;
-}
-
 // From pixel 0 of line 0 on; number -1 is the last of the block before.
-SlabPlanes::Plane SlabPlanes::plane(std::int64_t block, int number) const {
+SlabPlanes::Plane SlabPlanes::plane(int number) const {
     if (number < 0) return {last_plane_.data() + sums_.margin, 1, sums_.pitch};
-    const auto* const densities = reinterpret_cast<const float*>(block_at(block, 0, sums_.margin)) + number;
-    const auto right = static_cast<std::int64_t>(sums_.slots * kBlockPlanes * number_bytes_ / sizeof(float));
+    const auto* const densities = reinterpret_cast<const float*>(planes_at(0, sums_.margin)) + number;
+    const auto right = static_cast<std::int64_t>(sums_.planes * number_bytes_ / sizeof(float));
     return {densities, right, sums_.pitch * right};
 }
 
-char* SlabPlanes::block_at(std::int64_t block, int line, int column) const {
-    const std::int64_t place = (line * sums_.pitch + column) * sums_.slots + block % sums_.slots;
-    return static_cast<char*>(sums_.sums) + place * kBlockPlanes * static_cast<std::int64_t>(number_bytes_);
+char* SlabPlanes::planes_at(int line, int column) const {
+    const std::int64_t place = (line * sums_.pitch + column) * sums_.planes;
+    return static_cast<char*>(sums_.sums) + place * static_cast<std::int64_t>(number_bytes_);
 }
 
 }  // namespace volsplat

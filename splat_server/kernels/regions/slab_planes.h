@@ -56,16 +56,15 @@ private:
     void shade(std::int64_t block);
     template <class Do>
     void each_tile(const std::uint8_t* marks, const Do& act);
-    void find_densities(std::int64_t block, int row, int tile);
+    void find_densities(int row, int tile);
     void shade_tile(std::int64_t block, int row, int tile);
     bool find_shown(std::int64_t block, const TileArea& area, ShownPixels& shown) const;
     void shade_slab(std::int64_t block, int slab, const TileArea& area, const ShownPixels& shown);
     void note_closed(const TileArea& area);
-    void keep_last_plane(std::int64_t block, int row, int tile);
+    void move_on(int row, int tile);
     TileArea area_of(int row, int tile) const;
-    std::uint8_t* touched(std::int64_t block) const;
-    Plane plane(std::int64_t block, int number) const;
-    char* block_at(std::int64_t block, int line, int column) const;
+    Plane plane(int number) const;
+    char* planes_at(int line, int column) const;
 
     const SlabFrame frame_;
     const ImageView image_;
