@@ -3,10 +3,12 @@
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
-from volsplat.mapshade_server.data_link import DataLink, Sent
 from volsplat.mapshade_server.frame_tally import FrameTally, LinkTally
-from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
+from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.links.data_link import DataLink, Sent
+from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.program.frame_spans import UNTRACED, FrameSpans
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.regions import Region
@@ -62,19 +64,36 @@ class FrameDelivery:
         outlets = [
             _Outlet(self._links[server], parts) for server, parts in self._parts.items() if server in self._links
         ]
-        while not self._ended and self._wanted() and len(self._lost) < len(self._parts):
+        last = False
+        while not last and self._goes_on():
+            self._wait_for_merge(walker, outlets, tally)
             started = time.perf_counter()
-            batch = self._walk.walkers[walker].next_batch()
+            batch = self._walk.walkers[walker].next_batch(min(outlet.pace.most_packets for outlet in outlets))
             ended = time.perf_counter()
             tally.map_shade_seconds += ended - started
             self._spans.note(_row(walker), "walk", started, ended)
-            if batch is None:
-                break
+            assert batch is not None, "the last batch has gone"
+            last = batch.last
             tally.count(batch)
             for outlet in outlets:
                 if outlet.server not in self._lost:
                     self._send(outlet, walker, batch, tally)
         return tally
+
+    def _goes_on(self) -> bool:
+        return not self._ended and self._wanted() and len(self._lost) < len(self._parts)
+
+    def _goes_on_with(self, server: int) -> bool:
+        return self._goes_on() and server not in self._lost
+
+    def _wait_for_merge(self, walker: int, outlets: "Sequence[_Outlet]", tally: FrameTally) -> None:
+        """Until every splat server is near enough to where the walker is."""
+        for outlet in outlets:
+            waited = outlet.pace.wait(walker, partial(self._goes_on_with, outlet.server))
+            if waited > 0.0:
+                tally.wait(outlet.server, waited)
+                ended = time.perf_counter()
+                self._spans.note(_row(walker), f"wait for splat server {outlet.server}", ended - waited, ended)
 
     def _send(self, outlet: "_Outlet", walker: int, batch: ShadedBatch, tally: FrameTally) -> None:
         began = time.perf_counter()
@@ -105,6 +124,7 @@ class _Outlet:
 
     def __init__(self, link: DataLink, parts: slice) -> None:
         self.server = link.route.server
+        self.pace = link.pace
         self._link = link
         self._parts = parts
         self._sequence = 0

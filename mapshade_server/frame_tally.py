@@ -4,7 +4,7 @@ from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 
-from volsplat.mapshade_server.frame_walk import ShadedBatch
+from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.messages import messages
@@ -56,6 +56,10 @@ class FrameTally:
         self.coding_seconds += coding_seconds
         self.sending_seconds += sent.sending_seconds
         self.waiting_seconds += sent.waiting_seconds
+
+    def wait(self, server: int, seconds: float) -> None:
+        """Add what passed before a batch might be sent to a splat server."""
+        self.send(server, LinkTally(sending_seconds=seconds, waiting_seconds=seconds), 0.0)
 
     @staticmethod
     def of_walkers(tallies: "Sequence[FrameTally]") -> "FrameTally":

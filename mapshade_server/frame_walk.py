@@ -1,11 +1,12 @@
 """One frame of a map/shade server: gives the kernel a plan's and a scene's numbers, and hands out its batches."""
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from volsplat.mapshade_server import _kernels, shading_tables
+from volsplat.mapshade_server.links.shaded_batch import ShadedBatch, ShadedPart
 from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Order
+from volsplat.protocol.description.scene import TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, Dda
@@ -27,30 +28,6 @@ NEAREST = 0.5  # pixels: no centre of a pixel is further away than the nearest o
 FIELDS = list(Field)  # the kernel knows fields by their place here
 
 
-@dataclass(frozen=True)
-class ShadedPart:
-    """Shaded packets for one region in traversal order, with the directory of their row runs; see packet_layout."""
-
-    runs: memoryview  # bytes, 24 for each run
-    packets: memoryview  # bytes, 8 for each packet
-    run_count: int
-    packet_count: int
-
-
-@dataclass(frozen=True)
-class ShadedBatch:
-    """What a walker delivers at once."""
-
-    parts: list[ShadedPart]  # for each region
-    reached: tuple[int, int]  # (sheet, row): all that the walker has before it in traversal order has been delivered
-    last: bool
-    voxels_visited: int  # samples of the step within the bounds, those left out as hidden or outside the image included
-
-    @property
-    def packet_count(self) -> int:
-        return sum(part.packet_count for part in self.parts)
-
-
 class Walker:
     """Walks a part of a server's sub-cubes. One thread at a time may have it walk, by `next_batch` or its source."""
 
@@ -64,7 +41,7 @@ class Walker:
         """For kernels that walk without Python: see kernels/batch_source.h. The frame's walk must outlive it."""
         return self._kernel.source
 
-    def next_batch(self, max_packets: int | None = None, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
+    def next_batch(self, max_packets: float = math.inf, max_voxels: int = DEFAULT_VOXELS) -> ShadedBatch | None:
         """What comes next, or None after the batch that was the last. There is always a last one, if empty.
 
         The limits decide on which row batches end, not what they hold together; a frame's first batches are smaller.
@@ -72,7 +49,7 @@ class Walker:
         """
         if self._ended:
             return None
-        parts, reached, last, visited = self._kernel.next_batch(max_packets or self._max_packets, max_voxels)
+        parts, reached, last, visited = self._kernel.next_batch(int(min(max_packets, self._max_packets)), max_voxels)
         self._ended = last
         return ShadedBatch([ShadedPart(*part) for part in parts], reached, last, visited)
 
@@ -130,7 +107,6 @@ def _sheet_walk(
     """Sheet by sheet, shaded."""
     octahedral = quantisation.directions == "octahedral"
     cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
-    hides = plan.order == Order.FRONT_TO_BACK and plan.reach != Reach.PIXEL
     distinct = sorted(set(plan.opacity_exponents))
     return _kernels.FrameWalk(
         boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
@@ -154,7 +130,7 @@ def _sheet_walk(
         grid_bytes=[
             shading_tables.grid_bytes(size, factor) for size, factor in zip(geometry.dims, plan.factors, strict=True)
         ],
-        closed_tiles=closed_tiles if hides else None,
+        closed_tiles=closed_tiles if plan.hides else None,
         regions=[(region.begin, region.end) for region in regions] or [(0, plan.height)],
         walkers=walkers,
         limits=(max_packets, DEFAULT_VOXELS),

@@ -14,11 +14,11 @@ from dataclasses import replace
 
 import msgspec
 
-from volsplat.mapshade_server.data_links import DataLinks
 from volsplat.mapshade_server.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
+from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
@@ -189,7 +189,8 @@ class MapShadeServer:
         self._spans = spans = FrameSpans(request.frame, request.traced)
         log.info("frame %d has come", request.frame, extra={"event": "frame_begun", "frame": request.frame})
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
-        closed_tiles = self._links.begin_frame(request.frame, request.plan)
+        walkers = request.workers[self._client.id]
+        closed_tiles = self._links.begin_frame(request.frame, request.plan, walkers if request.paced else 0)
         walk = FrameWalk(
             sub_cubes,
             request.geometry,
@@ -198,7 +199,7 @@ class MapShadeServer:
             request.plan,
             closed_tiles,
             request.regions,
-            request.workers[self._client.id],
+            walkers,
         )
         planned = time.perf_counter()
         delivery = FrameDelivery(

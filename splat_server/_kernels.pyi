@@ -111,6 +111,9 @@ class SplatFrame:
         Neighbours that are looked at together count where all of them are hidden: how many are depends on the CPU path.
         """
 
+    def reached(self) -> tuple[int, int]:
+        """Sheet and row: all that lies before has been splatted in every region. `news` rings once there is more."""
+
     @property
     def rectangle(self) -> tuple[int, int, int, int]:
         """Left, top, width and height of what its regions are of the published image."""

@@ -67,7 +67,7 @@ class FrameAssembly:
     ) -> None:
         """Have the owners splat what is pushed for these regions, and what `walks`, the first sources, hand out.
 
-        `news` rings once the frame is complete or has failed, and when samples were hidden that had been pushed;
+        `news` rings once the frame is complete or has failed, or has gone on since it was last asked how far it is;
         `all_wait` when all regions wait for something to be pushed. `traced`: see `note_owners`.
         """
         plan = self.plan

@@ -32,12 +32,12 @@ from volsplat.splat_server.frame_assembly import FrameAssembly
 from volsplat.splat_server.invitations import Invitations
 from volsplat.splat_server.merge import Merge
 from volsplat.splat_server.merge_events import FrameDropped, FrameStarted
+from volsplat.splat_server.merge_news import MergeNews, News
 from volsplat.splat_server.outbox import Outbox
 from volsplat.splat_server.slabs import slabs_of
-from volsplat.splat_server.tile_news import TileNews
 
-TILE_NEWS_SECONDS = 0.002  # between two maps of closed tiles, and more where they are large
-TILE_NEWS_RATE = 100e6  # bytes a second, over all links
+NEWS_SECONDS = 0.002  # between two news of the merge, and more if maps of closed tiles are large
+NEWS_RATE = 100e6  # bytes a second, over all links
 LOOK_SECONDS = 1.0  # between two looks at the frame, if nothing is told
 
 
@@ -81,13 +81,13 @@ class SplatServer:
         self._drawing = False  # the assembly's frame is not finished
         self._frame_began = 0.0
         self._planning_seconds = 0.0
-        self._hidden_told = 0  # hidden packets when the workers last heard which tiles are closed
-        self._next_tile_news = 0.0
+        self._reached_told = (0, 0)  # sheet and row, when the workers last heard of the merge
+        self._next_news = 0.0
 
         self._heartbeat = Heartbeat(silence)
         self._heartbeat.keep(client, patience_with_client(client, silence))
         self._data_links = DataLinks(data_links, invitations, self._merge, self._lock, self._readable, self._heartbeat)
-        self._tile_news = TileNews()
+        self._merge_news = MergeNews()
         self._outbox = Outbox(client, image_sent=self._news.ring, failed=self._end)
 
     def run(self) -> None:
@@ -99,7 +99,7 @@ class SplatServer:
         finally:
             self._client.close()
             self._data_links.close()
-            self._tile_news.close()
+            self._merge_news.close()
             self._outbox.close()
             self._heartbeat.close()
             receiver.join()
@@ -135,11 +135,12 @@ class SplatServer:
         if complete:
             self._finish_frame(assembly)
             return 0.0
-        if assembly.splat.hidden_packets == self._hidden_told:
+        if not assembly.plan.hides:
             return LOOK_SECONDS
-        if (early := self._next_tile_news - time.perf_counter()) > 0:
+        if (early := self._next_news - time.perf_counter()) > 0:
             return early
-        self._tell_closed_tiles(assembly)
+        if (reached := assembly.splat.reached()) != self._reached_told:
+            self._tell_of_merge(assembly, reached)
         return LOOK_SECONDS
 
     def _finish_frame(self, assembly: FrameAssembly) -> None:
@@ -175,19 +176,23 @@ class SplatServer:
         counts.add_all("link_held_back_seconds", [(f"from map/shade server {n}", seconds) for n, seconds in held_back])
         counts.add_all("losses", [("map/shade server", 1.0) for _ in self._lost])
 
-    def _tell_closed_tiles(self, assembly: FrameAssembly) -> None:
-        """Have the workers leave out what is hidden. Hidden packets show that more of it is likely to come."""
-        self._hidden_told = assembly.splat.hidden_packets
+    def _tell_of_merge(self, assembly: FrameAssembly, reached: tuple[int, int]) -> None:
+        """Have the workers leave out what is hidden, and come after."""
+        self._reached_told = reached
         links = self._data_links.of_unfinished_workers()
         if not links:
             return
         (begin, end), width = assembly.lines, assembly.plan.width
         rows, row = assembly.rows_of_tiles, tile_map_bytes(width, TILE_SIDE)
         tile_map = bytes(assembly.closed_tiles.cast("B")[rows.start * row : rows.stop * row])
-        seconds = max(TILE_NEWS_SECONDS, len(tile_map) * len(links) / TILE_NEWS_RATE)
-        self._next_tile_news = time.perf_counter() + seconds
-        closed = messages.TilesClosed(frame=assembly.frame, width=width, begin=begin, end=end)
-        self._tile_news.post(closed, tile_map, links)
+        seconds = max(NEWS_SECONDS, len(tile_map) * len(links) / NEWS_RATE)
+        self._next_news = time.perf_counter() + seconds
+        news = News(
+            messages.MergeReached(frame=assembly.frame, sheet=reached[0], row=reached[1]),
+            messages.TilesClosed(frame=assembly.frame, width=width, begin=begin, end=end),
+            tile_map,
+        )
+        self._merge_news.post(news, links)
 
     def _stats(self, assembly: FrameAssembly) -> messages.SplatStats:
         links, frame = self._data_links, assembly.frame
@@ -254,7 +259,7 @@ class SplatServer:
         self._frame_came = min(self._newest_came, self._frame_began)
         self._spans = self._data_links.spans(request.frame) if request.traced else UNTRACED
         self._data_links.begin_frame()
-        self._hidden_told, self._lost = 0, []
+        self._reached_told, self._lost = (0, 0), []
         self._drawing = False
         self._assembly = None
         assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))

@@ -1,4 +1,6 @@
-"""What servers are told of a frame: its plan, made once for all of them, and its shading rule."""
+"""What servers are told of a frame: its plan, made once for all of them, its shading rule, and how to go about it."""
+
+from collections.abc import Mapping
 
 from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.protocol.description.scene import Scene, Step
@@ -8,6 +10,34 @@ from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.shading_rule import shading_rule
+
+MUCH_HIDDEN = 0.25  # of the packets that were sent
+PACED_FRAMES = 16  # then one that is not paced shows how much is hidden now
+
+
+class HiddenShare:
+    """How much was sent in vain, by which it is seen whether walkers should wait for the merge.
+
+    Waiting costs time wherever little is hidden: then several links that could be busy wait for one.
+    """
+
+    def __init__(self) -> None:
+        self._paced = 0  # frames that still are
+
+    @property
+    def much(self) -> bool:
+        """Whether it is worth it to wait."""
+        return self._paced > 0
+
+    def measured(self, request: messages.RenderFrame, stats: Mapping[int, messages.SplatStats]) -> None:
+        """Take what the splat servers of a finished frame report."""
+        if request.paced:
+            self._paced -= 1
+        if request.paced or not request.plan.hides:
+            return
+        packets = sum(one.packets for one in stats.values())
+        hidden = sum(one.hidden_packets for one in stats.values())
+        self._paced = PACED_FRAMES if hidden > MUCH_HIDDEN * packets else 0
 
 
 def frame_request(
@@ -22,6 +52,7 @@ def frame_request(
     owners: dict[int, int],
     shares: RegionShares,
     exact: bool = True,
+    paced: bool = False,
 ) -> messages.RenderFrame:
     """`workers` are the map/shade servers with their walkers, `owners` the splat servers with theirs.
 
@@ -39,4 +70,5 @@ def frame_request(
         workers=workers,
         regions=shares.regions(plan, owners),
         exact=exact,
+        paced=paced,
     )

@@ -11,7 +11,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ReportProgress,
     Send,
 )
-from volsplat.client.coordinator.frame_request import frame_request
+from volsplat.client.coordinator.frame_request import HiddenShare, frame_request
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.region_shares import RegionShares
 from volsplat.client.coordinator.running_frame import RunningFrame
@@ -40,6 +40,7 @@ class Frames:
         self._servers = servers
         self._holding = holding
         self._shares = RegionShares()
+        self._hidden = HiddenShare()
         self._work = work
 
     @takes(FrameAsked)
@@ -83,6 +84,7 @@ class Frames:
                 self._servers.owners,
                 self._shares,
                 frame.exact,
+                self._hidden.much,
             )
         except BadInput as error:
             return self.end(error)
@@ -243,6 +245,7 @@ class Frames:
             return []
         self._owed = False
         self._shares.measured(frame.request, frame.splat)
+        self._hidden.measured(frame.request, frame.splat)
         self._work.measured(frame.scene, frame.map_shade, frame.splat, frame.drawn_at)
         self.frame = None
         return [image]

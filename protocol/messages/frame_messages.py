@@ -59,8 +59,9 @@ class MapShadeStats(Detail, frozen=True):
     """What a frame cost one map/shade server.
 
     Seconds follow each other: planning, then map/shade, coding and sending by turns, those of the walker that was busy
-    for the longest time. `waiting_seconds` is the part of sending that back-pressure held up. Of `raw_bytes` of
-    batches `bytes` were sent, fewer if batches were coded or lay in shared memory.
+    for the longest time. `waiting_seconds` is the part of sending that back-pressure held up, or for which it waited
+    until the merge was near enough (see RenderFrame). Of `raw_bytes` of batches `bytes` were sent, fewer if batches
+    were coded or lay in shared memory.
     """
 
     voxels_visited: Count
@@ -133,7 +134,8 @@ class RenderFrame(Message, frozen=True):
     All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
     map/shade servers whose batches make up the image, each with the number of its threads that walk. `regions` say
     which splat server splats which lines. `geometry` is the volume's, whatever level is drawn. A
-    finished image that need not be `exact` may come with 8 bits a channel, as those before it may. Of one that is
+    finished image that need not be `exact` may come with 8 bits a channel, as those before it may. If it is `paced`
+    walkers wait for the merge where their links are slow, so as to send little that is hidden. Of one that is
     `traced` the servers keep for ReadTrace what they did when.
     """
 
@@ -147,6 +149,7 @@ class RenderFrame(Message, frozen=True):
     workers: Annotated[dict[ServerId, Threads], Meta(max_length=MAX_SERVERS)]
     regions: Regions
     exact: bool
+    paced: bool = False
     traced: bool = False
 
     def __post_init__(self) -> None:
@@ -245,6 +248,15 @@ class Batch(Message, frozen=True):
         if self.raw_bytes > self.largest_payload:  # before there is memory for it
             raise ValueError(f"a coded batch of {self.raw_bytes} bytes exceeds the limit of {self.largest_payload}")
         return self.coded_bytes
+
+
+@says(DATA_LINK_TO_SPLAT.back)
+class MergeReached(Message, frozen=True):
+    """Splat server to map/shade data link: all of this frame that lies before row (sheet, row) has been splatted."""
+
+    frame: FrameId
+    sheet: Ordinal
+    row: Ordinal
 
 
 @says(DATA_LINK_TO_SPLAT.back)

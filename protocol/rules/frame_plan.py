@@ -102,6 +102,11 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (sheet, row, sample)
 
     @property
+    def hides(self) -> bool:
+        """Whether samples are left out that reach closed tiles only (see closed_tiles)."""
+        return self.order == Order.FRONT_TO_BACK and self.reach != Reach.PIXEL
+
+    @property
     def keys(self) -> Index:
         """Below what the sheet, row and sample of a row run lie (see packet_layout)."""
         sheet, row, sample = self.counts

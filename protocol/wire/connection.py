@@ -24,6 +24,7 @@ from volsplat.protocol.wire.descriptors import ReceivedDescriptors
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
 from volsplat.protocol.wire.peer import Counters, Peer
+from volsplat.protocol.wire.round_trip import round_trip
 from volsplat.protocol.wire.socket_options import lose_after, set_options
 from volsplat.protocol.wire.tls_channel import TlsChannel
 
@@ -96,6 +97,13 @@ class Connection:
             return str(self._socket.getsockname()[0])
         except OSError:
             return ""
+
+    @property
+    def round_trip(self) -> float:
+        """Seconds that a word and its answer take at least, as far as the system has measured them."""
+        with suppress(OSError):  # it is closed
+            return round_trip(self._socket)
+        return 0.0
 
     def __str__(self) -> str:
         return str(self._peer) if self._peer is not None else self._place

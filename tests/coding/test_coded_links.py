@@ -13,10 +13,11 @@ from support.scenes.coded_batches import raw_bytes
 from support.scenes.shaded_packets import all_batches
 from support.scenes.shadings import WINDOW
 from volsplat.bench.slow_link import slow_link
-from volsplat.mapshade_server.batch_coder import CLOSE, QUICK
-from volsplat.mapshade_server.data_link import DataLink, Sent
-from volsplat.mapshade_server.frame_walk import FrameWalk, ShadedBatch
-from volsplat.mapshade_server.link_coding import BYTES_WITHOUT_WAIT, RAW, CodingChoice
+from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK
+from volsplat.mapshade_server.links.data_link import DataLink, Sent
+from volsplat.mapshade_server.links.link_coding import BYTES_WITHOUT_WAIT, RAW, CodingChoice
+from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
@@ -62,7 +63,7 @@ def linked(bits_per_second: float | None) -> Iterator[tuple[DataLink, Connection
 
 
 def frame_of(batches: list[ShadedBatch], link: DataLink, frame: int, plan: FramePlan, costs: list[Sent]) -> None:
-    link.begin_frame(frame, plan, new_tile_map(plan.width, plan.height))
+    link.begin_frame(frame, plan, new_tile_map(plan.width, plan.height), paced_walkers=0)
     for sequence, batch in enumerate(batches):
         parts = [messages.BatchPart(part.run_count, part.packet_count) for part in batch.parts]
         message = messages.Batch(frame, 3, 0, sequence, 0, parts, *batch.reached, batch.last)

@@ -260,7 +260,7 @@ def test_a_server_ends_where_the_memory_does_not_suffice_for_a_part() -> None:
 
 def test_a_server_ends_though_the_splat_server_cannot_be_reached(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     """It would be dialled for ever."""
-    monkeypatch.setattr("volsplat.mapshade_server.data_links.connect", partial(connect, patience=math.inf))
+    monkeypatch.setattr("volsplat.mapshade_server.links.data_links.connect", partial(connect, patience=math.inf))
     nobody = bench.splat_servers[0].address
     bench.splat_servers[0].close()
     before = bench.connection.counters.messages_in

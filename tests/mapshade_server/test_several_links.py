@@ -15,7 +15,7 @@ from support.programs.mapshade_bench import KEY, SCENE, Bench, probe, render
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.mapshade_server.data_links import DataLinks
+from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages

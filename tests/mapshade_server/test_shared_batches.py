@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.patience import PATIENCE
-from volsplat.mapshade_server import shared_batches as map_shade
-from volsplat.mapshade_server.frame_walk import ShadedPart
+from volsplat.mapshade_server.links import shared_batches as map_shade
+from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES

@@ -26,7 +26,7 @@ BOTH_SERVERS = Path("client/session/single.py")  # the single process runs their
 FLOORS = {
     "protocol": ("text geometry", "description", "rules", "messages", "wire", "."),
     "mapshade_server": (
-        "readers/reading",
+        "readers/reading links",
         "readers/arrays readers/astronomy readers/geology readers/molecules",
         "readers/vtk_files readers/medicine readers/zarr_arrays",
         "readers",

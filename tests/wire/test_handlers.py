@@ -8,8 +8,8 @@ import pytest
 
 from volsplat.client.coordinator import coordinator
 from volsplat.client.trace.frame_tracer import FrameTracer
-from volsplat.mapshade_server import data_link
 from volsplat.mapshade_server import server as mapshade_server
+from volsplat.mapshade_server.links import data_link
 from volsplat.protocol.messages.greetings import Hello
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.roles import Role

@@ -202,6 +202,11 @@ std::vector<std::vector<std::tuple<const char*, double, double>>> spans(const Sp
     return all;
 }
 
+std::tuple<std::uint32_t, std::uint32_t> reached(SplatFrame& frame) {
+    const Place place = frame.reached();
+    return {place.sheet, place.row};
+}
+
 std::tuple<int, int, int, int> rectangle(const SplatFrame& frame) {
     const Rectangle& rectangle = frame.block().rectangle;
     return {rectangle.left, rectangle.top, rectangle.width(), rectangle.height()};
@@ -248,6 +253,7 @@ void bind_owners(nb::module_& m) {
         .def_prop_ro("awaited", &SplatFrame::awaited)
         .def_prop_ro("packets", &SplatFrame::packets)
         .def_prop_ro("hidden_packets", &SplatFrame::hidden_packets)
+        .def("reached", &reached)
         .def_prop_ro("rectangle", &rectangle)
         .def_prop_ro("work", &SplatFrame::work)
         .def_prop_ro("seconds", &seconds)

@@ -40,6 +40,8 @@ public:
     int waits_for() const;
     // Nothing may come any more and nothing is left.
     bool complete() const { return head_ < 0; }
+    // All that lies before it has been passed; of buffers that are not complete.
+    const MergeKey& reached() const { return sources_[head_].key; }
 
 private:
     struct Buffer {

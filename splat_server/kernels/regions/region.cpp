@@ -41,13 +41,21 @@ bool Region::put(Arrival arrival) {
 
 bool Region::advance(std::uint64_t max_packets, OwnerRecord& record) {
     const std::uint64_t packets = merge(max_packets, record);
-    if (packets == 0) return false;
-    const Stopwatch watch(record, kSplatting);
-    splat();
-    spans_.clear();
-    spent_.clear();
-    packets_ += packets;
-    return true;
+    if (packets) {
+        const Stopwatch watch(record, kSplatting);
+        splat();
+        spans_.clear();
+        spent_.clear();
+        packets_ += packets;
+    }
+    reached_ = place();
+    return packets > 0;
+}
+
+Place Region::place() const {
+    if (buffers_.complete()) return kEnd;
+    const MergeKey& key = buffers_.reached();
+    return {static_cast<std::uint32_t>(key.row), static_cast<std::uint32_t>(key.sheet)};
 }
 
 std::uint64_t Region::merge(std::uint64_t max_packets, OwnerRecord& record) {

@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <memory>
 #include <mutex>
+#include <utility>
 #include <vector>
 
 #include "merge.h"
@@ -63,6 +64,15 @@ private:
     const Clock::time_point began_;
 };
 
+// A row of a sheet, in one word so that any thread may read it while its owner goes on.
+struct Place {
+    std::uint32_t row, sheet;
+    auto operator<=>(const Place& other) const { return std::pair(sheet, row) <=> std::pair(other.sheet, other.row); }
+    bool operator==(const Place&) const = default;
+};
+
+constexpr Place kEnd{~0u, ~0u};
+
 class Region {
 public:
     // The image outlives it, and what the job points to. The job says what is splatted, and into which lines.
@@ -82,6 +92,8 @@ public:
     // For its owner, once it is complete: from then on it stands in the block, and its lines are empty.
     void publish(const PixelBlock& target);
     bool published() const { return published_.load(); }
+    // All that lies before this place of the traversal has been splatted.
+    Place reached() const { return reached_.load(); }
 
     // Once its owner is at it no more: empties what was not published.
     void drop();
@@ -97,6 +109,7 @@ public:
 private:
     std::uint64_t merge(std::uint64_t max_packets, OwnerRecord& record);
     void splat();
+    Place place() const;
     void publish_to(const PixelBlock& target) const;
     RowSpan drawn() const { return {drawn_begin_.load(), drawn_end_.load()}; }
 
@@ -117,6 +130,7 @@ private:
 
     std::atomic<int> drawn_begin_, drawn_end_;  // lines outside of these are empty
     std::atomic<std::uint64_t> packets_{0}, hidden_packets_{0};
+    std::atomic<Place> reached_{Place{0, 0}};
     std::mutex showing_;  // its lines must not be emptied meanwhile
     std::atomic<bool> published_{false};
 };

@@ -89,9 +89,9 @@ bool SplatFrame::splat(int owner) {
     for (std::size_t n = owner; n < regions_.size() && !stopped_; n += bells_.owners.size()) {
         Region& region = *regions_[n];
         if (region.published() || region.awaited() >= 0) continue;
-        const std::uint64_t hidden = region.hidden_packets();
+        const Place before = region.reached();
         splatted |= region.advance(task_.portion, records_[owner]);
-        if (task_.walks.empty() && region.hidden_packets() != hidden) bells_.news->ring();
+        if (region.reached() != before) tell_progress();
         if (region.complete()) publish(region, owner);
     }
     return splatted;
@@ -158,6 +158,18 @@ Walked SplatFrame::walked() const {
 // In case that sources are held back.
 void SplatFrame::tell_if_all_wait() {
     if (task_.walks.empty() && waiting_ == unfinished_) bells_.all_wait->ring();
+}
+
+// Once for each time that it was asked: a frame goes on more often than anyone wants to know.
+void SplatFrame::tell_progress() {
+    if (asked_ && asked_.exchange(false)) bells_.news->ring();
+}
+
+Place SplatFrame::reached() {
+    asked_ = true;  // before looking: what comes next is told
+    Place least = kEnd;
+    for (const auto& region : regions_) least = std::min(least, region->reached());
+    return least;
 }
 
 std::vector<int> SplatFrame::awaited() const {

@@ -43,7 +43,7 @@ struct Walked {  // what walks have handed out
 
 struct FrameBells {
     std::vector<std::shared_ptr<Bell>> owners;
-    std::shared_ptr<Bell> news;      // the frame is complete, or has failed; more was hidden that had been pushed
+    std::shared_ptr<Bell> news;      // the frame is complete, or has failed, or has gone on since reached() was asked
     std::shared_ptr<Bell> all_wait;  // regions, for something to be pushed
 };
 
@@ -72,6 +72,8 @@ public:
     const std::shared_ptr<float[]>& pixels() const { return pixels_; }
     std::uint64_t packets() const;
     std::uint64_t hidden_packets() const;
+    // All that lies before it has been splatted in every region; kEnd once that is all.
+    Place reached();
     ImageMemory& image() { return *image_; }
 
     // Once it is complete.
@@ -103,6 +105,7 @@ private:
     bool walk(int owner);
     void publish(Region& region, int owner);
     void tell_if_all_wait();
+    void tell_progress();
 
     const FrameTask task_;
     const std::shared_ptr<ImageMemory> image_;
@@ -123,6 +126,7 @@ private:
     std::atomic<int> unfinished_;  // regions
     std::atomic<int> waiting_{0};  // of them
     std::atomic<bool> stopped_{false};
+    std::atomic<bool> asked_{false};    // how far it is, since that was told
     mutable std::mutex failure_mutex_;  // guards the next
     std::exception_ptr failure_;
 };

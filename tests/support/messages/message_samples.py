@@ -134,6 +134,7 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         ),
         (messages.BlocksShared(12, 1 << 21), b""),
         (messages.BlocksFreed([0, 2, 0]), b""),
+        (messages.MergeReached(7, 5, 12), b""),
         (messages.TilesClosed(7, 260, 4, 9), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
         (messages.ProbeVoxels(5, 1, LINE, SHADING, GEOMETRY, QUANTISATION, 0), b""),
         (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
@@ -366,6 +367,7 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         ordinals,
         st.booleans(),
     ),
+    messages.MergeReached: st.builds(messages.MergeReached, ids, st.integers(0, 1 << 31), st.integers(0, 1 << 31)),
     messages.TilesClosed: st.builds(
         messages.TilesClosed, ids, st.integers(1, 600), st.integers(0, 5).map(TILE_SIDE.__mul__), st.integers(20, 40)
     ),

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Callable, Mapping, Sequence
 
-from volsplat.mapshade_server.data_link import DataLink
+from volsplat.mapshade_server.links.data_link import DataLink
 from volsplat.protocol.messages.messages import Route
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.closed_tiles import new_tile_map
@@ -79,11 +79,14 @@ class DataLinks:
     def _is_unwanted(self, route: Route) -> bool:
         return self._wanted is not None and route not in self._wanted
 
-    def begin_frame(self, frame: int, plan: FramePlan) -> memoryview:
-        """The map of closed tiles of a frame's image, which every splat server has filled from now on for its lines."""
+    def begin_frame(self, frame: int, plan: FramePlan, paced_walkers: int) -> memoryview:
+        """The map of closed tiles of a frame's image, which every splat server has filled from now on for its lines.
+
+        `paced_walkers` are held back where a link is slow (see link_pace).
+        """
         tile_map = new_tile_map(plan.width, plan.height)
         for link in self._links.values():
-            link.begin_frame(frame, plan, tile_map)
+            link.begin_frame(frame, plan, tile_map, paced_walkers)
         return tile_map
 
     def interrupt(self) -> None:

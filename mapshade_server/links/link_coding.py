@@ -4,8 +4,8 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from volsplat.mapshade_server.batch_coder import CLOSE, QUICK, BatchCoder, coder_of
-from volsplat.mapshade_server.frame_walk import ShadedPart
+from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder, coder_of
+from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import FramePlan
 
@@ -37,7 +37,7 @@ class CodingChoice:
 
     def __init__(self) -> None:
         self._costs: dict[int | None, Cost] = {RAW: Cost(0.0, 1.0), QUICK: Cost(1.1e-9, 0.4), CLOSE: Cost(1.8e-9, 0.28)}
-        self._seconds_per_byte = 0.0  # of the link
+        self.seconds_per_byte = 0.0  # of the link; 0 if it is no hindrance
         self._waited_at: float | None = None  # when a send last waited, in this frame
         self._since_wait = 0  # bytes sent
         self._without_wait = 0  # raw bytes, over frames
@@ -45,7 +45,7 @@ class CodingChoice:
     @property
     def level(self) -> int | None:
         """For the next batch: of the compression, or RAW."""
-        link = self._seconds_per_byte
+        link = self.seconds_per_byte
         return min(self._costs, key=lambda level: self._costs[level].seconds + self._costs[level].ratio * link)
 
     def begin_frame(self) -> None:
@@ -60,12 +60,12 @@ class CodingChoice:
         if not waited:
             self._without_wait += raw_bytes
             if self._without_wait > BYTES_WITHOUT_WAIT:
-                self._seconds_per_byte = 0.0
+                self.seconds_per_byte = 0.0
             return
         if self._waited_at is not None and self._since_wait:
             measured = (now - self._waited_at) / self._since_wait
-            before = self._seconds_per_byte or measured
-            self._seconds_per_byte = before + SHARE_OF_NEWEST * (measured - before)
+            before = self.seconds_per_byte or measured
+            self.seconds_per_byte = before + SHARE_OF_NEWEST * (measured - before)
         self._waited_at, self._since_wait, self._without_wait = now, 0, 0
 
 

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import zstandard
 
-from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frame_walk import ShadedPart
+from volsplat.mapshade_server._kernels import BatchEncoder
+from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.sample_lattice import sample_lattice
 
@@ -17,7 +17,7 @@ class BatchCoder:
 
     def __init__(self, plan: FramePlan) -> None:
         """Raises ValueError where samples lie so close together that positions do not tell them apart."""
-        self._encoder = _kernels.BatchEncoder(sample_lattice(plan))
+        self._encoder = BatchEncoder(sample_lattice(plan))
         self._compressors: dict[int, zstandard.ZstdCompressor] = {}
 
     def coded(self, parts: Sequence[ShadedPart], level: int) -> bytes:

@@ -3,6 +3,7 @@
 Walkers send; a thread of the link's own hears which tiles of the image are closed.
 """
 
+import math
 import threading
 import time
 from collections.abc import Sequence
@@ -10,9 +11,10 @@ from typing import NamedTuple
 
 import msgspec
 
-from volsplat.mapshade_server.frame_walk import ShadedPart
-from volsplat.mapshade_server.link_coding import LinkCoding
-from volsplat.mapshade_server.shared_batches import SharedBatches
+from volsplat.mapshade_server.links.link_coding import LinkCoding
+from volsplat.mapshade_server.links.link_pace import LinkPace
+from volsplat.mapshade_server.links.shaded_batch import ShadedPart
+from volsplat.mapshade_server.links.shared_batches import SharedBatches
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import check_handlers, handlers, takes
 from volsplat.protocol.messages.roles import Role
@@ -22,6 +24,8 @@ from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection, ConnectionClosed
 from volsplat.protocol.wire.peer import Counters
+
+NEWS_SECONDS = 0.012  # from when a batch has come until there is news of it: splatting, and the time between two news
 
 
 class FrameTiles(NamedTuple):
@@ -51,6 +55,7 @@ class DataLink:
         self._failure: VolsplatError | None = None  # how the splat server was lost
         self._coding = None if connection.may_share_memory else LinkCoding()  # within a machine nothing is gained
         self._shared = SharedBatches(connection)
+        self.pace = LinkPace(self._carried_meanwhile)
         self._hearing = threading.Thread(target=self._hear, name=f"receive from {connection.peer}", daemon=True)
         self._hearing.start()
 
@@ -62,9 +67,10 @@ class DataLink:
     def counters(self) -> Counters:
         return self._connection.counters
 
-    def begin_frame(self, frame: int, plan: FramePlan, tile_map: memoryview) -> None:
+    def begin_frame(self, frame: int, plan: FramePlan, tile_map: memoryview, paced_walkers: int) -> None:
         """The splat server's lines of the map of closed tiles are filled from now on (see protocol.closed_tiles)."""
         self._tiles = FrameTiles(frame, tile_map)
+        self.pace.begin_frame(frame, paced_walkers)
         if self._coding is not None:
             self._coding.begin_frame(plan)
 
@@ -87,10 +93,19 @@ class DataLink:
             self._hearing.join()  # it closed the connection, and is about to say why
             raise self._failure or closed from None
         ended, waited = time.perf_counter(), self.counters.seconds_in_send - waited
+        packets = sum(part.packet_count for part in parts)
+        self.pace.sent(batch.walker, (batch.reached_sheet, batch.reached_row), batch.payload_bytes(), packets)
         if self._coding is not None:
             self._coding.choice.sent(batch.raw_bytes, batch.payload_bytes(), waited > 0, ended)
         seconds = ended - sending
         return Sent(batch.payload_bytes(), sending - began, seconds, min(seconds, waited))  # another walker waits, too
+
+    def _carried_meanwhile(self) -> float:
+        """Bytes that it carries until there is news of what was sent; without end if it is no hindrance."""
+        seconds_per_byte = self._coding.choice.seconds_per_byte if self._coding is not None else 0.0
+        if seconds_per_byte == 0.0:
+            return math.inf
+        return (self._connection.round_trip + NEWS_SECONDS) / seconds_per_byte
 
     def interrupt(self) -> None:
         """Close it from any thread: whoever sends is woken."""
@@ -116,6 +131,10 @@ class DataLink:
         begin = message.begin // TILE_SIDE * tile_map_bytes(message.width, TILE_SIDE)
         if message.frame == tiles.frame and begin + len(payload) <= len(whole):
             whole[begin : begin + len(payload)] = payload
+
+    @takes(messages.MergeReached)
+    def _follow_merge(self, message: messages.MergeReached, _: memoryview) -> None:
+        self.pace.splatted(message.frame, (message.sheet, message.row))
 
     @takes(messages.BlocksFreed)
     def _take_blocks_back(self, message: messages.BlocksFreed, _: memoryview) -> None:

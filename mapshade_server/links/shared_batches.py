@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Sequence
 
-from volsplat.mapshade_server.frame_walk import ShadedPart
+from volsplat.mapshade_server.links.shaded_batch import ShadedPart
 from volsplat.protocol.messages.messages import BlocksShared
 from volsplat.protocol.text.errors import RemoteProtocolError
 from volsplat.protocol.wire.connection import Connection
