@@ -37,17 +37,23 @@ struct SlabRays {
     int baseline;                         // pixels to either side that gradients look at
 };
 
-// Integrals over a table, from entry 0 to before each.
-typedef double ColourIntegral[kTableEntries + 1][4];               // red, green and blue times the depth, and the depth
-typedef double DepthIntegrals[kTableEntries + 1][kOpacityLevels];  // by 255 times the opacity that density lacks
+// Integrals over tables, from entry 0 to before each: of the depth that density alone gives, and of that times red,
+// green and blue of both colours; and of the depth by 255 times the opacity that density lacks.
+struct ColourIntegral {
+    double emit[3], depth, refl[3], unused;
+};
+typedef double DepthIntegrals[kTableEntries + 1][kOpacityLevels];
 
 struct SlabShadingView {
     const SlabScene* scene;
     const SlabGrid* grid;
     const SlabRays* rays;
     const std::int32_t* next_visible;  // [257]: the first entry from each on that can be seen
+    int first_visible, last_visible;   // entries; all between can be seen if `visible_together`
+    bool visible_together;
+    bool opaque_by_density;  // and by nothing else
     const DepthIntegrals* depths;
-    const ColourIntegral* colours[2];  // of emit and refl; null if all of it is black
+    const ColourIntegral* colours;  // [257]
 };
 
 // Some pixels of one slab. A density of 0 is not known; those that are known lie above it.
@@ -55,9 +61,9 @@ struct SlabSamples {
     int count;
     std::int64_t slab;
     std::int32_t x[kTilePixels], y[kTilePixels];
-    float here[2][kTilePixels];                          // densities on its two planes
-    float beside[2][4][kTilePixels];                     // left, right, above and below, as far as gradients look
-    float colour[3][kTilePixels], opacity[kTilePixels];  // what comes of it
+    float here[2][kTilePixels];       // densities on its two planes
+    float beside[2][4][kTilePixels];  // left, right, above and below, as far as gradients look
+    float found[kTilePixels][4];      // what comes of it: red, green, blue, and opacity
 };
 
 }  // namespace volsplat

@@ -24,13 +24,13 @@ public:
 private:
     bool by_density(int table) const { return scene_.cross_bar[table] == Field::density; }
 
-    const SlabScene scene_;
+    SlabScene scene_;
     const SlabGrid grid_;
     const SlabRays rays_;
     std::array<std::int32_t, kTableEntries + 1> next_visible_;
+    int last_visible_ = -1;
     const std::unique_ptr<DepthIntegrals[]> depths_;  // one
-    ColourIntegral colours_[2]{};
-    bool black_[2];
+    std::array<ColourIntegral, kTableEntries + 1> colours_{};
 };
 
 }  // namespace volsplat

@@ -1,7 +1,7 @@
 // Classifies and lights pixels of a slab, some at a time, step by step: the compiler makes vectors of each step's loop.
 // The arithmetic is the same on every machine.
+#include "few_powers.h"
 #include "kernels/compiler.h"
-#include "kernels/powers.h"
 #include "kernels/vectors.h"
 #include "splat_kernels.h"
 #include "splat_server/kernels/slab_samples.h"
@@ -12,19 +12,30 @@ namespace {
 
 constexpr int kAtOnce = 64;
 constexpr int kEmit = 0, kRefl = 1, kOpac = 2, kModu = 3;
-constexpr double kNoGradient = 1e-9;  // bytes per reference spacing
+constexpr float kNoGradient = 1e-9f;  // bytes per reference spacing
 constexpr double kNoDepth = 1e-12;
 constexpr double kParallel = 1e-12;
-constexpr double kLog2E = 1.44269504088896340736;
+constexpr double kInside = 1e-6;  // voxels: beyond what rounding may add
+constexpr int kDepth = 3;
 
 typedef double Reals[kAtOnce];
+typedef float Floats[kAtOnce];
 
-inline double least(double a, double b) { return b < a ? b : a; }
-inline double most(double a, double b) { return a < b ? b : a; }
-inline double within(double value, double low, double high) { return least(most(value, low), high); }
+template <class Real>
+inline Real least(Real a, Real b) {
+    return b < a ? b : a;
+}
+template <class Real>
+inline Real most(Real a, Real b) {
+    return a < b ? b : a;
+}
+template <class Real>
+inline Real within(Real value, Real low, Real high) {
+    return least(most(value, low), high);
+}
 
 // The last of the entries before a place of 0 to 256.
-inline std::int32_t entry_at(double place) { return static_cast<std::int32_t>(least(place, kTableEntries - 1)); }
+inline std::int32_t entry_at(double place) { return static_cast<std::int32_t>(least(place, kTableEntries - 1.0)); }
 
 typedef double TwoReals __attribute__((vector_size(16)));
 typedef double FourReals __attribute__((vector_size(32)));
@@ -39,7 +50,8 @@ inline Lanes integral_to(double place, const OfEntry& of_entry) {
 
 class SlabColours {
 public:
-    SlabColours(const SlabShadingView& view, SlabSamples& samples) : view_(view), samples_(samples) {}
+    SlabColours(const SlabShadingView& view, SlabSamples& samples)
+        : view_(view), samples_(samples), lies_inside_(lies_inside()) {}
 
     void find() {
         for (first_ = 0; first_ < samples_.count; first_ += kAtOnce) {
@@ -48,6 +60,7 @@ public:
             clip();
             orient();
             span();
+            integrate();
             make_opaque();
             colour();
         }
@@ -59,7 +72,7 @@ private:
     // Densities where known, else those of the other plane, and central differences in the middle of the slab; where a
     // neighbour is not known, one-sided ones.
     void reconstruct() {
-        const double aside = view_.rays->baseline;
+        const auto aside = static_cast<float>(view_.rays->baseline);
         const float *const front = samples_.here[0] + first_, *const back = samples_.here[1] + first_;
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
@@ -73,32 +86,81 @@ private:
                 const float* const here = samples_.here[side] + first_;
                 const float* const before = samples_.beside[side][2 * axis] + first_;
                 const float* const behind = samples_.beside[side][2 * axis + 1] + first_;
-                double* const differences = differences_[axis];
+                float* const differences = differences_[axis];
                 VOLSPLAT_INDEPENDENT
                 for (int n = 0; n < count_; ++n) {
-                    const double low = before[n] > 0 ? before[n] : here[n], high = behind[n] > 0 ? behind[n] : here[n];
-                    const double sides = (before[n] > 0 ? 1.0 : 0.0) + (behind[n] > 0 ? 1.0 : 0.0);
-                    const double planes = (front[n] > 0 ? 1.0 : 0.0) + (back[n] > 0 ? 1.0 : 0.0);
-                    const double slope = (high - low) / (aside * most(sides, 1.0) * most(planes, 1.0));
-                    differences[n] += here[n] > 0 ? slope : 0.0;
+                    const float low = before[n] > 0 ? before[n] : here[n], high = behind[n] > 0 ? behind[n] : here[n];
+                    const float sides = (before[n] > 0 ? 1.0f : 0.0f) + (behind[n] > 0 ? 1.0f : 0.0f);
+                    const float planes = (front[n] > 0 ? 1.0f : 0.0f) + (back[n] > 0 ? 1.0f : 0.0f);
+                    const float slope = (high - low) / (aside * most(sides, 1.0f) * most(planes, 1.0f));
+                    differences[n] += here[n] > 0 ? slope : 0.0f;
                 }
             }
+    }
+
+    // Whether the bounds leave all of the slab at all samples.
+    bool lies_inside() const {
+        if (samples_.count == 0) return true;
+        std::int32_t left = samples_.x[0], right = left, top = samples_.y[0], bottom = top;
+        for (int n = 1; n < samples_.count; ++n) {
+            left = least(left, samples_.x[n]), right = most(right, samples_.x[n]);
+            top = least(top, samples_.y[n]), bottom = most(bottom, samples_.y[n]);
+        }
+        const SlabRays& rays = *view_.rays;
+        bool inside = true;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double front = rays.origin[axis] + static_cast<double>(samples_.slab) * rays.behind[axis];
+            const double across[] = {left * rays.right[axis], right * rays.right[axis]};
+            const double down[] = {top * rays.down[axis], bottom * rays.down[axis]};
+            const double behind = rays.behind[axis];
+            const double low = front + least(across[0], across[1]) + least(down[0], down[1]) + least(behind, 0.0);
+            const double high = front + most(across[0], across[1]) + most(down[0], down[1]) + most(behind, 0.0);
+            inside = inside && low >= rays.low[axis] + kInside && high <= rays.high[axis] - kInside;
+        }
+        return inside;
     }
 
     // The part of the slab within the bounds: its densities, its thickness, and where its middle lies on the grid.
     void clip() {
         const SlabRays& rays = *view_.rays;
-        const std::int32_t *const x = samples_.x + first_, *const y = samples_.y + first_;
-        const double slab = static_cast<double>(samples_.slab);
+        if (lies_inside_) {
+            for (int n = 0; n < count_; ++n) thickness_[n] = rays.thickness;
+            if (indexed_by_place()) find_places(nullptr, nullptr);
+            return;
+        }
         Reals begin, end;
         for (int n = 0; n < count_; ++n) begin[n] = 0, end[n] = 1;
+        find_places(begin, end);
+        VOLSPLAT_INDEPENDENT
+        for (int n = 0; n < count_; ++n) {
+            const double from = from_[n], rise = to_[n] - from;
+            const double last = most(begin[n], end[n]);
+            thickness_[n] = (last - begin[n]) * rays.thickness;
+            from_[n] = static_cast<float>(from + begin[n] * rise);
+            to_[n] = static_cast<float>(from + last * rise);
+        }
+    }
+
+    bool indexed_by_place() const {
+        bool found = false;
+        for (int table = kEmit; table <= kModu; ++table)
+            found = found || view_.scene->cross_bar[table] >= Field::screen_x;
+        return found;
+    }
+
+    // Of the middle of what is left of the slab; what that is is found if it is asked for.
+    void find_places(double* begin, double* end) {
+        const SlabRays& rays = *view_.rays;
+        const std::int32_t *const x = samples_.x + first_, *const y = samples_.y + first_;
         for (int axis = 0; axis < 3; ++axis) {
-            const double step = rays.behind[axis], front = rays.origin[axis] + slab * step;
+            const double step = rays.behind[axis],
+                         front = rays.origin[axis] + static_cast<double>(samples_.slab) * step;
             const double low = rays.low[axis], high = rays.high[axis];
             const double right = rays.right[axis], down = rays.down[axis];
             double* const place = place_[axis];
             VOLSPLAT_INDEPENDENT
             for (int n = 0; n < count_; ++n) place[n] = front + x[n] * right + y[n] * down;
+            if (!begin) continue;
             if (__builtin_fabs(step) < kParallel) {
                 VOLSPLAT_INDEPENDENT
                 for (int n = 0; n < count_; ++n) end[n] = place[n] < low || place[n] > high ? 0.0 : end[n];
@@ -112,30 +174,26 @@ private:
                 end[n] = least(end[n], most(one, other));
             }
         }
-        VOLSPLAT_INDEPENDENT
-        for (int n = 0; n < count_; ++n) {
-            const double from = from_[n], rise = to_[n] - from;
-            const double last = most(begin[n], end[n]);
-            thickness_[n] = (last - begin[n]) * rays.thickness;
-            from_[n] = from + begin[n] * rise;
-            to_[n] = from + last * rise;
-            for (int axis = 0; axis < 3; ++axis) place_[axis][n] += (begin[n] + last) / 2 * rays.behind[axis];
-        }
+        for (int axis = 0; axis < 3; ++axis)
+            for (int n = 0; n < count_; ++n) {
+                const double middle = begin ? (begin[n] + most(begin[n], end[n])) / 2 : 0.5;
+                place_[axis][n] += middle * rays.behind[axis];
+            }
     }
 
     // Gradients along physical axes, and their sizes.
     void orient() {
-        const auto& matrix = view_.grid->gradient;
+        float matrix[3][3];
+        for (int axis = 0; axis < 3; ++axis)
+            for (int n = 0; n < 3; ++n) matrix[axis][n] = static_cast<float>(view_.grid->gradient[axis][n]);
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
-            const double across = differences_[0][n], down = differences_[1][n], behind = differences_[2][n];
-            double square = 0;
-            for (int axis = 0; axis < 3; ++axis) {
-                const double component = matrix[axis][0] * across + matrix[axis][1] * down + matrix[axis][2] * behind;
-                gradient_[axis][n] = component;
-                square += component * component;
-            }
-            size_[n] = __builtin_sqrt(square);
+            const float across = differences_[0][n], down = differences_[1][n], behind = differences_[2][n];
+            const float x = matrix[0][0] * across + matrix[0][1] * down + matrix[0][2] * behind;
+            const float y = matrix[1][0] * across + matrix[1][1] * down + matrix[1][2] * behind;
+            const float z = matrix[2][0] * across + matrix[2][1] * down + matrix[2][2] * behind;
+            gradient_[0][n] = x, gradient_[1][n] = y, gradient_[2][n] = z;
+            size_[n] = __builtin_sqrtf(x * x + y * y + z * z);
         }
     }
 
@@ -144,14 +202,41 @@ private:
         const double last = kTableEntries;
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
-            const double middle = (from_[n] + to_[n]) / 2 + 0.5,
-                         half = most(__builtin_fabs(to_[n] - from_[n]) / 2, 0.5);
+            const double from = from_[n], to = to_[n];
+            const double middle = (from + to) / 2 + 0.5, half = most(__builtin_fabs(to - from) / 2, 0.5);
             low_[n] = within(middle - half, 0.0, last - 0.5);
             high_[n] = within(middle + half, 0.5, last);
         }
     }
 
+    // Both colours times depth, and depth, over the span.
+    void integrate() {
+        const ColourIntegral* const colours = view_.colours;
+        for (int n = 0; n < count_; ++n) {
+            const auto emitted = [&](std::int32_t entry) { return colours[entry].emit; };
+            const auto reflected = [&](std::int32_t entry) { return colours[entry].refl; };
+            store(emitted_[n], integral_to<FourReals>(high_[n], emitted) - integral_to<FourReals>(low_[n], emitted));
+            store(reflected_[n],
+                  integral_to<FourReals>(high_[n], reflected) - integral_to<FourReals>(low_[n], reflected));
+        }
+    }
+
     void make_opaque() {
+        Reals through;
+        if (view_.opaque_by_density) {
+            for (int n = 0; n < count_; ++n) through[n] = emitted_[n][kDepth];
+        } else {
+            find_depths(through);
+        }
+        VOLSPLAT_INDEPENDENT
+        for (int n = 0; n < count_; ++n) {
+            const double depth = through[n] / (high_[n] - low_[n]) * thickness_[n];
+            opacity_[n] = depth < kNoDepth ? 0.0f : stopped_by(static_cast<float>(depth));
+        }
+    }
+
+    // By the opacity that is not density's.
+    void find_depths(Reals& depths) const {
         Reals others;
         for (int n = 0; n < count_; ++n) others[n] = kOpacityLevels - 1;
         for (int table = kOpac; table <= kModu; ++table) {
@@ -162,94 +247,83 @@ private:
             for (int n = 0; n < count_; ++n) others[n] *= entries[indices[n]];
         }
         const DepthIntegrals& integrals = *view_.depths;
-        float* const opacity = samples_.opacity + first_;
         for (int n = 0; n < count_; ++n) {
-            const double place = within(others[n], 0.0, kOpacityLevels - 1);
-            const auto level = static_cast<std::int32_t>(least(place, kOpacityLevels - 2));
+            const double place = within(others[n], 0.0, kOpacityLevels - 1.0);
+            const auto level = static_cast<std::int32_t>(least(place, kOpacityLevels - 2.0));
             const auto of_entry = [&](std::int32_t entry) { return integrals[entry] + level; };
-            const TwoReals depths =
-                integral_to<TwoReals>(high_[n], of_entry) - integral_to<TwoReals>(low_[n], of_entry);
-            depth_[n] = depths[0] + (place - level) * (depths[1] - depths[0]);
-        }
-        VOLSPLAT_INDEPENDENT
-        for (int n = 0; n < count_; ++n) {
-            const double through = depth_[n] / (high_[n] - low_[n]) * thickness_[n];
-            opacity[n] = static_cast<float>(through < kNoDepth ? 0.0 : 1 - exp2_exactly(-through * kLog2E));
+            const TwoReals found = integral_to<TwoReals>(high_[n], of_entry) - integral_to<TwoReals>(low_[n], of_entry);
+            depths[n] = found[0] + (place - level) * (found[1] - found[0]);
         }
     }
 
+    // Of what density does not index the entry, else the mean over the span, by the depth that density alone gives.
     void colour() {
-        Reals lit, emitted[3], reflected[3];
+        Floats lit;
         light(lit);
-        entries(kEmit, view_.scene->emit, emitted);
-        entries(kRefl, view_.scene->refl, reflected);
-        for (int channel = 0; channel < 3; ++channel) {
-            float* const colour = samples_.colour[channel] + first_;
-            VOLSPLAT_INDEPENDENT
-            for (int n = 0; n < count_; ++n)
-                colour[n] = static_cast<float>(within(emitted[channel][n] + reflected[channel][n] * lit[n], 0.0, 1.0));
+        if (!by_density(kEmit)) take_entries(kEmit, view_.scene->emit, emitted_);
+        if (!by_density(kRefl)) take_entries(kRefl, view_.scene->refl, reflected_);
+        const bool of_emit = by_density(kEmit), of_refl = by_density(kRefl);
+        const FourReals none{}, whole = none + 1.0;
+        for (int n = 0; n < count_; ++n) {
+            const double depth = emitted_[n][kDepth], share = depth < kNoDepth ? 0.0 : 1 / depth;
+            const FourReals emitted = load<FourReals>(emitted_[n]) * (of_emit ? share : 1.0);
+            const FourReals reflected = load<FourReals>(reflected_[n]) * (of_refl ? share : 1.0);
+            const FourReals sum = emitted + reflected * static_cast<double>(lit[n]);
+            const FourReals above = sum < none ? none : sum, found = whole < above ? whole : above;
+            float* const out = samples_.found[first_ + n];
+            store(out, __builtin_convertvector(found, Four));
+            out[kDepth] = opacity_[n];
         }
     }
 
-    // Of a table that density indexes the mean over the span, by the depth that density alone gives.
-    void entries(int table, const double (*entries)[3], Reals (&found)[3]) const {
-        if (!view_.colours[table]) {
-            for (int channel = 0; channel < 3; ++channel)
-                for (int n = 0; n < count_; ++n) found[channel][n] = 0;
-            return;
-        }
+    void take_entries(int table, const double (*entries)[3], double (*found)[4]) const {
         std::int32_t indices[kAtOnce];
         index(table, indices);
-        for (int channel = 0; channel < 3; ++channel)
-            for (int n = 0; n < count_; ++n) found[channel][n] = entries[indices[n]][channel];
-        if (!by_density(table)) return;
-        const ColourIntegral& integral = *view_.colours[table];
-        const auto of_entry = [&](std::int32_t entry) { return integral[entry]; };
-        for (int n = 0; n < count_; ++n) {
-            const FourReals sum =
-                integral_to<FourReals>(high_[n], of_entry) - integral_to<FourReals>(low_[n], of_entry);
-            const double depth = sum[3];
-            for (int channel = 0; channel < 3; ++channel)
-                found[channel][n] = depth < kNoDepth ? found[channel][n] : sum[channel] / depth;
-        }
+        for (int n = 0; n < count_; ++n)
+            for (int channel = 0; channel < 3; ++channel) found[n][channel] = entries[indices[n]][channel];
     }
 
     // What multiplies the reflected colour. A gradient points to rising density: outwards is its opposite.
-    void light(Reals& lit) const {
+    void light(Floats& lit) const {
         const SlabScene& scene = *view_.scene;
-        const auto &lamp = scene.light, &half_way = scene.half_way;
-        Reals half;
-        const double diffuse = scene.diffuse ? 1 : 0;
+        float lamp[3], half_way[3];
+        for (int axis = 0; axis < 3; ++axis) {
+            lamp[axis] = static_cast<float>(scene.light[axis]);
+            half_way[axis] = static_cast<float>(scene.half_way[axis]);
+        }
+        Floats half;
+        const float diffuse = scene.diffuse ? 1 : 0, power = static_cast<float>(scene.specular_power);
+        const bool two_sided = scene.two_sided;
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) {
-            const double size = most(size_[n], kNoGradient);
-            const double x = -gradient_[0][n] / size, y = -gradient_[1][n] / size, z = -gradient_[2][n] / size;
-            const double lambert = x * lamp[0] + y * lamp[1] + z * lamp[2];
-            const double towards_half = x * half_way[0] + y * half_way[1] + z * half_way[2];
-            const double shown = scene.two_sided ? __builtin_fabs(lambert) : lambert;
-            half[n] = shown > 0 ? (scene.two_sided ? __builtin_fabs(towards_half) : towards_half) : 0.0;
-            lit[n] = diffuse * most(shown, 0.0);
+            const float outwards = -1 / most(size_[n], kNoGradient);
+            const float x = gradient_[0][n] * outwards, y = gradient_[1][n] * outwards, z = gradient_[2][n] * outwards;
+            const float lambert = x * lamp[0] + y * lamp[1] + z * lamp[2];
+            const float towards_half = x * half_way[0] + y * half_way[1] + z * half_way[2];
+            const float shown = two_sided ? __builtin_fabsf(lambert) : lambert;
+            half[n] = shown > 0 ? (two_sided ? __builtin_fabsf(towards_half) : towards_half) : 0.0f;
+            lit[n] = diffuse * most(shown, 0.0f);
         }
         if (scene.specular) {
             VOLSPLAT_INDEPENDENT
-            for (int n = 0; n < count_; ++n) lit[n] += power_of(half[n], scene.specular_power);
+            for (int n = 0; n < count_; ++n) lit[n] += highlight(half[n], power);
         }
         VOLSPLAT_INDEPENDENT
-        for (int n = 0; n < count_; ++n) lit[n] = size_[n] < kNoGradient ? 0.0 : lit[n];
+        for (int n = 0; n < count_; ++n) lit[n] = size_[n] < kNoGradient ? 0.0f : lit[n];
     }
 
     // The byte of the field that indexes a table.
     void index(int table, std::int32_t (&found)[kAtOnce]) const {
         const Field field = view_.scene->cross_bar[table];
         if (field == Field::density) {
-            each(found, [&](int n) { return (from_[n] + to_[n]) / 2 + 0.5; });
+            each(found, [&](int n) { return (static_cast<double>(from_[n]) + to_[n]) / 2 + 0.5; });
         } else if (field == Field::strength) {
             each(found, [&](int n) { return size_[n] * view_.grid->strength + 0.5; });
         } else if (field <= Field::gradient_k) {
             const auto& axis = view_.grid->axes[static_cast<int>(field) - static_cast<int>(Field::gradient_i)];
             each(found, [&](int n) {
                 const double along = gradient_[0][n] * axis[0] + gradient_[1][n] * axis[1] + gradient_[2][n] * axis[2];
-                return 128.5 + (size_[n] < kNoGradient ? 0 : 127 * along / most(size_[n], kNoGradient));
+                return 128.5 + (size_[n] < kNoGradient ? 0 : 127 * along / size_[n]);
             });
         } else if (field <= Field::screen_z) {
             const auto& screen = view_.grid->screen_bytes[static_cast<int>(field) - static_cast<int>(Field::screen_x)];
@@ -283,10 +357,13 @@ private:
     const SlabShadingView& view_;
     SlabSamples& samples_;
     int first_ = 0, count_ = 0;
-    Reals from_, to_;  // densities at the two ends
-    Reals differences_[3], gradient_[3], size_;
+    const bool lies_inside_;
+    Floats from_, to_;  // densities at the two ends
+    Floats differences_[3], gradient_[3], size_;
     Reals place_[3], thickness_;
-    Reals low_, high_, depth_;
+    Reals low_, high_;
+    double emitted_[kAtOnce][4], reflected_[kAtOnce][4];  // behind the colour of what is emitted, the depth
+    Floats opacity_;
 };
 
 }  // namespace

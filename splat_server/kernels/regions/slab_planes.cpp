@@ -230,9 +230,9 @@ void SlabPlanes::shade_slab(std::int64_t block, int slab, const TileArea& area, 
     for (int n = 0; n < samples_.count; ++n) {
         float* const pixel = open[n];
         float& alpha = pixel[3 * image_.plane];
-        const float visible = (1.0f - alpha) * samples_.opacity[n];
-        for (int channel = 0; channel < 3; ++channel)
-            pixel[channel * image_.plane] += visible * samples_.colour[channel][n];
+        const float* const found = samples_.found[n];
+        const float visible = (1.0f - alpha) * found[3];
+        for (int channel = 0; channel < 3; ++channel) pixel[channel * image_.plane] += visible * found[channel];
         alpha += visible;
     }
 }
