@@ -56,6 +56,13 @@ struct SlabShadingView {
     const ColourIntegral* colours;  // [257]
 };
 
+// Of the planes of a block at neighbouring pixels, and of the last plane before it.
+struct SlabDensities {
+    const float* last;    // of each pixel
+    const float* planes;  // kBlockPlanes of the first pixel, before which a number may be read
+    std::int64_t right;   // numbers from there to those of the next pixel
+};
+
 // Some pixels of one slab. A density of 0 is not known; those that are known lie above it.
 struct SlabSamples {
     int count;

@@ -1,4 +1,5 @@
 // What the sums of a complete block of planes come to: densities, and which slabs show anything.
+#include "kernels/vectors.h"
 #include "splat_kernels.h"
 #include "splat_server/kernels/slab_sums.h"
 
@@ -7,6 +8,12 @@ namespace volsplat::VOLSPLAT_PATH {
 namespace {
 
 constexpr float kLeastDensity = 1e-30f;  // 0 is not known
+
+typedef float Block __attribute__((vector_size(kBlockPlanes * sizeof(float))));
+typedef std::int32_t BlockBits __attribute__((vector_size(kBlockPlanes * sizeof(std::int32_t))));
+typedef std::uint8_t BlockMarks __attribute__((vector_size(kBlockPlanes)));
+
+Block all_alike(float value) { return Block{} + value; }
 
 // At so many neighbouring pixels.
 template <class Number>
@@ -45,19 +52,34 @@ void find_wide_slab_densities(const SlabSums& sums, void* block, int pixels) {
 
 // A slab shows what lies between the densities of its planes, of which one may not be known, and one table entry of it
 // at least.
-void find_shown_slabs(const float (*densities)[kBlockPlanes + 1], int pixels, const std::int32_t* next_visible,
+void find_shown_slabs(const SlabShadingView& view, const SlabDensities& densities, int pixels,
                       std::uint8_t (*shown)[kBlockPlanes]) {
-    for (int pixel = 0; pixel < pixels; ++pixel) {
-        const float* const planes = densities[pixel];
+    const Block first_visible = all_alike(static_cast<float>(view.first_visible - 1));
+    const Block beyond_visible = all_alike(static_cast<float>(view.last_visible + 1));
+    const float* planes = densities.planes;
+    for (int pixel = 0; pixel < pixels; ++pixel, planes += densities.right) {
+        const Block behind = load<Block>(planes);
+        Block before = load<Block>(planes - 1);
+        before[0] = densities.last[pixel];
+        const Block front = before > 0 ? before : behind, back = behind > 0 ? behind : before;
+        const Block low = front < back ? front : back, high = front < back ? back : front;
+        const BlockBits found = (high > 0) & (low < beyond_visible) & (high >= first_visible);
+        const BlockMarks marks = __builtin_convertvector(found & 1, BlockMarks);
+        store(shown[pixel], marks);
+    }
+    if (view.visible_together) return;
+    // Whether anything between them can be seen
+    planes = densities.planes;
+    for (int pixel = 0; pixel < pixels; ++pixel, planes += densities.right)
         for (int n = 0; n < kBlockPlanes; ++n) {
-            const float front = planes[n] > 0 ? planes[n] : planes[n + 1];
-            const float back = planes[n + 1] > 0 ? planes[n + 1] : planes[n];
+            if (!shown[pixel][n]) continue;
+            const float before = n == 0 ? densities.last[pixel] : planes[n - 1], behind = planes[n];
+            const float front = before > 0 ? before : behind, back = behind > 0 ? behind : before;
             const float low = front < back ? front : back, high = front < back ? back : front;
             const auto first = static_cast<std::int32_t>(low < 255.0f ? low : 255.0f);
             const auto last = static_cast<std::int32_t>(high < 254.0f ? high : 254.0f) + 1;
-            shown[pixel][n] = high > 0 && next_visible[first] <= last;
+            shown[pixel][n] = view.next_visible[first] <= last;
         }
-    }
 }
 
 }  // namespace volsplat::VOLSPLAT_PATH

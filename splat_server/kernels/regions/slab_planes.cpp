@@ -174,25 +174,22 @@ bool SlabPlanes::find_shown(std::int64_t block, const TileArea& area, ShownPixel
     shown.counts = {};
     bool any = false;
     for (int line = area.top; line < area.bottom; ++line) {
-        float densities[kTileColumns][kBlockPlanes + 1];
+        const SlabDensities densities{last.densities + line * last.down + area.left,
+                                      first.densities + line * first.down + area.left * first.right, first.right};
         std::uint8_t marks[kTileColumns][kBlockPlanes];
-        const float* const before = last.densities + line * last.down + area.left;
-        const float* const planes = first.densities + line * first.down + area.left * first.right;
-        for (int n = 0; n < area.right - area.left; ++n) {
-            densities[n][0] = before[n];
-            std::memcpy(densities[n] + 1, planes + n * first.right, kBlockPlanes * sizeof(float));
-        }
-        splat_kernels().find_shown_slabs(densities, area.right - area.left, shading.next_visible, marks);
+        splat_kernels().find_shown_slabs(shading, densities, area.right - area.left, marks);
         const float* const alphas =
             image_.pixels + (line + sums_.first_line) * image_.pitch + area.left + 3 * image_.plane;
         for (int n = 0; n < area.right - area.left; ++n) {
             std::uint64_t all;
             std::memcpy(&all, marks[n], sizeof all);
             if (all == 0 || frozen(alphas[n])) continue;
-            for (auto slab = begin; slab < end; ++slab)
-                if (marks[n][slab])
-                    shown.pixels[slab][shown.counts[slab]++] =
-                        static_cast<std::uint16_t>((line - area.top) * kTileColumns + n);
+            const auto pixel = static_cast<std::uint16_t>((line - area.top) * kTileColumns + n);
+            // Written either way, to be overwritten: which it is cannot be guessed
+            for (auto slab = begin; slab < end; ++slab) {
+                shown.pixels[slab][shown.counts[slab]] = pixel;
+                shown.counts[slab] += marks[n][slab];
+            }
             any = true;
         }
     }

@@ -46,7 +46,7 @@ private:
     // For each slab of a block the pixels of a tile that show anything.
     struct ShownPixels {
         std::array<int, kBlockPlanes> counts;
-        std::array<std::uint16_t, kTilePixels> pixels[kBlockPlanes];
+        std::array<std::uint16_t, kTilePixels + 1> pixels[kBlockPlanes];
     };
 
     void make_room();
