@@ -94,6 +94,16 @@ def test_what_has_no_data_is_left_out() -> None:
     assert difference(scene_of(OBLIQUE), CUBIC, exact=False, values=values).max() <= ONE_LEVEL
 
 
+def test_densities_between_others_that_are_seen_are_hidden() -> None:
+    """And a highlight as sharp as there is."""
+    scene = scene_of(OBLIQUE)
+    peaks = ScalarTable(points=((0.3, 0.0), (0.35, 0.4), (0.4, 0.0), (0.6, 0.0), (0.7, 0.9), (0.8, 0.0)))
+    tables = msgspec.structs.replace(scene.tables, opac=peaks)
+    shading = msgspec.structs.replace(scene.shading, specular=True, specular_power=500.0)
+    scene = msgspec.structs.replace(scene, tables=tables, shading=shading)
+    assert difference(scene, SKEWED, exact=False).max() <= ONE_LEVEL
+
+
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)
 def test_both_orders_are_one(order: Order) -> None:
     scene, values = scene_of(OBLIQUE), shells(SIZE)
