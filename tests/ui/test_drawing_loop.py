@@ -14,6 +14,7 @@ from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.viewing import drawing_loop
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.pacing import Rung
@@ -92,3 +93,20 @@ def test_a_moving_scene_is_drawn_in_a_smaller_image_that_holds_the_rate(drawn: D
     refined = drawn.last()
     assert refined[0].step is Step.F  # what was on the screen is as fine as that
     assert refined[-1].in_full_size and np.array_equal(refined[-1].published.pixels, still)
+
+
+def test_step_g_begins_only_once_the_hand_has_rested(drawn: Drawn, monkeypatch: pytest.MonkeyPatch) -> None:
+    def to_g(scene: Scene) -> Scene:
+        return msgspec.structs.replace(scene, refine=msgspec.structs.replace(scene.refine, finest=Step.G))
+
+    monkeypatch.setattr(drawing_loop, "REST_SECONDS", 2 * PATIENCE)
+    drawn.model.change(to_g)
+    while True:
+        picture = drawn.next()
+        assert picture.step <= Step.F and not picture.last
+        if picture.complete and picture.step is Step.F:
+            break
+    monkeypatch.setattr(drawing_loop, "REST_SECONDS", 0.0)
+    drawn.zoom_by(1.1, settled=True)  # ends the rest
+    steps = {picture.step for picture in drawn.last()}
+    assert {Step.F, Step.G} <= steps

@@ -1,8 +1,8 @@
 """Draws the newest scene, again and again, on a thread of its own.
 
 While a person is at it (the scene is not settled) each picture is the best that holds the rate. Once it is
-settled, the image refines from there to the scene's finest step. A newer scene takes the place of whatever is being
-refined.
+settled, the image refines from there to the scene's finest step; step G waits until the hand has rested. A newer scene
+takes the place of whatever is being refined.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from volsplat.client.ui.viewing.picture import Picture, nothing_finer
 from volsplat.client.ui.viewing.picture_encoding import encoded
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.rules.refinement import finer, finest_step
+from volsplat.protocol.rules.refinement import PAPER_STEPS, finer, finest_step
 from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
 
 LONGEST_ABORT_SECONDS = 0.5  # that the end is held up by a frame that is aborted
 ABORT_SECONDS = 0.05  # after which a frame that goes on is aborted again
+REST_SECONDS = 0.3  # after the last change, before step G
 NO_PARTIAL_IMAGES = threading.TIMEOUT_MAX  # seconds between them
 
 
@@ -174,10 +175,23 @@ class DrawingLoop:
             assert shown is not None
             self._publish(state, Refinement(shown.step, shown.published, shown.outcome))
             return
-        for refinement in self._session.refine(state.scene, finest, PARTIAL_INTERVAL, first, exact=(finest,)):
+        rests_at = time.monotonic() + REST_SECONDS
+        if first in PAPER_STEPS:
+            self._refine_from(first, min(finest, PAPER_STEPS[-1]), state)
+        if finest not in PAPER_STEPS and self._rests_until(rests_at):
+            self._refine_from(finest, finest, state)
+
+    def _rests_until(self, moment: float) -> bool:
+        """Whether nothing has changed by then."""
+        with self._changed:
+            return not self._changed.wait_for(self._something_to_do, max(moment - time.monotonic(), 0.0))
+
+    def _refine_from(self, first: Step, last: Step, state: SceneState) -> None:
+        shown, exact = self._shown, (finest_step(state.scene),)
+        for refinement in self._session.refine(state.scene, last, PARTIAL_INTERVAL, first, exact):
             if self._model.now.revision != state.revision:
                 return
-            # What a drag has left on the screen stays there until the step after it is finished.
+            # What a drag or coarser steps have left on the screen stays there until the step after it is finished.
             if refinement.step == first != Step.A and not refinement.complete and _is_laid_over(state.scene):
                 assert shown is not None
                 refinement = replace(
