@@ -50,6 +50,7 @@ IMPORTERS = {"library", "import_module"}  # functions that import what they are 
 OURS = {
     "volsplat",
     "support",
+    "by_the_book",
     "reference",
     "tolerances",
     "fuzz",
