@@ -24,9 +24,11 @@ from volsplat.client.command.opened_volume import (
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.terminal_watch import ended_with_its_reader
 from volsplat.client.session.session import Session
+from volsplat.client.ui.doors.admission import Admission
 from volsplat.client.ui.doors.browser_tab import BrowserTab
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.port_holder import port_holder
+from volsplat.client.ui.doors.public_address import PublicAddress
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
@@ -45,6 +47,11 @@ LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need
 @server_options
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine (any free).")
 @click.option("--no-browser", is_flag=True, help="Print the page's address only.")
+@click.option(
+    "--behind",
+    metavar="URL",
+    help="The page's address in the browser if a proxy shows it there: https://hub.example.org/user/me/proxy/8123/.",
+)
 @click.option(
     "--grace",
     type=click.FloatRange(min=0),
@@ -70,6 +77,7 @@ def view(
     cluster: Path | None,
     port: int,
     no_browser: bool,
+    behind: str | None,
     grace: float,
     memory: str | None,
     trace: Path | None,
@@ -83,13 +91,15 @@ def view(
 
     The page is served to this machine alone, and to nobody without the token of the address that is printed. From
     elsewhere, forward its port: ssh -t -L PORT:localhost:PORT machine volsplat view VOLUME --no-browser --port PORT.
-    Ctrl-C ends everything, and so does the end of the terminal.
+    Behind JupyterHub's or another proxy, say --port and --behind. Ctrl-C ends everything, and so does the end of the
+    terminal.
     """
     for package in ("nicegui", "PIL"):
         need(package, "the page", "ui")
     door = checked_metrics(metrics, metrics_token)
     options = SceneOptions.of(settings)
     options.scene_of(None)
+    public = None if behind is None else PublicAddress.of(behind)
     check_found(volume, listen is None, cluster)
     servers = servers_from_options(
         workers,
@@ -105,7 +115,7 @@ def view(
     )
     console = PlainConsole(stderr=True)
     with ended_with_its_reader(), _bound(port) as bound:
-        address = PageAddress(bound)
+        address = PageAddress(bound, Admission(behind=public))
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored, PAGE) as session:
                 assert isinstance(session, Session)

@@ -8,6 +8,7 @@ import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager
 
+import nicegui
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui
@@ -18,6 +19,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.websockets import WebSocket
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.ui.doors.behind_proxy import BehindProxy
 from volsplat.client.ui.doors.gate import Gate
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.page_policy import ScriptNonces, StrictHeaders
@@ -35,6 +37,7 @@ LARGEST_FORM = 1 << 16  # bytes around a file that is uploaded
 SMALLEST_COMPRESSED = 500  # bytes
 ALIVE_PATH = "/alive"  # where a page asks whether anybody is there
 STATIC_PATH = "/volsplat/static"
+MODULES_PATH = f"/_nicegui/{nicegui.__version__}/esm"  # the same, as components import it
 CHECK_SECONDS = 1.0  # between looks at whether a page is open
 
 
@@ -102,10 +105,13 @@ class Application:
         )
         compressed = GZipMiddleware(ScriptNonces(application), minimum_size=SMALLEST_COMPRESSED)
         guarded = Gate(compressed, address.admission, LARGEST_SCENE_FILE + LARGEST_FORM)
+        behind = address.admission.behind
+        prefix = behind.prefix if behind else ""
+        kept = {f"{prefix}{path}": "no-cache" for path in (STATIC_PATH, MODULES_PATH)}
         self._bound = address.bound
         self._server = _Server(
             uvicorn.Config(
-                StrictHeaders(guarded, {STATIC_PATH: "no-cache"}),
+                BehindProxy(StrictHeaders(guarded, kept), behind),
                 log_config=None,  # as everything else is logged
                 server_header=False,
                 proxy_headers=False,  # who asks is who connects, whatever a header says

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from volsplat.client.ui.panels.drawers import Drawers
 from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
@@ -22,7 +23,7 @@ def page(viewing: Viewing) -> None:
     """Build the page for one tab."""
     description = viewing.volume.description
     for style in STYLES:
-        ui.add_head_html(f'<link rel="stylesheet" href="/volsplat/static/{style}">')
+        ui.add_head_html(f'<link rel="stylesheet" href="volsplat/static/{style}">')
     ui.page_title(f"{description.name} – volsplat")
     ui.add_head_html('<script>document.documentElement.lang = "en";</script>')
     with ui.element("div").classes("vs-page"):  # within NiceGUI's main
@@ -36,6 +37,7 @@ def page(viewing: Viewing) -> None:
             ui.element("div").classes("vs-spread")
             save_panel(viewing)
             _theme_button()
+            Drawers()
         with ui.element("aside").classes("vs-left").props("aria-label=scene"):
             scene_panels(viewing)
         with ui.element("section").classes("vs-view").props("aria-label=picture"):

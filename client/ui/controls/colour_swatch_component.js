@@ -1,5 +1,5 @@
 // The browser's own swatch, which opens its colour picker.
-import { handLed } from "/volsplat/static/controls/hand_led.js";
+import { handLed } from "volsplat/controls/hand_led.js";
 
 export default {
   mixins: [handLed],

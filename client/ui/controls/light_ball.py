@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from volsplat.client.ui.controls.hand_led import HandLed
+from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.protocol.geometry.matrices import Vector
 
 
-class LightBall(HandLed, component="light_ball_component.js"):
+class LightBall(HandLed, component="light_ball_component.js", esm=MODULES):
     """Shows a direction along screen axes; `on_turned(direction, settled)` tells what a person makes of it."""
 
     def __init__(self, on_turned: Callable[[Vector, bool], None]) -> None:

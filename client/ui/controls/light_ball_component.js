@@ -1,6 +1,6 @@
 // The Vue wrapper of light_ball.js.
-import { handLed } from "/volsplat/static/controls/hand_led.js";
-import { LightBall } from "/volsplat/static/controls/light_ball.js";
+import { handLed } from "volsplat/controls/hand_led.js";
+import { LightBall } from "volsplat/controls/light_ball.js";
 
 export default {
   mixins: [handLed],

@@ -8,9 +8,10 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.controls.controls import show_prop
+from volsplat.client.ui.doors.static_files import MODULES
 
 
-class ShiftSlider(Element, component="shift_slider_component.js"):
+class ShiftSlider(Element, component="shift_slider_component.js", esm=MODULES):
     """`on_shift(by, settled)` tells by which share of the axis a person pushes; each push begins at 0."""
 
     def __init__(self, name: str, on_shift: Callable[[float, bool], None]) -> None:

@@ -1,5 +1,5 @@
 // The Vue wrapper of shift_slider.js.
-import { ShiftSlider } from "/volsplat/static/tables/shift_slider.js";
+import { ShiftSlider } from "volsplat/tables/shift_slider.js";
 
 export default {
   template: `<div class="vs-shift"></div>`,

@@ -7,10 +7,11 @@ from typing import Any, Literal
 
 from volsplat.client.ui.controls.controls import SceneEditor
 from volsplat.client.ui.controls.hand_led import HandLed
+from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.protocol.description.scene import Scene
 
 
-class Slider(HandLed, component="slider_component.js"):
+class Slider(HandLed, component="slider_component.js", esm=MODULES):
     """A slider for a number, or a range for {"min", "max"}; what it changes settles when it is let go.
 
     `get` gives its position in a scene; `put` makes a scene of it, and must take any position.

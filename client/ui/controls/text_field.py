@@ -6,10 +6,11 @@ from collections.abc import Callable
 
 from volsplat.client.ui.controls.controls import Edit, SceneEditor, show_prop
 from volsplat.client.ui.controls.hand_led import HandLed
+from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.protocol.description.scene import Scene
 
 
-class TextField(HandLed, component="text_field_component.js"):
+class TextField(HandLed, component="text_field_component.js", esm=MODULES):
     """What is typed is refused while it is typed if it cannot be used, and taken at Enter or on leaving.
 
     `get` gives what to show; `put` makes the scene with what was typed, or raises ValueError.

@@ -1,5 +1,5 @@
 // Quasar's field for text.
-import { handLed } from "/volsplat/static/controls/hand_led.js";
+import { handLed } from "volsplat/controls/hand_led.js";
 
 export default {
   mixins: [handLed],

@@ -16,13 +16,13 @@ from dataclasses import dataclass
 from urllib.parse import parse_qsl, quote, urlencode
 
 from volsplat.client.ui.doors.peer_owner import PeerOwner, own_peers
+from volsplat.client.ui.doors.public_address import PublicAddress
 
 TOKEN_PARAMETER = "token"
 
 _SECRET_BYTES = 24
 _METHODS = ("GET", "HEAD", "POST")
-_HOST = re.compile(r"(?:localhost|127\.0\.0\.1|\[::1\])(?::([0-9]{1,5}))?", re.IGNORECASE)
-_HTTP_PORT = "80"
+_HOST = re.compile(r"(?:localhost|127\.0\.0\.1|\[::1\])(?::[0-9]{1,5})?")
 _FROM_ELSEWHERE = ("cross-site", "same-site")  # the latter: another port of this host
 
 _STRANGER = "this page belongs to another user of this machine"
@@ -94,7 +94,9 @@ class Refused:
 class Admission:
     """One session's secrets, and what they open."""
 
-    def __init__(self, peers: PeerOwner | None = None) -> None:
+    def __init__(self, peers: PeerOwner | None = None, behind: PublicAddress | None = None) -> None:
+        """`behind`: where a proxy shows the page, if one does; it is admitted there as well as on this machine."""
+        self.behind = behind
         self.token = secrets.token_urlsafe(_SECRET_BYTES)
         self._cookie = secrets.token_urlsafe(_SECRET_BYTES)
         self._once: dict[str, Callable[[], None]] = {}
@@ -112,24 +114,33 @@ class Admission:
             return Refused(403, _STRANGER)
         if asked.method not in _METHODS:
             return Refused(405, _METHOD)
-        hosts = asked.values("host")
-        host = _HOST.fullmatch(hosts[0]) if len(hosts) == 1 else None
-        if host is None:
+        place = self._place(asked)
+        if place is None:
             return Refused(403, _ADDRESS)
-        if any(origin.lower() != f"http://{host[0]}".lower() for origin in asked.values("origin")):
+        if any(origin.lower() != place.origin for origin in asked.values("origin")):
             return Refused(403, _ANOTHER_PAGE)
-        cookie = f"volsplat-{host[1] or _HTTP_PORT}"  # by the browser's port: several sessions may be forwarded to it
+        cookie = f"volsplat-{place.port}"  # by the browser's port: several sessions may be forwarded to it
         if asked.method == "GET" and not asked.is_socket and (once := self._opens(asked)) is not None:
             return Welcomed(
-                _without_token(asked),
-                f"{cookie}={self._cookie}; HttpOnly; Path=/; SameSite=strict",
+                _without_token(asked, place),
+                f"{cookie}={self._cookie}; HttpOnly; Path={place.prefix}/; SameSite=strict{_only_encrypted(place)}",
                 once or asked.from_elsewhere,
             )
         if not any(_same(value, self._cookie) for value in asked.cookies(cookie)):
             return Refused(403, _TOKEN)
         if asked.from_elsewhere:
             return Refused(403, _ANOTHER_PAGE)
-        return Admitted(host[0])
+        return Admitted(place.host)
+
+    def _place(self, asked: Asked) -> PublicAddress | None:
+        """Where the browser thinks that the page is; None if it is nowhere there."""
+        hosts = asked.values("host")
+        if len(hosts) != 1:
+            return None
+        host = hosts[0].lower()
+        if self.behind is not None and host == self.behind.host:
+            return self.behind
+        return PublicAddress("http", host) if _HOST.fullmatch(host) else None
 
     def _opens(self, asked: Asked) -> bool | None:
         """Whether its token is one for once; None if it has none that opens anything."""
@@ -148,7 +159,11 @@ def _same(given: str, secret: str) -> bool:
     return hmac.compare_digest(given.encode("utf-8", "surrogateescape"), secret.encode())
 
 
-def _without_token(asked: Asked) -> str:
+def _only_encrypted(place: PublicAddress) -> str:
+    return "; Secure" if place.encrypted else ""
+
+
+def _without_token(asked: Asked, place: PublicAddress) -> str:
     """What was asked for, on this very host whatever its path begins with."""
     others = [(name, value) for name, value in asked.parameters if name != TOKEN_PARAMETER]
-    return "/" + quote(asked.path.lstrip("/")) + ("?" + urlencode(others) if others else "")
+    return quote(place.with_prefix(asked.path)) + ("?" + urlencode(others) if others else "")

@@ -25,11 +25,17 @@ class PageAddress:
     @property
     def url(self) -> str:
         """For the person's eyes: it opens the page as long as the session lasts."""
-        return self._with(self.admission.token)
+        behind = self.admission.behind
+        return _with_token(self._here if behind is None else behind.url, self.admission.token)
 
     def url_for_once(self, on_use: Callable[[], None]) -> str:
-        """An address that opens the page one time; `on_use` is called then."""
-        return self._with(self.admission.token_for_once(on_use))
+        """An address that opens the page one time on this machine; `on_use` is called then."""
+        return _with_token(self._here, self.admission.token_for_once(on_use))
 
-    def _with(self, token: str) -> str:
-        return f"http://{LOOPBACK}:{self.port}/?{TOKEN_PARAMETER}={token}"
+    @property
+    def _here(self) -> str:
+        return f"http://{LOOPBACK}:{self.port}/"
+
+
+def _with_token(url: str, token: str) -> str:
+    return f"{url}?{TOKEN_PARAMETER}={token}"

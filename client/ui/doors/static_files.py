@@ -3,3 +3,6 @@
 from pathlib import Path
 
 STATIC = Path(__file__).parents[1] / "static"
+
+MODULES = {"volsplat": str(STATIC)}
+"""What components import as `volsplat/…`: wherever the page is, NiceGUI tells the browser the address of these."""

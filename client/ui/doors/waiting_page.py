@@ -60,9 +60,11 @@ class WaitingPage:
             return verdict.status, {"Content-Type": _TEXT}, f"volsplat: {verdict.reason}\n"
         if not isinstance(verdict, Admitted):
             return HTTPStatus.OK, {"Content-Type": _HTML, "Set-Cookie": verdict.cookie}, leading_page(verdict.location)
-        if asked.path == WAITING_PATH:
+        behind = self._admission.behind
+        path = asked.path if behind is None else behind.without_prefix(asked.path)
+        if path == WAITING_PATH:
             return HTTPStatus.OK, {"Content-Type": _TEXT}, self.line
-        if asked.path != "/":
+        if path != "/":
             return HTTPStatus.NOT_FOUND, {"Content-Type": _TEXT}, "volsplat: the page is not there yet\n"
         nonce = secrets.token_urlsafe(18)
         policy = {"Content-Security-Policy": page_policy(nonce, verdict.host)}

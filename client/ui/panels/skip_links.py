@@ -22,9 +22,14 @@ _TAKES_FOCUS = ':is(a, button, input, canvas, [tabindex="0"]):not(:disabled, [ta
 
 
 def skip_links() -> None:
-    """A button for each part, which gives the focus to the first thing there that takes it."""
+    """A button for each part, which gives the focus to the first thing there that takes it.
+
+    A drawer opens for it (static/controls/drawers.js).
+    """
     with ui.element("nav").classes("vs-skip").props('aria-label="parts of the page"'):
         for part, place in PARTS.items():
             first = json.dumps(f"{place}{_TAKES_FOCUS}, {place} {_TAKES_FOCUS}")
             button = ui.button(f"to the {part}", color=None).props("flat dense no-caps")
-            button.on("click", js_handler=f"() => document.querySelector({first}).focus()")
+            wanted = 'first.closest("aside")?.dispatchEvent(new Event("vs-wanted"))'
+            found = f"const first = document.querySelector({first})"
+            button.on("click", js_handler=f"() => {{ {found}; {wanted}; first.focus(); }}")

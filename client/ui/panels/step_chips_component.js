@@ -1,5 +1,5 @@
 // The Vue wrapper of step_chips.js.
-import { StepChips } from "/volsplat/static/controls/step_chips.js";
+import { StepChips } from "volsplat/controls/step_chips.js";
 
 export default {
   template: `<div class="vs-steps" role="group" aria-label="steps"></div>`,

@@ -11,6 +11,7 @@ from nicegui.element import Element
 from volsplat.client.session.frame_report import STEP_WORDS
 from volsplat.client.ui.controls.controls import SceneEditor, show_pressed
 from volsplat.client.ui.controls.throttle import Throttle
+from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.running_step import progress
@@ -50,7 +51,7 @@ class ChipState:
     fill: tuple[float, float] | None
 
 
-class StepChips(Element, component="step_chips_component.js"):
+class StepChips(Element, component="step_chips_component.js", esm=MODULES):
     """One chip a step: its letter, the milliseconds that it took, and a bar that fills while it is drawn.
 
     It changes with every picture; NiceGUI would go over the whole page for that, so the browser is told by a call.

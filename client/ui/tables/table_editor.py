@@ -9,6 +9,7 @@ from typing import NamedTuple
 from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
+from volsplat.client.ui.doors.static_files import MODULES
 from volsplat.client.ui.tables.field_histograms import FieldAxis
 from volsplat.client.ui.tables.table_edits import Table, simplified, table_from_points
 from volsplat.protocol.description.scene import ColourTable
@@ -24,7 +25,7 @@ class Field(NamedTuple):
     tint: str = ""  # the table over the same field whose colours the histogram's bars take
 
 
-class TableEditor(Element, component="table_editor_component.js"):
+class TableEditor(Element, component="table_editor_component.js", esm=MODULES):
     """Shows a table, and tells of what a person does to it.
 
     `on_change(table, settled)` and `on_file(name, text)` may raise ValueError or BadInput, which is told at the table.

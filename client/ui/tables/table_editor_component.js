@@ -1,5 +1,5 @@
 // The table editor as a component of the page: hands its properties to static/table_editor.js, and its events on.
-import { TableEditor } from "/volsplat/static/tables/table_editor.js";
+import { TableEditor } from "volsplat/tables/table_editor.js";
 
 export default {
   template: `

@@ -1,20 +1,19 @@
 // The viewport as a component of the page.
 
-import { Viewport } from "volsplat/viewport.js";
-import { ViewportSocket } from "volsplat/viewport_socket.js";
+import { Viewport } from "volsplat/viewport/viewport.js";
+import { ViewportSocket } from "volsplat/viewport/viewport_socket.js";
 
 export default {
   template: '<div class="vs-viewport-host"></div>',
-  props: { tab: String, home: Array },
+  props: { tab: String, home: Array, prefix: String },
   mounted() {
-    const page = /** @type {any} */ (window); // of which NiceGUI tells where it lies
-    const under = (path) => new URL(`${page.path_prefix ?? ""}/${path}`, window.location.href);
+    const under = (path) => new URL(`${this.prefix}/${path}`, window.location.href);
     const url = under("viewport");
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.searchParams.set("tab", this.tab);
     this.socket = new ViewportSocket(url, under("alive"));
     this.viewport = new Viewport(this.$el, this.socket, { home: this.home, wholePage: true });
-    page.volsplatViewport = this.viewport; // for tests, and for measuring latency
+    /** @type {any} */ (window).volsplatViewport = this.viewport; // for tests, and for measuring latency
     this.socket.open();
   },
   unmounted() {

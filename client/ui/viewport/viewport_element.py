@@ -5,20 +5,25 @@ from __future__ import annotations
 from nicegui import context, ui
 from nicegui.element import Element
 
-from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.doors.static_files import MODULES, STATIC
 from volsplat.protocol.description.view_rotation import Quaternion, named_view
 
 
-class ViewportElement(Element, component="viewport_component.js", esm={"volsplat": "../static/viewport"}):
-    """Fills its parent. `home` is the rotation that reset goes to; `tab` names the tab to the process."""
+class ViewportElement(Element, component="viewport_component.js", esm=MODULES):
+    """Fills its parent. `home` is the rotation that reset goes to; `tab` names the tab to the process.
 
-    def __init__(self, tab: str, home: Quaternion) -> None:
+    `prefix` is what a proxy puts before the page's paths.
+    """
+
+    def __init__(self, tab: str, home: Quaternion, prefix: str) -> None:
         super().__init__()
         ui.add_css(STATIC / "viewport" / "viewport.css")
         self._props["tab"] = tab
         self._props["home"] = list(home)
+        self._props["prefix"] = prefix
 
 
 def viewport_element(home: Quaternion | None = None) -> ViewportElement:
     """The viewport of the tab that is being built; reset goes to `home`, or to the front."""
-    return ViewportElement(context.client.id, home or named_view("front"))
+    prefix: str = context.client.request.scope.get("root_path", "")
+    return ViewportElement(context.client.id, home or named_view("front"), prefix)

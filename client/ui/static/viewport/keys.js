@@ -31,6 +31,8 @@ const LIST = [
   ["Shift drag, right drag", "move"],
   ["drag a handle", "cut"],
   ["Shift drag a handle", "move the slab"],
+  ["one finger", "turn"],
+  ["two fingers", "zoom, move"],
   ["wheel", "zoom to the pointer"],
   ["click", "centre what is there"],
   ["1 2 3 4 5 6", AXIS_VIEWS.join(", ")],

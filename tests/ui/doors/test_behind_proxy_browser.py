@@ -1,0 +1,92 @@
+"""The page under the longer address of a proxy: everything in it is found, and nobody else is let in."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.pages import patient_http
+from support.pages.browser import browser, browser_page
+from support.pages.page_tab import after, drag, opened
+from support.pages.prefix_proxy import prefix_proxy
+from support.pages.viewed import phantom, viewed, volume
+from volsplat.client.ui.doors.admission import Admission, Admitted, Asked, Refused, Welcomed
+from volsplat.client.ui.doors.peer_owner import PeerOwner
+from volsplat.client.ui.doors.public_address import PublicAddress
+from volsplat.protocol.text.errors import BadInput
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page", "phantom", "volume"]
+
+PREFIX = "/user/me/proxy/8123"
+HUB = PublicAddress.of("https://Hub.example.org/user/me/proxy/8123/")
+
+
+@pytest.mark.parametrize("cuts", [True, False], ids=["prefix cut", "prefix kept"])
+def test_the_page_works_under_a_prefix(volume: Path, browser_page: Page, cuts: bool) -> None:
+    page = browser_page
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    with prefix_proxy(PREFIX, cuts=cuts) as proxy:
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            proxy.target = free.getsockname()[1]
+        options = ("--workers", "1", "--port", str(proxy.target), "--behind", proxy.url)
+        with viewed(volume.parent, volume, *options) as view:
+            assert view.url.startswith(proxy.url)
+            missing: list[str] = []
+            page.on("response", lambda answer: missing.append(answer.url) if answer.status >= 400 else None)
+            opened(page, view.url)
+            assert page.url == proxy.url
+            after(page, lambda: drag(page, 40, 20))
+            after(page, lambda: page.get_by_role("switch", name="diffuse").click())  # over NiceGUI's own socket
+            page.get_by_role("button", name="save").click()
+            page.get_by_text("copy a link").click()
+            page.get_by_text("copied").wait_for()
+            link = page.evaluate("() => navigator.clipboard.readText()")
+            assert link.startswith(f"{proxy.url}?scene=")
+            opened(page, link)
+            assert page.url == proxy.url
+            assert (missing, proxy.outside) == ([], [])
+            assert patient_http.get(proxy.url).status_code == 403  # without the token
+            page.goto("about:blank")
+
+
+def ask(admission: Admission, host: str, path: str = "/", query: str = "", **headers: str) -> object:
+    said = [("host", host), *((name.replace("_", "-"), value) for name, value in headers.items())]
+    return admission.judge(Asked("GET", path, query, said, ("127.0.0.1", 1), ("127.0.0.1", 2)))
+
+
+def test_only_the_address_that_was_given_is_let_in_besides_this_machine() -> None:
+    admission = Admission(PeerOwner(None), HUB)
+    token = f"token={admission.token}"
+    for path in ("/", f"{PREFIX}/"):
+        welcomed = ask(admission, "hub.example.org", path, token)
+        assert isinstance(welcomed, Welcomed) and welcomed.location == f"{PREFIX}/"
+        cookie, _, rest = welcomed.cookie.partition(";")
+    # Other users' servers lie on the same host, beside the prefix.
+    assert cookie.startswith("volsplat-443=") and f"Path={PREFIX}/" in rest and "Secure" in rest
+    assert isinstance(ask(admission, "hub.example.org", cookie=cookie), Admitted)
+    assert isinstance(ask(admission, "hub.example.org", cookie=cookie, origin="https://hub.example.org"), Admitted)
+    assert isinstance(ask(admission, "localhost:8123", "/", token), Welcomed)
+    for host, origin in (
+        ("hub.example.org", "http://hub.example.org"),
+        ("hub.example.org", "https://elsewhere.example.org"),
+        ("hub.example.org:444", "https://hub.example.org:444"),
+        ("elsewhere.example.org", "https://elsewhere.example.org"),
+    ):
+        assert isinstance(ask(admission, host, cookie=cookie, origin=origin), Refused)
+    assert isinstance(ask(Admission(PeerOwner(None)), "hub.example.org", "/", token), Refused)
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["", "hub.example.org/user/me", "ftp://hub/x/", "https:///x/", "https://hub/x?y", "https://me@hub/", "http://h:x/"]
+    + ["https://hub/a b/", "https://hub//x/", 'https://hub/"/', "https://hub/x/#y", "https://[::1/"],
+)
+def test_what_is_no_address_of_a_page_is_refused_in_words(url: str) -> None:
+    with pytest.raises(BadInput, match="--behind .*give the page's address"):
+        PublicAddress.of(url)

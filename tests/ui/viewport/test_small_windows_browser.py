@@ -1,0 +1,134 @@
+"""The page in small windows and under fingers: the picture is there, and the panels are drawers over it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.pages.browser import browser, browser_page, patient_context
+from support.pages.page_tab import after, opened
+from support.pages.viewed import Viewed, phantom, view, volume
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Browser, Locator, Page
+
+__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+
+TELEPHONE, TABLET = (390, 844), (800, 600)
+
+
+@contextmanager
+def small_page(browser: Browser, view: Viewed, size: tuple[int, int]) -> Iterator[Page]:
+    width, height = size
+    window = {"width": width, "height": height}
+    with patient_context(browser, viewport=window, has_touch=True, is_mobile=True) as context:
+        yield opened(context.new_page(), view.url)
+
+
+def height_seen(page: Page) -> float:
+    """Of the picture: what is between the page's head and whatever lies over it in the window's middle."""
+    return float(
+        page.evaluate(
+            """() => {
+                const canvas = window.volsplatViewport.canvas, box = canvas.getBoundingClientRect();
+                const x = box.x + box.width / 2, viewport = window.volsplatViewport.element;
+                const over = (y) => viewport.contains(document.elementFromPoint(x, y));
+                let y = box.top + 1;
+                while (y < box.bottom && over(y)) y += 1;
+                return y - box.top;
+            }"""
+        )
+    )
+
+
+def panels(page: Page) -> tuple[Locator, Locator]:
+    return page.locator(".vs-left"), page.locator(".vs-right")
+
+
+@pytest.mark.parametrize("size", [TELEPHONE, TABLET], ids=["telephone", "tablet"])
+def test_the_picture_fills_a_small_window_and_each_panel_is_a_drawer(
+    browser: Browser, view: Viewed, size: tuple[int, int]
+) -> None:
+    from playwright.sync_api import expect
+
+    with small_page(browser, view, size) as page:
+        box = page.locator(".vs-view canvas").first.bounding_box()
+        assert box is not None
+        assert box["width"] == size[0] and box["height"] > 0.7 * size[1]
+        assert page.evaluate("() => document.documentElement.scrollWidth") == size[0]
+        scene, tables = panels(page)
+        expect(scene).to_be_hidden()
+        expect(tables).to_be_hidden()
+        for name, shown, other in (("scene", scene, tables), ("tables", tables, scene)):
+            button = page.get_by_role("button", name=name, exact=True)
+            button.tap()
+            expect(button).to_have_attribute("aria-expanded", "true")
+            expect(shown).to_be_visible()
+            expect(other).to_be_hidden()
+            inside = shown.bounding_box()
+            assert inside is not None
+            assert inside["x"] >= 0 and inside["x"] + inside["width"] <= size[0]
+            assert inside["y"] + inside["height"] <= size[1]
+            # What a panel changes is seen while it is open: beside it, or above it.
+            assert size == TABLET or height_seen(page) > 0.3 * size[1]
+            assert size == TELEPHONE or inside["width"] < 0.5 * size[0]
+        button = page.get_by_role("button", name="scene", exact=True)
+        button.tap()
+        for _ in range(2):  # there and back
+            after(page, lambda: page.get_by_role("switch", name="diffuse").tap())
+        button.tap()
+        expect(scene).to_be_hidden()
+
+
+def test_fingers_turn_and_zoom_beside_an_open_drawer(browser: Browser, view: Viewed) -> None:
+    with small_page(browser, view, TELEPHONE) as page:
+        page.get_by_role("button", name="scene", exact=True).tap()
+        fingers = page.context.new_cdp_session(page)
+
+        def touch(kind: str, *points: tuple[float, float]) -> None:
+            told = [{"x": x, "y": y, "id": n} for n, (x, y) in enumerate(points)]
+            fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": told})
+
+        def seen() -> dict[str, object]:
+            found: dict[str, object] = page.evaluate("() => window.volsplatViewport.view")
+            return found
+
+        def turn() -> None:
+            touch("touchStart", (150, 250))
+            touch("touchMove", (200, 280))
+            touch("touchMove", (230, 300))
+            touch("touchEnd")
+
+        def spread() -> None:
+            touch("touchStart", (170, 250))
+            touch("touchStart", (170, 250), (220, 250))
+            touch("touchMove", (140, 250), (250, 250))
+            touch("touchEnd")
+
+        first = seen()
+        after(page, turn)
+        turned = seen()
+        assert turned["rotation"] != first["rotation"] and turned["zoom"] == first["zoom"]
+        after(page, spread)
+        assert seen()["rotation"] == turned["rotation"]
+        assert float(str(seen()["zoom"])) > 1.5 * float(str(turned["zoom"]))
+
+
+def test_keys_reach_what_a_drawer_holds_and_leave_it(browser: Browser, view: Viewed) -> None:
+    from playwright.sync_api import expect
+
+    with small_page(browser, view, TELEPHONE) as page:
+        scene, _ = panels(page)
+        page.get_by_role("button", name="to the bounds", exact=True).focus()
+        page.keyboard.press("Enter")
+        expect(scene).to_be_visible()
+        expect(scene.locator(":focus")).to_have_count(1)
+        page.keyboard.press("Escape")
+        expect(scene).to_be_hidden()
+        expect(page.get_by_role("button", name="scene", exact=True)).to_be_focused()
+        page.set_viewport_size({"width": 1280, "height": 800})
+        expect(scene).to_be_visible()
+        expect(page.get_by_role("button", name="scene", exact=True)).to_be_hidden()
