@@ -5,9 +5,11 @@ import os
 import resource
 import sys
 from importlib import import_module
+from itertools import groupby
 from typing import NamedTuple
 
 import click
+from click.shell_completion import CompletionItem
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import meant
@@ -19,7 +21,11 @@ from volsplat.protocol.text.errors import BadInput
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
 
 
+DRAW, VOLUMES, MACHINES, MEASURE = "Show and draw", "Volumes and scenes", "Machines", "Measure"
+
+
 class Entry(NamedTuple):
+    heading: str  # under which it is listed
     summary: str
     torch: bool = False  # it makes volumes, by torch
     program: str = ""  # the module of the program that the command becomes
@@ -27,23 +33,30 @@ class Entry(NamedTuple):
 
 
 ENTRIES = {
-    "view": Entry("Show a volume in the browser, with every control."),
-    "render": Entry("Draw a volume into an image."),
-    "movie": Entry("Turn a volume around, or fly through it, into a movie."),
-    "demo": Entry("Draw the head phantom, step by step, into a folder.", torch=True),
-    "gallery": Entry("Draw the paper's sixteen images on four plates.", torch=True),
-    "info": Entry("Tell what a volume is, with its histogram."),
-    "scene": Entry("Print the scene of a volume, an image or a preset."),
-    "phantom": Entry("Write a volume that volsplat makes itself.", torch=True),
-    "prepare": Entry("Turn a volume of any size into a packet store on disk.", program="volsplat.deploy.batch"),
-    "bench": Entry(
-        "Measure volsplat: its paper, its floors, its peers.", torch=True, module="volsplat.bench.commands.command"
+    "view": Entry(DRAW, "Show a volume in the browser, with every control."),
+    "render": Entry(DRAW, "Draw a volume into an image."),
+    "movie": Entry(DRAW, "Turn a volume around, or fly through it, into a movie."),
+    "demo": Entry(DRAW, "Draw the head phantom, step by step, into a folder.", torch=True),
+    "gallery": Entry(DRAW, "Draw the paper's sixteen images on four plates.", torch=True),
+    "info": Entry(VOLUMES, "Tell what a volume is, with its histogram."),
+    "scene": Entry(VOLUMES, "Print the scene of a volume, an image or a preset."),
+    "phantom": Entry(VOLUMES, "Write a volume that volsplat makes itself.", torch=True),
+    "prepare": Entry(
+        VOLUMES, "Turn a volume of any size into a packet store on disk.", program="volsplat.deploy.batch"
     ),
-    "deploy": Entry("Bring servers up on a lab's machines, ask after them, end them."),
+    "deploy": Entry(MACHINES, "Bring servers up on a lab's machines, ask after them, end them."),
     Program.MAPSHADE_SERVER.command: Entry(
-        "Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER.value
+        MACHINES, "Run a map/shade server that joins a client.", program=Program.MAPSHADE_SERVER.value
     ),
-    Program.SPLAT_SERVER.command: Entry("Run a splat server that joins a client.", program=Program.SPLAT_SERVER.value),
+    Program.SPLAT_SERVER.command: Entry(
+        MACHINES, "Run a splat server that joins a client.", program=Program.SPLAT_SERVER.value
+    ),
+    "bench": Entry(
+        MEASURE,
+        "Measure volsplat: its paper, its floors, its peers.",
+        torch=True,
+        module="volsplat.bench.commands.command",
+    ),
 }
 
 
@@ -66,8 +79,14 @@ class Commands(click.Group):
         return command
 
     def format_commands(self, context: click.Context, formatter: click.HelpFormatter) -> None:
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, entry.summary) for name, entry in ENTRIES.items()])
+        for heading, entries in groupby(ENTRIES.items(), lambda named: named[1].heading):
+            with formatter.section(heading):
+                formatter.write_dl([(name, entry.summary) for name, entry in entries])
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """As click, without importing the commands."""
+        named = [CompletionItem(name, help=ENTRIES[name].summary) for name in ENTRIES if name.startswith(incomplete)]
+        return named + click.Command.shell_complete(self, ctx, incomplete)
 
 
 def _need_torch(command: str) -> None:
@@ -94,7 +113,11 @@ def _becoming(name: str, program: str) -> click.Command:
     )
 
 
-@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.group(
+    cls=Commands,
+    context_settings={"help_option_names": ["-h", "--help"]},
+    epilog="\b\nFirst steps:\n  volsplat phantom head -o head.nrrd\n  volsplat view head.nrrd",
+)
 @click.version_option(package_name="volsplat", prog_name="volsplat")
 @click.option("-v", "--verbose", count=True, help="Say more on stderr; twice for everything.")
 @log_format_option

@@ -5,6 +5,7 @@ from pathlib import Path
 import click
 import msgspec
 
+from volsplat.client.command.help_page import helped
 from volsplat.client.command.render_outputs import step_image_path
 from volsplat.client.image.contact_sheet import StepPicture, write_contact_sheet
 from volsplat.client.image.image_file import write_image
@@ -27,7 +28,7 @@ DEMO_ZOOM = 3.2  # the volume's box fills the image
 SHEET = "contact-sheet.png"
 
 
-@click.command()
+@helped("volsplat demo --output demo")
 @click.option("--output", type=click.Path(path_type=Path), default=Path("demo"), help="Folder for the images (demo).")
 def demo(output: Path) -> None:
     """Make the head phantom and draw its six steps of refinement with two map/shade servers.

@@ -11,6 +11,7 @@ import click
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import Words
+from volsplat.client.command.help_page import helped
 from volsplat.client.command.opened_volume import opened_quietly, server_options, servers_from_options
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.session.renderer import Renderer
@@ -18,7 +19,7 @@ from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import FinestStep, Step
 
 
-@click.command()
+@helped("volsplat gallery plates", "volsplat gallery plates --data measured --size 1024")
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
     "--data",

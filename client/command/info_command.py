@@ -4,6 +4,7 @@ import json
 
 import click
 
+from volsplat.client.command.help_page import helped, volume_argument
 from volsplat.client.session.session import Session
 from volsplat.client.volume.volume_facts import volume_facts
 from volsplat.client.volume.volume_info import VolumeInfo
@@ -11,8 +12,8 @@ from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.volume_name import check_is_there
 
 
-@click.command()
-@click.argument("volume")
+@helped("volsplat info head.nrrd", "volsplat info 'scans/#T2_AX' --json")
+@volume_argument
 @click.option("--json", "as_json", is_flag=True, help="Print it for programs.")
 def info(volume: str, as_json: bool) -> None:
     """Print dimensions, spacing, orientation, type, range and histogram of VOLUME."""

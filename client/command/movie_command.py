@@ -10,6 +10,7 @@ import click
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import Words
+from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import (
     check_found,
     memory_option,
@@ -29,32 +30,42 @@ from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 
-@click.command()
-@click.argument("volume")
-@click.option(
-    "-o",
-    "--output",
-    type=click.Path(path_type=Path),
-    required=True,
-    help="Film (.mp4 or .webm, by ffmpeg), or a folder for numbered PNG images.",
+@helped(
+    "volsplat movie head.nrrd -o turntable.mp4",
+    "volsplat movie head.nrrd -o flight.webm --key front.toml --key inside.png --frames 240",
 )
-@click.option("--frames", type=click.IntRange(min=1), default=120, help="How many images make the movie (120).")
-@click.option("--rate", type=click.IntRange(1, 240), default=30, help="Images a second, in a film (30).")
-@click.option("--axis", type=Words(get_args(TurningAxis)), help="What the volume turns about (screen-y).")
-@click.option(
-    "--key",
-    "keys",
-    multiple=True,
-    type=click.Path(path_type=Path),
-    metavar="SCENE",
-    help="Move from key to key instead, evenly in time; give it twice or more. Scene TOML, or an image of volsplat's.",
+@volume_argument
+@headed(
+    FILES,
+    click.option(
+        "-o",
+        "--output",
+        type=click.Path(path_type=Path),
+        required=True,
+        help="Film (.mp4 or .webm, by ffmpeg), or a folder for numbered PNG images.",
+    ),
 )
-@click.option("--step", type=Words(Step), default="F", help="Step to draw (F).")
-@server_options
-@scene_options
-@memory_option
 @trace_option
-@click.option("--single", is_flag=True, help="One process, no servers: the same images.")
+@headed(
+    "How it moves",
+    click.option("--frames", type=click.IntRange(min=1), default=120, help="How many images make the movie (120)."),
+    click.option("--rate", type=click.IntRange(1, 240), default=30, help="Images a second, in a film (30)."),
+    click.option("--axis", type=Words(get_args(TurningAxis)), help="What the volume turns about (screen-y)."),
+    click.option(
+        "--key",
+        "keys",
+        multiple=True,
+        type=click.Path(path_type=Path),
+        metavar="SCENE",
+        help="Move from key to key instead, evenly in time; give it twice or more. Scene TOML, or an image of "
+        "volsplat's.",
+    ),
+)
+@headed(SCENE, click.option("--step", type=Words(Step), default="F", help="Step to draw (F)."))
+@scene_options
+@server_options
+@memory_option
+@headed(SERVERS, click.option("--single", is_flag=True, help="One process, no servers: the same images."))
 def movie(
     volume: str,
     output: Path,

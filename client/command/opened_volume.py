@@ -14,12 +14,13 @@ from pathlib import Path
 import click
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.help_page import FILES, SERVERS, headed
 from volsplat.client.command.render_outputs import check_file_writable
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
 from volsplat.deploy.cluster_file import read_cluster
 from volsplat.program.plain_console import PlainConsole
-from volsplat.program.server_process import THREADS, silence_option, tls_option, together
+from volsplat.program.server_process import THREADS, silence_option, tls_option
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume_name import check_is_there
 from volsplat.protocol.text.byte_sizes import bytes_from_option
@@ -49,7 +50,8 @@ class Servers:
 
 COUNT = click.IntRange(min=1)
 # How many servers there are, and what those started here may use.
-server_options = together(
+server_options = headed(
+    SERVERS,
     click.option("--workers", type=COUNT, default=usable_cores(), help="Map/shade servers (cores)."),
     click.option("--splat-servers", type=COUNT, default=1, help="Splat servers, which share the image (1)."),
     click.option(
@@ -68,14 +70,20 @@ server_options = together(
 )
 
 
-memory_option = click.option(
-    "--memory", metavar="SIZE", help="What each server may hold of a prepared volume, as 2G (half of what is left)."
+memory_option = headed(
+    SERVERS,
+    click.option(
+        "--memory", metavar="SIZE", help="What each server may hold of a prepared volume, as 2G (half of what is left)."
+    ),
 )
 
-trace_option = click.option(
-    "--trace",
-    type=click.Path(path_type=Path),
-    help="Write what every process does when, for chrome://tracing or Perfetto.",
+trace_option = headed(
+    FILES,
+    click.option(
+        "--trace",
+        type=click.Path(path_type=Path),
+        help="Write what every process does when, for chrome://tracing or Perfetto.",
+    ),
 )
 
 

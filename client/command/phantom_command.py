@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from volsplat.client.command.choices import Words
+from volsplat.client.command.help_page import helped
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import triple_from_option
 from volsplat.client.phantoms import PHANTOMS, streamed_phantom
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 
-@click.command()
+@helped("volsplat phantom head -o head.nrrd", "volsplat phantom shells -o shells.mha --size 256")
 @click.argument("name", type=Words(sorted(PHANTOMS)))
 @click.option("-o", "--output", type=click.Path(path_type=Path), required=True, help=".nrrd, .nhdr, .mha, .mhd, .nii…")
 @click.option("--size", metavar="N|IxJxK", help="Voxels along each axis, as 256 or 48x64x56.")

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from volsplat.client.command.choices import Words
+from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import (
     check_found,
     memory_option,
@@ -30,21 +31,30 @@ from volsplat.protocol.text.errors import BadInput
 IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers start
 
 
-@click.command()
-@click.argument("volume")
-@click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr.")
-@server_options
-@click.option("--step", type=Words(Step), default="F", help="Step to draw (F).")
-@click.option("--steps-dir", type=click.Path(path_type=Path), help="Write every step up to --step into this folder.")
-@scene_options
-@memory_option
+@helped(
+    "volsplat render head.nrrd -o head.png",
+    "volsplat render head.nrrd -o skull.png --preset ct-bone --rotate 30,10 --background white",
+)
+@volume_argument
+@headed(
+    FILES,
+    click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr."),
+    click.option("--steps-dir", type=click.Path(path_type=Path), help="Folder for every step up to --step."),
+    click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON."),
+)
 @trace_option
-@click.option("--single", is_flag=True, help="One process, no servers: the same image.")
-@click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON.")
-@click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
-@click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none.")
-@click.option(
-    "--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen if missing."
+@headed(SCENE, click.option("--step", type=Words(Step), default="F", help="Step to draw (F)."))
+@scene_options
+@server_options
+@memory_option
+@headed(
+    SERVERS,
+    click.option("--single", is_flag=True, help="One process, no servers: the same image."),
+    click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none."),
+    click.option("--spawn", type=click.Choice(["local", "none"]), help="Start the servers here (local), or none."),
+    click.option(
+        "--token-file", type=click.Path(path_type=Path), help="The session's token; made with --listen if missing."
+    ),
 )
 def render(
     volume: str,

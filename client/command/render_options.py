@@ -14,6 +14,7 @@ import click
 import msgspec
 
 from volsplat.client.command.choices import Words
+from volsplat.client.command.help_page import SCENE, headed
 from volsplat.client.image.image_formats import DEPTHS
 from volsplat.client.scene.colour_maps import colormap
 from volsplat.client.scene.default_scene import default_scene
@@ -21,7 +22,6 @@ from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
 from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.program.server_process import together
 from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Quantise, Scene
 from volsplat.protocol.description.scene_keys import KEYS
@@ -237,7 +237,8 @@ SCENE_OPTIONS = {
 }
 """The options that set keys of the scene."""
 
-scene_options = together(
+scene_options = headed(
+    SCENE,
     click.option("--scene", type=click.Path(path_type=Path), help="Scene TOML, or an image that volsplat wrote."),
     click.option("--preset", type=Words(sorted(PRESETS)), help="Start from this scene."),
     *map(_scene_option, SCENE_OPTIONS),

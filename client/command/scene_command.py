@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from volsplat.client.command.help_page import helped
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.image.image_formats import DEPTHS
 from volsplat.client.scene.presets import PRESETS
@@ -18,7 +19,7 @@ from volsplat.protocol.description.volume_name import check_is_there, volume_nam
 from volsplat.protocol.text.errors import BadInput
 
 
-@click.command()
+@helped("volsplat scene head.nrrd > head.toml", "volsplat scene --preset ct-skin --zoom 3 > skin.toml")
 @click.argument("source", required=False, metavar="[VOLUME|IMAGE]")
 @scene_options
 def scene(source: str | None, **settings: Any) -> None:

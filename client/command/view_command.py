@@ -12,6 +12,7 @@ import click
 import msgspec
 
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.command.help_page import SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import (
     check_found,
     ignored,
@@ -42,30 +43,39 @@ PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page")  # takes a 
 LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 
-@click.command()
-@click.argument("volume")
-@server_options
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page on this machine (any free).")
-@click.option("--no-browser", is_flag=True, help="Print the page's address only.")
-@click.option(
-    "--behind",
-    metavar="URL",
-    help="The page's address in the browser if a proxy shows it there: https://hub.example.org/user/me/proxy/8123/.",
+@helped(
+    "volsplat view head.nrrd",
+    "ssh -t -L 8123:localhost:8123 machine volsplat view /data/head.nrrd --no-browser --port 8123",
 )
-@click.option(
-    "--grace",
-    type=click.FloatRange(min=0),
-    default=GRACE_SECONDS,
-    metavar="SECONDS",
-    help="End when no page has been open for so long (600).",
+@volume_argument
+@headed(
+    "The page",
+    click.option("--port", type=click.IntRange(0, 65535), default=0, help="Its port on this machine (any free)."),
+    click.option("--no-browser", is_flag=True, help="Print its address only."),
+    click.option(
+        "--behind",
+        metavar="URL",
+        help="Its address in the browser if a proxy shows it there: https://hub.example.org/user/me/proxy/8123/.",
+    ),
+    click.option(
+        "--grace",
+        type=click.FloatRange(min=0),
+        default=GRACE_SECONDS,
+        metavar="SECONDS",
+        help="End when no page has been open for so long (600).",
+    ),
 )
 @scene_options
-@memory_option
 @trace_option
-@metrics_options
-@click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none.")
-@click.option(
-    "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
+@server_options
+@memory_option
+@headed(
+    SERVERS,
+    metrics_options,
+    click.option("--listen", metavar="HOST:PORT", help="Wait here for servers started by hand, and start none."),
+    click.option(
+        "--token-file", type=click.Path(path_type=Path), help="The servers' token; made with --listen if missing."
+    ),
 )
 def view(
     volume: str,

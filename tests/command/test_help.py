@@ -1,0 +1,72 @@
+"""Help: options under headings, examples that can be typed, and what a shell completes."""
+
+import os
+import shlex
+import subprocess
+import sys
+
+import click
+import pytest
+
+from volsplat.client.command.commands import ENTRIES, volsplat
+from volsplat.client.command.help_page import OTHERS, HelpedCommand
+
+HELPED = [
+    name
+    for name, entry in ENTRIES.items()
+    if not entry.program and isinstance(volsplat.get_command(click.Context(volsplat), name), HelpedCommand)
+]
+WITH_HEADINGS = ("view", "render", "movie")
+
+
+def command(name: str) -> click.Command:
+    found = volsplat.get_command(click.Context(volsplat, info_name="volsplat"), name)
+    assert found is not None
+    return found
+
+
+def help_of(name: str) -> str:
+    return command(name).get_help(click.Context(command(name), info_name=name))
+
+
+def test_every_command_of_one_heading_is_listed_together() -> None:
+    headings = [entry.heading for entry in ENTRIES.values()]
+    assert headings == sorted(headings, key=headings.index)
+    text = volsplat.get_help(click.Context(volsplat, info_name="volsplat"))
+    assert all(f"\n{heading}:\n" in text for heading in headings)
+    assert all(f"\n  {name} " in text for name in ENTRIES)
+
+
+@pytest.mark.parametrize("name", WITH_HEADINGS)
+def test_of_long_help_only_help_itself_has_no_heading(name: str) -> None:
+    _, others = help_of(name).split(f"\n{OTHERS}:\n")
+    assert others.split("\n\n")[0].split() == "--help Show this message and exit.".split()
+
+
+@pytest.mark.parametrize("name", HELPED)
+def test_the_examples_are_commands_as_they_may_be_typed(name: str) -> None:
+    epilog = command(name).epilog or ""
+    examples = [line for line in epilog.splitlines() if line.startswith("  ")]
+    assert examples
+    for example in examples:
+        words = shlex.split(example.split("volsplat ", 1)[1].split(" > ")[0])
+        assert words[0] == name
+        command(name).make_context(name, words[1:])
+
+
+def completed(typed: str) -> list[str]:
+    """What a shell is told of the last word."""
+    asked = {"COMP_WORDS": typed, "COMP_CWORD": str(typed.count(" ")), "_VOLSPLAT_COMPLETE": "bash_complete"}
+    program = [
+        sys.executable,
+        "-c",
+        "import sys; sys.argv[0] = 'volsplat'; from volsplat.client.command.cli import main; main()",
+    ]
+    done = subprocess.run(program, env=os.environ | asked, capture_output=True, encoding="utf-8", check=True)
+    return done.stdout.split()
+
+
+def test_a_shell_completes_commands_presets_and_files() -> None:
+    assert completed("volsplat m") == ["plain,movie", "plain,mapshade-server"]
+    assert completed("volsplat render head.nrrd --preset ct-") == ["plain,ct-bone", "plain,ct-skin"]
+    assert completed("volsplat render he") == ["file,he"]
