@@ -8,6 +8,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from torch import Tensor
 
 from support.scenes.arbitrary import bounds_within, index_to_physical, plain_scene, quaternions
 from support.scenes.partitions import cut, handed_out
@@ -15,9 +16,10 @@ from support.scenes.phantoms import shaded_scene, shells
 from support.scenes.rendering import rendered
 from tolerances import BETWEEN_CPU_PATHS, ONE_LEVEL
 from volsplat.mapshade_server import _kernels as mapshade_kernels
-from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Step, View
+from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry.matrices import IDENTITY, Matrix
+from volsplat.protocol.rules.closed_tiles import FROZEN_ALPHA
 from volsplat.splat_server import _kernels as splat_kernels
 
 SIZE = 14
@@ -126,6 +128,30 @@ def test_splat_server_s_cpu_paths_agree(step: Step, order: Order, restored_cpu_p
         images.append(rendered(VALUES, geometry, scene, step))
         assert torch.equal(rendered(VALUES, geometry, scene, step, threads=7), images[-1])
     assert all((image - images[0]).abs().max() <= BETWEEN_CPU_PATHS for image in images)
+
+
+@given(quaternions, st.floats(0.3, 6.0), st.sampled_from((0.05, 0.3, 0.9)))
+def test_splat_server_s_cpu_paths_part_only_where_one_of_them_freezes_a_pixel(
+    rotation: tuple[float, float, float, float], zoom: float, opacity: float
+) -> None:
+    """What comes after that may change the others' by what is left to be seen through it."""
+    view = View(rotation=rotation, zoom=zoom)
+    scene = plain_scene(opacity, view=view, size=(32, 32), order=Order.FRONT_TO_BACK)
+    images = [rendered_on(path, scene) for path in splat_kernels.cpu_paths()]
+    for image in images[1:]:
+        apart = (image - images[0]).abs().amax(dim=2)
+        frozen = torch.minimum(image[..., 3], images[0][..., 3]) >= FROZEN_ALPHA - BETWEEN_CPU_PATHS
+        assert apart[~frozen].numel() == 0 or apart[~frozen].max() <= BETWEEN_CPU_PATHS
+        assert apart.max() <= 1 - FROZEN_ALPHA + BETWEEN_CPU_PATHS
+
+
+def rendered_on(path: str, scene: Scene) -> Tensor:
+    before = splat_kernels.cpu_path()
+    splat_kernels.set_cpu_path(path)
+    try:
+        return rendered(VALUES, Geometry(DIMS), scene, Step.F)
+    finally:
+        splat_kernels.set_cpu_path(before)
 
 
 @given(quaternions, st.sampled_from((0.5, 1.0, 1.73, 4.0)), st.sampled_from(Step), st.sampled_from((1e-3, 0.1, 1.0)))
