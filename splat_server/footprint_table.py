@@ -28,12 +28,15 @@ def offset_bits_for(shape: FootprintShape) -> int:
     """The binary logarithm of the offsets a pixel: 6 is the packets' own lattice.
 
     As fine as the cache allows, but across its narrow side a footprint never gets less than FINEST_RATIO offsets a
-    voxel: where all samples of a sheet round alike, in axis-aligned views, coarser ones show.
+    voxel: where all samples of a sheet round alike, in axis-aligned views, coarser ones show. A precise one has all of
+    them, unless that is more than anybody could hold.
     """
     ellipse = _ellipse(shape)
     mean, spread = (shape.qxx + shape.qyy) / 2, math.hypot((shape.qxx - shape.qyy) / 2, shape.qxy)
     narrow = 1 / math.sqrt(mean + spread)  # pixels a voxel
     enough = max(COARSEST_OFFSET_BITS, math.ceil(math.log2(FINEST_RATIO / narrow) - ROUNDING))
+    if shape.precise:
+        enough = SUBPIXEL_BITS
     bits = SUBPIXEL_BITS
     while bits > enough and FootprintTable.bytes_needed(ellipse, bits) > CACHE_BUDGET:
         bits -= 1

@@ -309,6 +309,14 @@ class Reconstruction(Part, frozen=True):
             "voxels",
         ),
     ] = "default"
+    precise: Annotated[
+        bool,
+        Key(
+            "Footprints at all 64 offsets a pixel, however large they are: for final images. Half as slow again where"
+            " voxels\nare large.",
+            Switch("precise footprints"),
+        ),
+    ] = False
     slab: Annotated[
         float,
         Key(

@@ -60,6 +60,7 @@ class FootprintShape(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     qyy: float
     half_width: float  # of the ellipse's bounding box, in pixels
     half_height: float
+    precise: bool = False  # at all offsets that positions have, though that be slower
 
     def __post_init__(self) -> None:
         Reconstruction(radius=self.radius)
@@ -102,6 +103,7 @@ def footprint_shape(grid: GridOnScreen, stride: int, reconstruction: Reconstruct
         qyy=vxx / area,
         half_width=radius * math.sqrt(vxx),
         half_height=radius * math.sqrt(vyy),
+        precise=reconstruction.precise,
     )
 
 

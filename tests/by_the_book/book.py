@@ -29,6 +29,7 @@ class Book:
     front_to_back: bool
     kernel: str
     radius: float
+    precise: bool
     emit: Colours
     refl: Colours
     opac: Points

@@ -212,7 +212,7 @@ class _Drawing:
         pitch = 32 if 16 < across <= 32 else -(-across // 4) * 4
         enough = max(3, ceil(log2(64 / narrow) - 1e-6))
         bits = 6
-        while bits > enough and 4 * 4**bits * pitch * along > 1572864:
+        while bits > enough and not self.book.precise and 4 * 4**bits * pitch * along > 1572864:
             bits -= 1
         while bits > 0 and 4 * 4**bits * pitch * along > 2**25:
             bits -= 1

@@ -77,7 +77,7 @@ def scene(seed: int, view: View, order: Order, kernel: Kernel, edges: bool, boun
         light=Light(direction=(0.4, -0.3, 0.8), fixed_to="grid" if seed % 2 else "world"),
         view=view,
         bounds=bounds,
-        reconstruction=Reconstruction(kernel=kernel, radius="default" if seed % 2 else 1.6),
+        reconstruction=Reconstruction(kernel, radius="default" if seed % 2 else 1.6, precise=seed % 3 == 0),
         order=order,
         image=Image(width=27, height=24, edges=edges),
     )
@@ -108,6 +108,7 @@ def book(values: torch.Tensor, geometry: Geometry, scene: Scene, step: Step, oct
         front_to_back=scene.order == Order.FRONT_TO_BACK,
         kernel=scene.reconstruction.kernel.value,
         radius=kernel_radius(scene.reconstruction),
+        precise=scene.reconstruction.precise,
         emit=colours(scene.tables.emit) if active.emitted else colours(BLACK),
         refl=colours(scene.tables.refl),
         opac=list(scene.tables.opac.points),

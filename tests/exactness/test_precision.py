@@ -81,6 +81,20 @@ def test_any_scene_is_as_precise_as_the_design_asks(
     assert (off > ONE_LEVEL).double().mean() <= allowed
 
 
+def test_where_offsets_are_too_few_a_precise_scene_has_enough() -> None:
+    """A thin surface, nearly but not quite from the front, whose few sheets do not make up for one another."""
+    geometry = Geometry((SIZE,) * 3, ((1.055539999334889, 0.0, 0.0), (0.0, 1.0546875, 0.0), (0.0, 0.0, 1.3)))
+    values, scene = blobs(17147058), scene_of("nearly from the front", 4.3, "thin", Kernel.GAUSSIAN)
+    packets = voxel_packets.pack(values, geometry, QUANTISATION)
+    exact = render.render(packets, geometry, QUANTISATION, scene, Step.F, exact=True)
+    precise = msgspec.structs.replace(scene, reconstruction=Reconstruction(precise=True))
+    shares = [
+        ((exact - rendered(values, geometry, one, Step.F)).abs().amax(dim=2) > ONE_LEVEL).double().mean()
+        for one in (scene, precise)
+    ]
+    assert shares[1] == 0.0 < shares[0]
+
+
 @pytest.mark.parametrize("zoom", (0.8, 1.0, 1.2, *ZOOMS))
 @pytest.mark.parametrize("view", ["from the front", "rolled by 45 degrees"])
 def test_a_slab_seen_along_an_axis_hardly_ripples(view: str, zoom: float) -> None:
