@@ -3,7 +3,6 @@
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from functools import partial
 
 from volsplat.mapshade_server.frame_tally import FrameTally, LinkTally
 from volsplat.mapshade_server.frame_walk import FrameWalk
@@ -83,13 +82,10 @@ class FrameDelivery:
     def _goes_on(self) -> bool:
         return not self._ended and self._wanted() and len(self._lost) < len(self._parts)
 
-    def _goes_on_with(self, server: int) -> bool:
-        return self._goes_on() and server not in self._lost
-
     def _wait_for_merge(self, walker: int, outlets: "Sequence[_Outlet]", tally: FrameTally) -> None:
         """Until every splat server is near enough to where the walker is."""
         for outlet in outlets:
-            waited = outlet.pace.wait(walker, partial(self._goes_on_with, outlet.server))
+            waited = outlet.pace.wait(walker, self._goes_on)
             if waited > 0.0:
                 tally.wait(outlet.server, waited)
                 ended = time.perf_counter()

@@ -123,6 +123,7 @@ class DataLink:
             self._failure = error
         finally:
             self._connection.close()  # a link that nobody hears is lost
+            self.pace.end()
 
     @takes(messages.TilesClosed)
     def _close_tiles(self, message: messages.TilesClosed, payload: memoryview) -> None:

@@ -39,6 +39,7 @@ class LinkPace:
         self._changed = threading.Condition()  # guards what follows
         self._frame = 0
         self._window = math.inf  # bytes that each walker may have under way
+        self._ended = False
         self._splatted = START
         self._under_way: defaultdict[int, deque[_UnderWay]] = defaultdict(deque)  # by walker
         self._bytes: defaultdict[int, int] = defaultdict(int)  # of these
@@ -49,7 +50,7 @@ class LinkPace:
         carried = self._carried_meanwhile()
         with self._changed:
             self._frame, self._splatted = frame, START
-            self._window = max(LEAST_WINDOW, carried / walkers) if walkers else math.inf
+            self._window = max(LEAST_WINDOW, carried / walkers) if walkers and not self._ended else math.inf
             self._under_way.clear()
             self._bytes.clear()
 
@@ -76,6 +77,12 @@ class LinkPace:
             for walker, batches in self._under_way.items():
                 while batches and batches[0].reached <= place:
                     self._bytes[walker] -= batches.popleft().nbytes
+            self._changed.notify_all()
+
+    def end(self) -> None:
+        """There will be no more news: whoever waits goes on, and finds in its next send what has become of the link."""
+        with self._changed:
+            self._ended, self._window = True, math.inf
             self._changed.notify_all()
 
     def wait(self, walker: int, wanted: Callable[[], bool]) -> float:

@@ -119,3 +119,19 @@ def test_a_walker_that_waits_goes_on_as_soon_as_there_is_news() -> None:
     pace.splatted(1, (1, 4))
     walker.join(PATIENCE)
     assert waited and not walker.is_alive()
+
+
+def test_a_link_that_has_ended_holds_nobody_back() -> None:
+    pace = paced()
+    for row in range(4):
+        pace.sent(0, (1, row + 1), BATCH, LEAST_PACKETS)
+    waited: list[float] = []
+    walker = threading.Thread(target=lambda: waited.append(pace.wait(0, wanted=lambda: True)))
+    walker.start()
+    pace.end()
+    walker.join(PATIENCE)
+    assert waited and not walker.is_alive()
+    pace.begin_frame(2, 1)
+    for row in range(4):
+        pace.sent(0, (1, row + 1), BATCH, LEAST_PACKETS)
+    assert goes_on(pace, 0)
