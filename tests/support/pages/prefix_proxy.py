@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import asyncio
 import re
+import socket
 import threading
-from collections.abc import Iterator
-from concurrent.futures import Future
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
@@ -23,73 +22,85 @@ class PrefixProxy:
 
     prefix: str
     cuts: bool
-    port: int = 0
+    listening: socket.socket
     target: int = 0  # the server's port, set before anything is asked
     outside: list[str] = field(default_factory=list)  # paths that were asked for and are not below the prefix
+    _open: set[socket.socket] = field(default_factory=set)
+    _threads: list[threading.Thread] = field(default_factory=list)
 
     @property
     def url(self) -> str:
-        return f"http://127.0.0.1:{self.port}{self.prefix}/"
+        return f"http://127.0.0.1:{self.listening.getsockname()[1]}{self.prefix}/"
 
-    async def serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    def serve(self) -> None:
+        """A thread for each connection, until the listening socket is shut down."""
+        with suppress(OSError):
+            while True:
+                browser, _ = self.listening.accept()
+                self._open.add(browser)
+                self._begin(self._answer, browser)
+
+    def end(self) -> None:
+        """End what is open still, and wait for its threads."""
+        for one in list(self._open):
+            with suppress(OSError):  # it has ended by itself
+                one.shutdown(socket.SHUT_RDWR)
+        for thread in list(self._threads):
+            thread.join(PATIENCE)
+
+    def _begin(self, work: Callable[..., None], *sockets: socket.socket) -> threading.Thread:
+        thread = threading.Thread(target=work, args=sockets, daemon=True)
+        self._threads.append(thread)
+        thread.start()
+        return thread
+
+    def _answer(self, browser: socket.socket) -> None:
         """One request for each connection."""
-        try:
-            with suppress(OSError, asyncio.IncompleteReadError):
-                head = await reader.readuntil(b"\r\n\r\n")
-                asked = _REQUEST.match(head)
-                assert asked is not None, head
-                path = asked[2].decode()
-                if path.startswith(self.prefix + "/"):
-                    passed = path.removeprefix(self.prefix) if self.cuts else path
-                    rest = _CONNECTION.sub(b"\r\nConnection: close", head[asked.end() - 2 :])[2:]
-                    await self._pass(asked[1] + b" " + passed.encode() + b" " + asked[3] + rest, reader, writer)
-                else:
-                    self.outside.append(path)
-                    writer.write(_NOT_FOUND)
-        finally:
-            writer.close()
+        with browser, suppress(OSError):
+            head = b""
+            while b"\r\n\r\n" not in head:
+                if not (data := browser.recv(1 << 16)):
+                    return
+                head += data
+            asked = _REQUEST.match(head)
+            assert asked is not None, head
+            path = asked[2].decode()
+            if not path.startswith(self.prefix + "/"):
+                self.outside.append(path)
+                browser.sendall(_NOT_FOUND)
+                return
+            passed = path.removeprefix(self.prefix) if self.cuts else path
+            rest = _CONNECTION.sub(b"\r\nConnection: close", head[asked.end() - 2 :])[2:]
+            self._pass(asked[1] + b" " + passed.encode() + b" " + asked[3] + rest, browser)
 
-    async def _pass(self, head: bytes, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        answers, server = await asyncio.open_connection("127.0.0.1", self.target)
-        server.write(head)
-        sending = asyncio.create_task(_relay(reader, server))
-        try:
-            await _relay(answers, writer)
-        finally:
-            sending.cancel()
-            server.close()
+    def _pass(self, head: bytes, browser: socket.socket) -> None:
+        with socket.create_connection(("127.0.0.1", self.target)) as server:
+            self._open.add(server)
+            server.sendall(head)
+            sending = self._begin(_relay, browser, server)
+            _relay(server, browser)
+            for one in (browser, server):
+                with suppress(OSError):  # the other end may have closed it
+                    one.shutdown(socket.SHUT_RDWR)
+            sending.join(PATIENCE)
 
 
 @contextmanager
 def prefix_proxy(prefix: str, *, cuts: bool) -> Iterator[PrefixProxy]:
-    """Serve on a free port of loopback, by a thread: Playwright has a loop of its own in the test's."""
-    proxy = PrefixProxy(prefix, cuts)
-    ready: Future[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = Future()
-    thread = threading.Thread(target=lambda: asyncio.run(_serve(proxy, ready)), name="prefix proxy", daemon=True)
-    thread.start()
-    loop, end = ready.result(PATIENCE)
-    try:
-        yield proxy
-    finally:
-        loop.call_soon_threadsafe(end.set)
-        thread.join(PATIENCE)
+    """Serve on a free port of loopback."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        proxy = PrefixProxy(prefix, cuts, listening)
+        accepting = threading.Thread(target=proxy.serve, name="prefix proxy", daemon=True)
+        accepting.start()
+        try:
+            yield proxy
+        finally:
+            listening.shutdown(socket.SHUT_RDWR)
+            accepting.join(PATIENCE)
+            proxy.end()
 
 
-async def _serve(proxy: PrefixProxy, ready: Future[tuple[asyncio.AbstractEventLoop, asyncio.Event]]) -> None:
-    listening = await asyncio.start_server(proxy.serve, "127.0.0.1", 0)
-    proxy.port = listening.sockets[0].getsockname()[1]
-    end = asyncio.Event()
-    ready.set_result((asyncio.get_running_loop(), end))
-    await end.wait()
-    listening.close()
-    while left := asyncio.all_tasks() - {asyncio.current_task()}:
-        for task in left:
-            task.cancel()
-        await asyncio.wait(left)
-
-
-async def _relay(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+def _relay(source: socket.socket, target: socket.socket) -> None:
     with suppress(OSError):
-        while data := await reader.read(1 << 16):
-            writer.write(data)
-            await writer.drain()
+        while data := source.recv(1 << 16):
+            target.sendall(data)
