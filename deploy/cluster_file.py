@@ -61,6 +61,16 @@ class Machine(Table, frozen=True, kw_only=True):
         return self.host or self.launcher
 
     @property
+    def behind_tunnel(self) -> bool:
+        """Whether ssh alone reaches it, and its servers nobody but by what ssh carries."""
+        return self.launcher == "ssh" and self.ssh.tunnel
+
+    @property
+    def hides_splat_servers(self) -> bool:
+        """Whether servers elsewhere reach its splat servers by a tunnel alone."""
+        return self.behind_tunnel and self.splat_servers > 0 and self.advertise is None
+
+    @property
     def metrics_at(self) -> Address | None:
         """Of its first server."""
         return None if self.metrics is None else parse_address(self.metrics)
@@ -167,10 +177,26 @@ def _check(cluster: Cluster, name: str) -> None:
             raise BadInput(f"{place}.host: {_shown(machine.host)} is no name of a machine; give it as ssh knows it")
         if machine.map_shade_servers + machine.splat_servers == 0:
             raise BadInput(f"{place}: runs no server; give map-shade-servers or splat-servers, or leave it out")
+    _check_tunnels(cluster, name)
     _checked(f"{name}: client", cluster.client, parse_address)
     for kind, count in (("map-shade-servers", cluster.map_shade_servers), ("splat-servers", cluster.splat_servers)):
         if count == 0:
             raise BadInput(f"{name}: {kind}: no machine runs any, but one is needed at least; add {kind} = 1 to one")
+
+
+def _check_tunnels(cluster: Cluster, name: str) -> None:
+    """Who dials servers behind a tunnel must have one as well, or be on this machine, where all of them begin."""
+    hidden = next((machine.title for machine in cluster.machines if machine.hides_splat_servers), None)
+    for number, machine in enumerate(cluster.machines):
+        if machine.behind_tunnel and machine.listen is not None:
+            raise BadInput(
+                f"{name}: machines[{number}].listen: its servers dial the client through the tunnel; leave listen out"
+            )
+        if hidden and machine.map_shade_servers and not machine.behind_tunnel and machine.launcher != "local":
+            raise BadInput(
+                f"{name}: machines[{number}]: its map/shade servers do not reach the splat servers of {hidden}, which "
+                f"are behind a tunnel; give {hidden} advertise if there is a way, or this machine ssh.tunnel = true"
+            )
 
 
 def _check_ports(place: str, address: Address | None, machine: Machine) -> None:

@@ -9,6 +9,7 @@ class LauncherKeys(msgspec.Struct, frozen=True, kw_only=True, rename="kebab", fo
 
 class SshKeys(LauncherKeys, frozen=True):
     options: tuple[str, ...] = ()  # for the program ssh, as ["-J", "gate.lab"]
+    tunnel: bool = False  # nothing but ssh gets through, so it carries all that servers there and elsewhere say
 
 
 class DaskKeys(LauncherKeys, frozen=True):

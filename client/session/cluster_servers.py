@@ -12,6 +12,7 @@ from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
 from volsplat.deploy.launchers.launcher import ServerState
 from volsplat.deploy.restart_limit import RestartLimit
+from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.calling import call
@@ -41,6 +42,7 @@ class ClusterServers:
         self._why: dict[str, str] = {}  # each is not there
         self._closed = threading.Event()
         self._watching: threading.Thread | None = None
+        self._tunnels: Tunnels | None = None
 
     def _bring_up(self) -> ClusterState:
         try:
@@ -61,7 +63,8 @@ class ClusterServers:
         return self._running.volume(name)
 
     def join(self, links: ServerLinks) -> None:
-        """Take the servers into a session."""
+        """Take the servers into a session, which listens."""
+        self._tunnels = self._running.tunnels(self._state, self._report)
         for one in self._state.servers:
             if one.wait_at:
                 name = f"call {one.started.name}"
@@ -93,6 +96,8 @@ class ClusterServers:
         """
         if self._watching is not None:
             self._watching.join()
+        if self._tunnels is not None:
+            self._tunnels.close()
         if self._brought_up:
             self._running.down(self._report)
 
@@ -162,7 +167,10 @@ class ClusterServers:
 
     def _look_after(self, missing: list[str], seen: set[str]) -> None:
         """Those that have ended are started anew, and those that were `seen` in the session and do not come again."""
-        ended, frozen = list[str](), self._missing_for(FROZEN_SECONDS) & seen
+        ended = list[str]()
+        frozen = {
+            name for name in self._missing_for(FROZEN_SECONDS) & seen if self._reachable_for(FROZEN_SECONDS, name)
+        }
         for one, said in self._running.statuses():
             name = one.started.name
             if name not in missing:
@@ -176,7 +184,7 @@ class ClusterServers:
             elif said.state is ServerState.RUNNING and name in frozen:
                 ended.append(name)
                 self._note(name, f"{name} runs and does not join again; another one is started in its place")
-            elif not one.wait_at:  # else whoever dials it knows better
+            elif not one.wait_at and not self._cut_off(name):  # else whoever dials it knows better, or its tunnel
                 self._note(name, f"{name} has not joined yet" + (f": {said.reason}" if said.reason else ""))
         again = [name for name in ended if self._restarts[name].may_restart()]
         if again:
@@ -184,6 +192,14 @@ class ClusterServers:
             state = self._running.up(self._report, anew=again)
             self._known = {one.started.name: one for one in state.servers}
 
+    def _reachable_for(self, seconds: float, name: str) -> bool:
+        return self._tunnels is None or self._tunnels.open_for(self._known[name].machine) > seconds
+
+    def _cut_off(self, name: str) -> str:
+        """Why its tunnel is not open, if it needs one."""
+        return "" if self._tunnels is None else self._tunnels.failure(self._known[name].machine)
+
     def _reasons(self, missing: list[str]) -> str:
         with self._lock:
-            return "; ".join(self._why.get(name, f"{name} has not joined") for name in missing)
+            known = [self._cut_off(name) or self._why.get(name, f"{name} has not joined") for name in missing]
+        return "; ".join(dict.fromkeys(known))

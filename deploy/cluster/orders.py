@@ -8,6 +8,7 @@ from volsplat.deploy.cluster_file import ENGINES, Cluster, Machine
 from volsplat.deploy.launchers.launcher import ServerOrder
 from volsplat.deploy.launchers.table import host_name
 from volsplat.deploy.server_command import Program
+from volsplat.deploy.tunnels.ports import splat_ports
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
 
@@ -23,12 +24,11 @@ class Ordered(NamedTuple):
 
 def ordered(cluster: Cluster, listen_port: int) -> list[Ordered]:
     """All servers, machine by machine. Raises BadInput where no address can be found."""
-    alone = all(machine.launcher == "local" for machine in cluster.machines)
     titles = _titles(cluster)
     return [
         one
         for number, machine in enumerate(cluster.machines)
-        for one in _of_machine(cluster, number, titles[number], alone, listen_port)
+        for one in _of_machine(cluster, number, titles[number], listen_port)
     ]
 
 
@@ -38,8 +38,9 @@ def _titles(cluster: Cluster) -> list[str]:
     return [title if plain.count(title) == 1 else f"{title}-{n + 1}" for n, title in enumerate(plain)]
 
 
-def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_port: int) -> Iterator[Ordered]:
+def _of_machine(cluster: Cluster, number: int, title: str, listen_port: int) -> Iterator[Ordered]:
     machine = cluster.machines[number]
+    carried = splat_ports(cluster, listen_port).get(number, ())
     waits, metrics = machine.listens_at, machine.metrics_at
     for program, count in (
         (Program.SPLAT_SERVER, machine.splat_servers),
@@ -63,7 +64,7 @@ def _of_machine(cluster: Cluster, number: int, title: str, alone: bool, listen_p
                 metrics = metrics._replace(port=metrics.port + 1)
             arguments += _cores(machine, count)
             if program is Program.SPLAT_SERVER:
-                arguments += [] if alone else ["--listen", f"{EVERYWHERE}:0"]
+                arguments += _data_links(cluster, machine, carried[n] if carried else 0)
                 arguments += ["--advertise", machine.advertise] if machine.advertise else []
             elif machine.data_root:
                 arguments += ["--data-root", machine.data_root]
@@ -76,9 +77,16 @@ def _cores(machine: Machine, servers: int) -> list[str]:
     return [] if machine.launcher in ENGINES else ["--sharing", str(servers)]
 
 
+def _data_links(cluster: Cluster, machine: Machine, port: int) -> list[str]:
+    """Where a splat server takes them: at this port if it is not 0, and on loopback if nobody comes from elsewhere."""
+    others = (one for one in cluster.machines if one.launcher != "local" and not one.behind_tunnel)
+    within = machine.hides_splat_servers or (machine.launcher == "local" and not any(others))
+    return ["--listen", str(Address(LOOPBACK if within else EVERYWHERE, port))] if port or not within else []
+
+
 def client_address(cluster: Cluster, machine: Machine, listen_port: int) -> str:
     """Where servers of this machine dial the client."""
-    if machine.launcher == "local":
+    if machine.launcher == "local" or machine.behind_tunnel:
         return str(Address(LOOPBACK, listen_port))
     if cluster.client is not None:
         return cluster.client

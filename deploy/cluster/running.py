@@ -3,6 +3,7 @@
 import socket
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
@@ -13,6 +14,8 @@ from volsplat.deploy.cluster.state import ClusterState, KnownServer, StateFolder
 from volsplat.deploy.cluster_file import Cluster, cluster_from_toml, read_cluster_text
 from volsplat.deploy.launchers.launcher import Launcher, Report, Said, Secrets, ServerState
 from volsplat.deploy.launchers.table import launcher_of
+from volsplat.deploy.tunnels.ports import last_port
+from volsplat.deploy.tunnels.tunnels import Tunnels
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import EVERYWHERE, LOOPBACK, Address
@@ -47,8 +50,13 @@ class RunningCluster:
         dial_in = {one.machine for one in state.servers if not one.wait_at}
         if not dial_in:
             return Address(LOOPBACK, 0)
-        elsewhere = any(self.cluster.machines[number].launcher != "local" for number in dial_in)
+        machines = [self.cluster.machines[number] for number in dial_in]
+        elsewhere = any(machine.launcher != "local" and not machine.behind_tunnel for machine in machines)
         return Address(EVERYWHERE if elsewhere else LOOPBACK, state.listen_port)
+
+    def tunnels(self, state: ClusterState, report: Report) -> Tunnels:
+        """Those by which servers reach a client that listens. Whoever opens them closes them."""
+        return Tunnels(self.cluster, state.listen_port, report)
 
     def volume(self, name: str) -> str:
         """The name of a volume as the servers take it: a relative one lies below each machine's data-root."""
@@ -196,8 +204,14 @@ def _on_all(
 
 
 def _free_port(cluster: Cluster) -> int:
-    """Where clients listen for servers that dial in."""
+    """Where clients listen for servers that dial in. What tunnels carry follows it, and is free as well."""
     if cluster.client is not None:
         return int(cluster.client.rpartition(":")[2])
-    with socket.create_server(("", 0)) as free:
-        return int(free.getsockname()[1])
+    while True:
+        with ExitStack() as free:
+            first = free.enter_context(socket.create_server(("", 0)))
+            port = int(first.getsockname()[1])
+            with suppress(OSError, OverflowError):  # another one is tried
+                for further in range(port + 1, last_port(cluster, port) + 1):
+                    free.enter_context(socket.create_server(("", further)))
+                return port

@@ -6,7 +6,6 @@ from pathlib import Path
 
 from volsplat.deploy.cluster.running import MOST_AT_ONCE, RunningCluster
 from volsplat.deploy.cluster.state import ClusterState, KnownServer
-from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.doctor import servers
 from volsplat.deploy.doctor.finding import Finding
 from volsplat.deploy.doctor.forecast import Drawer, Size, drawn_level, forecast
@@ -16,7 +15,9 @@ from volsplat.deploy.doctor.packet_links import packet_links
 from volsplat.deploy.doctor.way_in import way_in
 from volsplat.deploy.launchers.launcher import Report
 from volsplat.deploy.server_command import Program
-from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.deploy.tunnels.tunnel import OPEN_SECONDS
+from volsplat.deploy.tunnels.tunnels import Tunnels
+from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 
 There = dict[str, tuple[KnownServer, Connection]]  # by name
@@ -60,12 +61,8 @@ class Doctor:
     def _ways_in(self) -> None:
         machines = list({machine.title: machine for machine in self._running.cluster.machines}.values())
         self._doing(f"looking at the ways into {len(machines)} machines")
-
-        def look(machine: Machine) -> list[Finding]:
-            return way_in(machine, self._running.folder.path)
-
         with ThreadPoolExecutor(MOST_AT_ONCE, "way in") as pool:
-            for found in pool.map(look, machines):
+            for found in pool.map(way_in, machines):
                 for finding in found:
                     self._find(finding)
 
@@ -78,6 +75,7 @@ class Doctor:
     def _of_servers(self, state: ClusterState) -> None:
         meeting = Meeting(self._running, state)
         try:
+            self._tunnels(meeting.tunnels)
             there = self._there(state, meeting)
             seen = self._volumes(there, meeting)
             self._doing("having map/shade servers reach the splat servers")
@@ -88,12 +86,20 @@ class Doctor:
         finally:
             meeting.close()
 
+    def _tunnels(self, tunnels: Tunnels) -> None:
+        for tunnel in tunnels.all:
+            self._doing(f"opening the tunnel to {tunnel.host}")
+            failure = tunnel.failure(OPEN_SECONDS)
+            self._find(Finding(tunnel.host, "tunnel", not failure, failure or f"carries {tunnel.way}"))
+
     def _there(self, state: ClusterState, meeting: Meeting) -> There:
         there: There = {}
         for one in state.servers:
             name = one.started.name
             self._doing(f"waiting for {name}")
             try:
+                if failure := meeting.tunnels.failure(one.machine):
+                    raise PeerLost(failure)
                 there[name] = one, meeting.server(one)
             except VolsplatError as error:
                 self._find(Finding(name, "link", False, str(error)))

@@ -42,6 +42,7 @@ class Meeting:
         self._closed = threading.Event()
         self._deadline = time.monotonic() + LATE_SECONDS
         self._listener = self._listening()
+        self.tunnels = running.tunnels(state, log.info)
         self._heartbeat = Heartbeat(running.cluster.silence)
         threading.Thread(target=self._accept, name="accept servers", daemon=True).start()
         for one in state.servers:
@@ -105,6 +106,7 @@ class Meeting:
         for server in there:
             _let_go(server)
         self._heartbeat.close()
+        self.tunnels.close()
 
     def _accept(self) -> None:
         while (connection := self._listener.accept()) is not None:

@@ -4,11 +4,10 @@ import socket
 import time
 from collections.abc import Iterator, Mapping
 from importlib.metadata import version
-from pathlib import Path
 
 from volsplat.deploy.cluster_file import Machine
 from volsplat.deploy.doctor.finding import Finding
-from volsplat.deploy.launchers.ssh import SshLauncher, ssh_config
+from volsplat.deploy.launchers.ssh import run_there, ssh_config
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.addresses import Address
@@ -17,19 +16,19 @@ from volsplat.protocol.wire.dialling import dialled_socket
 CLOCK_SECONDS = 2.0  # of difference, from which on log lines of two machines cannot be set side by side
 
 
-def way_in(machine: Machine, folder: Path) -> list[Finding]:
+def way_in(machine: Machine) -> list[Finding]:
     """What is found on it, up to the first hop that is wrong. By other launchers than ssh there is none."""
     if machine.launcher != "ssh":
         return []
     found: list[Finding] = []
-    for finding in _hops(machine, folder):
+    for finding in _hops(machine):
         found.append(finding)
         if not finding.right and finding.hop in ("name", "port", "ssh"):
             break
     return found
 
 
-def _hops(machine: Machine, folder: Path) -> Iterator[Finding]:
+def _hops(machine: Machine) -> Iterator[Finding]:
     assert machine.host is not None
     try:
         config = ssh_config(machine)
@@ -37,7 +36,7 @@ def _hops(machine: Machine, folder: Path) -> Iterator[Finding]:
         yield Finding(machine.host, "name", False, str(error))
         return
     yield from _by_proxy(machine.host, config) or _directly(machine.host, config)
-    yield from _inside(machine, machine.host, folder)
+    yield from _inside(machine, machine.host)
 
 
 def _by_proxy(host: str, config: Mapping[str, str]) -> list[Finding]:
@@ -63,7 +62,7 @@ def _directly(host: str, config: Mapping[str, str]) -> Iterator[Finding]:
     yield Finding(host, "port", True, f"{port} answers")
 
 
-def _inside(machine: Machine, host: str, folder: Path) -> Iterator[Finding]:
+def _inside(machine: Machine, host: str) -> Iterator[Finding]:
     first = machine.command.split()[0]
     script = (
         f'date +%s.%N\ncommand -v {first} >/dev/null || {{ echo "{first} is not there"; exit 3; }}\n'
@@ -71,7 +70,7 @@ def _inside(machine: Machine, host: str, folder: Path) -> Iterator[Finding]:
     )
     before = time.time()
     try:
-        said = SshLauncher(machine, folder).run(script, "").splitlines()
+        said = run_there(machine, script, "").splitlines()
     except BadInput as error:
         yield Finding(host, "ssh", False, str(error).removeprefix(f"{host}: "))
         return

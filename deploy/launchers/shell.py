@@ -14,7 +14,7 @@ from volsplat.protocol.text.printable import one_line
 from volsplat.protocol.wire.tokens import TOKEN_VARIABLE
 
 # A process is known by its number and the moment of its start: numbers are used again.
-_FUNCTIONS = """
+PROCESS_FUNCTIONS = """
 began() {
     sed 's/.*) //' "/proc/$1/stat" 2>/dev/null | {
         read -r state rest && [ "$state" != Z ] && set -- $rest && shift 18 && echo "$1"
@@ -56,7 +56,7 @@ class ShellServers(NamedTuple):
             for process, began, log in map(_quoted, servers)
         )
         try:
-            said = self.run(_FUNCTIONS + asks, "").splitlines()
+            said = self.run(PROCESS_FUNCTIONS + asks, "").splitlines()
         except BadInput as error:
             return {server.name: Said(ServerState.UNKNOWN, str(error)) for server in servers}
         return {server.name: _said(line) for server, line in zip(servers, said, strict=True)}
@@ -72,14 +72,14 @@ class ShellServers(NamedTuple):
             f"if runs {process} {began}; then kill -9 {process}; fi\n"
             for process, began in every
         ]
-        self.run("".join([_FUNCTIONS, *ends, *waits]), "")
+        self.run("".join([PROCESS_FUNCTIONS, *ends, *waits]), "")
 
     def logs(self, server: StartedServer, lines: int) -> str:
         return self.run(f"tail -n {lines} {_quoted(server)[2]}", "")
 
 
 def _start_script(cluster: str, orders: Sequence[ServerOrder], commands: Sequence[str]) -> str:
-    parts = [_FUNCTIONS, "umask 077\n", f"IFS= read -r {TOKEN_VARIABLE}\nexport {TOKEN_VARIABLE}\n"]
+    parts = [PROCESS_FUNCTIONS, "umask 077\n", f"IFS= read -r {TOKEN_VARIABLE}\nexport {TOKEN_VARIABLE}\n"]
     parts += [f'd="{_FOLDER}/"{shlex.quote(cluster)}\nmkdir -p "$d" || exit 1\n']
     parts += [
         f'first={command.split()[0]}\ncommand -v "$first" >/dev/null || {{ echo "$first is not there"; exit 3; }}\n'

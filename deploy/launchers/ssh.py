@@ -3,6 +3,7 @@
 import shlex
 import subprocess
 from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
 
 from volsplat.deploy.cluster_file import Machine
@@ -15,6 +16,7 @@ SSH_SECONDS = 60.0  # for one script
 CONNECT_SECONDS = 10
 BATCH = ("-o", "BatchMode=yes", "-o", f"ConnectTimeout={CONNECT_SECONDS}")  # nobody is there to be asked
 NOT_REACHED = 255  # ssh's own status
+NO_SSH = "ssh is not installed here; install OpenSSH's client"
 
 
 class SshLauncher:
@@ -23,7 +25,7 @@ class SshLauncher:
     def __init__(self, machine: Machine, folder: Path) -> None:
         assert machine.host is not None
         self._machine, self._host = machine, machine.host
-        self._servers = ShellServers(self.run, machine.host, folder.name)
+        self._servers = ShellServers(partial(run_there, machine), machine.host, folder.name)
 
     def start(self, orders: Sequence[ServerOrder], secrets: Secrets, report: Report) -> list[StartedServer]:
         report(f"{self._host}: starting {len(orders)} servers by ssh")
@@ -39,26 +41,29 @@ class SshLauncher:
     def logs(self, server: StartedServer, lines: int) -> str:
         return self._servers.logs(server, lines)
 
-    def run(self, script: str, given: str) -> str:
-        """What a script prints there, given its input. Raises BadInput with the reason."""
-        command = ["ssh", *BATCH, *self._machine.ssh.options, "--", self._host, f"exec sh -c {shlex.quote(script)}"]
-        try:
-            ran = subprocess.run(command, input=given, capture_output=True, encoding="utf-8", timeout=SSH_SECONDS)
-        except FileNotFoundError as error:
-            raise BadInput("ssh is not installed here; install OpenSSH's client") from error
-        except subprocess.TimeoutExpired as error:
-            raise BadInput(
-                f"{self._host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {self._host}"
-            ) from error
-        if ran.returncode == NOT_REACHED:
-            raise BadInput(
-                f"{self._host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: ssh {self._host}"
-            )
-        if ran.returncode:
-            said = one_line(ran.stdout or ran.stderr) or f"its shell ended with {ran.returncode}"
-            cure = '; give command = "/path/to/volsplat" in the cluster file' if ran.returncode == 3 else ""
-            raise BadInput(f"{self._host}: {said}{cure}")
-        return ran.stdout
+
+def ssh_command(machine: Machine, script: str, *options: str) -> list[str]:
+    """Has a shell there run this script; `options` are ssh's own, and come before the user's."""
+    assert machine.host is not None
+    return ["ssh", *BATCH, *options, *machine.ssh.options, "--", machine.host, f"exec sh -c {shlex.quote(script)}"]
+
+
+def run_there(machine: Machine, script: str, given: str) -> str:
+    """What a script prints there, given its input. Raises BadInput with the reason."""
+    host, command = machine.host, ssh_command(machine, script)
+    try:
+        ran = subprocess.run(command, input=given, capture_output=True, encoding="utf-8", timeout=SSH_SECONDS)
+    except FileNotFoundError as error:
+        raise BadInput(NO_SSH) from error
+    except subprocess.TimeoutExpired as error:
+        raise BadInput(f"{host}: ssh has not answered for {SSH_SECONDS:g} s; try: ssh {host}") from error
+    if ran.returncode == NOT_REACHED:
+        raise BadInput(f"{host}: {one_line(ran.stderr) or 'ssh failed without a word'}; try: ssh {host}")
+    if ran.returncode:
+        said = one_line(ran.stdout or ran.stderr) or f"its shell ended with {ran.returncode}"
+        cure = '; give command = "/path/to/volsplat" in the cluster file' if ran.returncode == 3 else ""
+        raise BadInput(f"{host}: {said}{cure}")
+    return ran.stdout
 
 
 def host_name(machine: Machine) -> str:

@@ -179,6 +179,18 @@ def test_a_host_that_ssh_cannot_reach_is_named_with_ssh_s_reason(person: Person)
     assert said.returncode == 2 and "127.0.0.1: ssh: connect to host 127.0.0.1" in said.stderr
 
 
+def test_a_port_that_a_tunnel_does_not_get_is_named(person: Person) -> None:
+    """The client and its sshd are one machine here, so that the client itself has taken the port."""
+    with sshd(person.folder / "sshd") as machine:
+        keys = "map-shade-servers = 1\nsplat-servers = 1\n" + machine.replace("ssh = {", "ssh = {tunnel = true, ")
+        path = cluster_file(person.folder, f"taken-{os.getpid()}", keys)
+        said = person.runs("deploy", "doctor", str(path))
+        (line,) = (line for line in said.stdout.splitlines() if "tunnel: " in line)
+        assert said.returncode == 2 and line.startswith("WRONG") and "is taken" in line
+        (state,) = (person.folder / "state").glob("volsplat/clusters/*")
+        assert not (state / "state.json").exists(), "the servers are down again"
+
+
 def test_servers_log_and_hand_out_metrics_as_the_file_says(person: Person) -> None:
     port, token = free_port(), person.folder / "scrape"
     metrics = f'metrics = "127.0.0.1:{port}"\nmetrics-token = "{token}"\n'

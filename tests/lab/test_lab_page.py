@@ -11,12 +11,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
 import pytest
 
 from support.checkout import ROOT
 from support.lab.box import Box, box, why_no_box
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT
+from volsplat.client import Session
+from volsplat.client.session.single import SingleProcess
 from volsplat.program.exit_status import EXIT_INTERRUPTED
 
 WHY_NOT = why_no_box()
@@ -89,9 +92,7 @@ def tables() -> list[str]:
 
 def test_the_page_leads_from_bare_machines_to_a_picture(desk: Desk) -> None:
     (desk.folder / "lab.toml").write_text(desk.on(tables()[0]), encoding="utf-8")
-    lines = typed_lines()
-    assert lines[-1].startswith("ssh -N")
-    for line in lines[:-1]:
+    for line in typed_lines():
         if line.startswith("volsplat view"):
             desk.views(line)
         else:
@@ -101,19 +102,33 @@ def test_the_page_leads_from_bare_machines_to_a_picture(desk: Desk) -> None:
     wait_until(lambda: not any(map(desk.box.servers, NODES)), "without servers")
 
 
-def test_where_only_ssh_gets_through_it_carries_the_way_back(desk: Desk) -> None:
-    told, top = tables()
-    name, node1, node2, _ = told.split("[[machines]]")
-    address = desk.box.hosts["node1"].address  # in the box a host's name is ssh's alone
-    advertised = node1.replace("splat-servers = 1\n", f'splat-servers = 1\nadvertise = "{address}"\n', 1)
-    file = "[[machines]]".join([name + top, advertised, node2])
+def test_where_only_ssh_gets_through_it_carries_everything(desk: Desk, monkeypatch: pytest.MonkeyPatch) -> None:
+    told, only_ssh = tables()
+    file = told.replace('launcher = "ssh"\n', f'launcher = "ssh"\n{only_ssh}')
     (desk.folder / "lab.toml").write_text(desk.on(file), encoding="utf-8")
     desk.types("volsplat phantom head -o v/head.nrrd")
-    tunnel = typed_lines()[-1]
-    with desk.starts(tunnel) as first, desk.starts(tunnel.replace("node1", "node2")) as second:
-        try:
-            assert "without TLS" in desk.types("volsplat deploy doctor lab.toml head.nrrd")
-            desk.types("volsplat render head.nrrd --cluster lab.toml -o head.png")
-        finally:
-            first.terminate()
-            second.terminate()
+    for name in ("desk", *NODES):
+        desk.box.let_only_ssh_through(name)
+    findings = desk.types("volsplat deploy doctor lab.toml head.nrrd")
+    assert findings.count("tunnel: carries") == len(NODES) and "WRONG" not in findings
+    monkeypatch.setenv("XDG_STATE_HOME", str(desk.folder / "state"))
+    said = list[str]()
+    with Session("head.nrrd", cluster=desk.folder / "lab.toml", on_progress=said.append) as session:
+        scene = session.default_scene()
+        with SingleProcess(desk.folder / "v" / "head.nrrd") as single:
+            expected = single.render(scene)
+        assert session.render(scene).equal(expected)
+        before = {name: desk.box.servers(name) for name in NODES}
+        (tunnel,) = (ssh for ssh in tunnels() if "node2" in ssh.cmdline())
+        tunnel.kill()
+        wait_until(lambda: "the tunnel to node2 is open again" in said, "open again")
+        assert session.render(scene).equal(expected)
+        wait_until(lambda: sum(not server.lost for server in session.servers) == len(NODES) + 1, "joined again")
+        assert session.render(scene).equal(expected)
+        assert {name: desk.box.servers(name) for name in NODES} == before, "what its tunnel held back was started anew"
+    assert not tunnels()
+
+
+def tunnels() -> list[psutil.Process]:
+    """Those that this process has open."""
+    return [one for one in psutil.Process().children() if "ExitOnForwardFailure=yes" in one.cmdline()]

@@ -47,7 +47,7 @@ FLOORS = {
         "script",
         "command .",
     ),
-    "deploy": (".", "launchers", "cluster batch", "doctor"),
+    "deploy": (".", "launchers", "tunnels", "cluster batch", "doctor"),
     "bench": ("tables", ".", "scaling peers floors hosts", "clusters quality", "commands"),
 }
 """The rooms of a part from the ground up ("." is its own files): each knows only those on floors below it."""

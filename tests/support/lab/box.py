@@ -87,6 +87,12 @@ class Box:
         """The process ids of the servers that run on a host."""
         return [process for process in self.hosts[name].processes() if _is_server(process)]
 
+    def let_only_ssh_through(self, name: str) -> None:
+        """A firewall on a host: of TCP from elsewhere nothing but what goes to or comes from port 22."""
+        rules = ['iif "lo" accept', "tcp dport 22 accept", "tcp sport 22 accept", "meta l4proto tcp drop"]
+        chain = ["type filter hook input priority 0;", *rules]
+        do(*self.hosts[name].inside, "nft", "\n".join(["table inet only_ssh {", "chain input {", *chain, "}", "}"]))
+
     def cut_link(self, name: str) -> None:
         do("ip", "link", "set", self.hosts[name].port, "down")
 
