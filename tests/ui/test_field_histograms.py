@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tolerances import ROUNDING
-from volsplat.client.ui.tables.field_histograms import field_axis, field_histogram
+from volsplat.client.ui.tables.field_histograms import field_histogram
+from volsplat.client.volume.field_axis import field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Quantise

@@ -10,8 +10,8 @@ from nicegui.element import Element
 from nicegui.events import GenericEventArguments
 
 from volsplat.client.ui.doors.static_files import MODULES
-from volsplat.client.ui.tables.field_histograms import FieldAxis
 from volsplat.client.ui.tables.table_edits import Table, simplified, table_from_points
+from volsplat.client.volume.field_axis import FieldAxis
 from volsplat.protocol.description.scene import ColourTable
 from volsplat.protocol.text.errors import BadInput
 

@@ -13,7 +13,7 @@ from volsplat.client.ui.controls.controls import SceneEditor, title
 from volsplat.client.ui.controls.shift_slider import ShiftSlider
 from volsplat.client.ui.controls.slider import Slider
 from volsplat.client.ui.doors.static_files import STATIC
-from volsplat.client.ui.tables.field_histograms import field_axis, field_histogram
+from volsplat.client.ui.tables.field_histograms import field_histogram
 from volsplat.client.ui.tables.preset_menu import OfferedPresets, PresetMenu
 from volsplat.client.ui.tables.table_editor import Field, TableEditor
 from volsplat.client.ui.tables.table_edits import (
@@ -30,6 +30,7 @@ from volsplat.client.ui.tables.table_files import table_from_toml, table_toml
 from volsplat.client.ui.tables.table_shift import TableShift, by_density
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.volume.field_axis import field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_keys import TABLES, why_unused

@@ -13,6 +13,7 @@ from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.volume.scales import Scale, scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.value_certainty import Certainty, density_certainty, strength_certainty
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene, Step
@@ -118,6 +119,7 @@ class VolumeTold(Said, tag="volume"):
     strength_name: str
     value_unit: str
     axes: tuple[GridAxis, GridAxis, GridAxis] | None
+    scales: tuple[Scale, ...]
 
 
 class ViewShown(msgspec.Struct):
@@ -216,6 +218,7 @@ def volume_told(description: VolumeDescription, up: Up) -> VolumeTold:
         strength_name=description.strength_name,
         value_unit=description.value_unit,
         axes=description.axes,
+        scales=scales_of(description),
     )
 
 

@@ -38,6 +38,7 @@ VOLUME: Message = {
     "strength_name": "gradient strength",
     "value_unit": "",
     "axes": None,
+    "scales": [{"name": "", "unit": "mm", "length": 1.0}],
 }
 FRONT = [-(0.5**0.5), 0.0, 0.0, 0.5**0.5]
 VIEW: Message = {"rotation": FRONT, "zoom": 5.0, "center": [31.5, 23.5, 19.5]}

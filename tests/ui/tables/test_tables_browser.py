@@ -9,7 +9,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.tables_page import SCENE, VOLUME, WINDOW
 from support.pages.tables_tab import TITLES, Tab, box, near, tab, until, url
 from tolerances import ONE_PIXEL_OF_A_TABLE, ROUNDING
-from volsplat.client.ui.tables.field_histograms import field_axis
+from volsplat.client.volume.field_axis import field_axis
 from volsplat.protocol.description.scene import Field
 
 STRENGTHS = field_axis(VOLUME, Field.STRENGTH, SCENE.quantise)

@@ -66,6 +66,13 @@ export interface GridAxis {
   step: number;
 }
 
+/** What a length in the picture is. */
+export interface Scale {
+  name: string;
+  unit: string;
+  length: number;
+}
+
 /** The volume as it stands: its grid in upright axes, and what lies on its six sides. */
 export interface VolumeTold {
   type: "volume";
@@ -79,6 +86,7 @@ export interface VolumeTold {
   strength_name: string;
   value_unit: string;
   axes: [GridAxis, GridAxis, GridAxis] | null;
+  scales: (Scale)[];
 }
 
 /** A view in numbers. */
