@@ -34,7 +34,8 @@ _BLOCK_PIXELS = 1 << 20  # converted at a time, so that a large image is not hel
 _BLOCK_ROWS = 64  # of which blocks are multiples: a format packs up to so many together
 _LONGEST_COMPLAINT = 200  # characters of what a library says
 _TRIAL_BYTES = 1 << 20
-_PNG_END = b"IEND\xaeB`\x82"
+_ENDS = {".png": b"IEND\xaeB`\x82", ".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9"}  # of files; others have an index
+_CUT_OFF = "its end is missing"
 _LONGEST_COMMENT = 60000  # bytes; a JPEG segment ends at 65535, and libjpeg ends the process beyond it
 
 
@@ -181,10 +182,12 @@ def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[An
     target = Path(os.path.realpath(path))
     temporary = temporary_name(target)
     try:
-        with _written_by_library(temporary) as place:
+        with _place_for_library(temporary) as place:
             said = _write_to(temporary, place, spec, blocks)
-        if said is not None:
-            raise BadInput(f"{path}: cannot write the image: {_system_s_reason(temporary) or said}")
+            if said is None and place != str(temporary):
+                shutil.copyfile(place, temporary)
+        if said is not None or not _is_ended(temporary, spec.height):
+            raise BadInput(f"{path}: cannot write the image: {_system_s_reason(temporary) or said or _CUT_OFF}")
         os.replace(temporary, target)
     except OSError as error:
         raise BadInput(f"{path}: cannot write the image: {error.strerror}") from error
@@ -193,16 +196,18 @@ def _write_whole(path: Path, spec: "oiio.ImageSpec", blocks: Iterator[NDArray[An
 
 
 @contextmanager
-def _written_by_library(path: Path) -> Iterator[str]:
-    """Where OpenImageIO writes what is to lie at `path`: libjpeg ends the process where a disk is full."""
-    if path.suffix not in (".jpg", ".jpeg") or not hasattr(os, "memfd_create"):
+def _place_for_library(path: Path) -> Iterator[str]:
+    """Where OpenImageIO writes what is to lie at `path`: in memory, if the system has files there.
+
+    Libraries are not to be trusted with a disk that fills up: libjpeg ends the process, the others may say nothing of
+    what they could not write at the end, or of a hole in the middle if there was room again.
+    """
+    if not hasattr(os, "memfd_create"):
         yield str(path)
         return
     memory = os.memfd_create(path.name)
     try:
-        place = f"/proc/self/fd/{memory}"
-        yield place
-        shutil.copyfile(place, path)
+        yield f"/proc/self/fd/{memory}"
     finally:
         os.close(memory)
 
@@ -216,7 +221,7 @@ def _write_to(path: Path, place: str, spec: "oiio.ImageSpec", blocks: Iterator[N
     for block in blocks if written else ():
         written = output.write_scanlines(row, row + len(block), 0, block) and written
         row += len(block)
-    if output.close() and written and _is_ended(Path(place), path.suffix):
+    if output.close() and written:
         return None
     return _one_line(output.geterror() or "the disk may be full")[:_LONGEST_COMPLAINT]
 
@@ -233,13 +238,19 @@ def _system_s_reason(path: Path) -> str:
     return ""
 
 
-def _is_ended(path: Path, suffix: str) -> bool:
-    """Whether a file that OpenImageIO is content with is whole: it reports a full disk, but not for PNG."""
-    if suffix != ".png":
-        return True
-    with path.open("rb") as file:
-        file.seek(max(path.stat().st_size - len(_PNG_END), 0))
-        return file.read() == _PNG_END
+def _is_ended(path: Path, height: int) -> bool:
+    """Whether a file that OpenImageIO is content with has its end."""
+    if (end := _ENDS.get(path.suffix.lower())) is not None:
+        with path.open("rb") as file:
+            file.seek(max(path.stat().st_size - len(end), 0))
+            return file.read() == end
+    opened = oiio.ImageInput.open(str(path))
+    if opened is None:
+        return False
+    try:
+        return opened.read_scanlines(height - 1, height, 0, 0, 1) is not None
+    finally:
+        opened.close()
 
 
 def _one_line(text: str) -> str:

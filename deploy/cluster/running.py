@@ -91,10 +91,18 @@ class RunningCluster:
                 failed = self._start(missing, report, known)
             finally:
                 state = msgspec.structs.replace(state, servers=tuple(known.values()))
-                self.folder.save(state)
+                self._remember(state, {one.order.name for one in missing})
         if failed:
             raise BadInput("; ".join(failed))
         return state
+
+    def _remember(self, state: ClusterState, started: Collection[str]) -> None:
+        """What was started is ended again if it cannot be: nobody would know of it."""
+        try:
+            self.folder.save(state)
+        except BadInput:
+            self._stop(self.cluster, [one for one in state.servers if one.started.name in started])
+            raise
 
     def _start(self, missing: list[Ordered], report: Report, known: dict[str, KnownServer]) -> list[str]:
         """Add what was started to `known`, also where it is interrupted; what failed is in the answer."""

@@ -52,8 +52,12 @@ class Token:
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         except OSError as error:
             raise BadInput(f"the token file {path} cannot be made: {error.strerror}; name another") from error
-        with os.fdopen(descriptor, "w", encoding="ascii") as file:
-            file.write(self._text + "\n")
+        try:
+            with os.fdopen(descriptor, "w", encoding="ascii") as file:
+                file.write(self._text + "\n")
+        except OSError as error:
+            path.unlink()
+            raise BadInput(f"the token file {path} cannot be written: {error.strerror}; make room there") from error
 
 
 def new_token() -> Token:

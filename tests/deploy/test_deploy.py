@@ -15,6 +15,7 @@ import psutil
 import pytest
 import torch
 
+from support.files.small_disks import fill, small_disk
 from support.patience import PATIENCE, wait_until
 from support.programs.clusters import cluster_file, drawn, handles, servers_of, sshd
 from support.programs.hand_started import free_port
@@ -24,7 +25,10 @@ from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session import cluster_servers
 from volsplat.client.session.single import SingleProcess
+from volsplat.deploy.cluster.running import RunningCluster
 from volsplat.protocol.text.errors import BadInput, PeerLost
+
+__all__ = ["small_disk"]
 
 LOCAL = 'launcher = "local"\nthreads = 1\n'
 
@@ -153,6 +157,21 @@ def test_a_file_that_has_changed_since_is_told(person: Person) -> None:
         assert said.returncode == 2 and "has changed since" in said.stderr and said.stderr.count("\n") == 1
     finally:
         assert person.runs("deploy", "down", str(path)).returncode == 0
+
+
+def test_a_disk_that_is_full_is_told_and_leaves_no_server(person: Person, small_disk: Path) -> None:
+    """Also if it fills up once servers are being started, which nobody could find again."""
+    (person.folder / "state").symlink_to(small_disk)
+    path = cluster_file(person.folder, "full", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
+
+    with pytest.raises(BadInput, match=r"state.json cannot be written: No space left on device; make room there"):
+        RunningCluster(path).up(lambda line: fill(small_disk))
+    assert not servers_of(person)
+    (small_disk / "filler").unlink()
+    RunningCluster(path).down(print)
+    fill(small_disk)
+    told = person.runs("deploy", "up", str(path))
+    assert told.returncode == 2 and "No space left on device" in told.stderr and told.stderr.count("\n") == 1
 
 
 def test_the_state_is_its_owner_s_alone_and_holds_no_secret_where_others_look(person: Person) -> None:

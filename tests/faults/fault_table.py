@@ -1,4 +1,4 @@
-"""The table of docs/reliability.md."""
+"""The tables of docs/reliability.md."""
 
 import re
 import statistics
@@ -19,10 +19,13 @@ HEAD = (
 
 def written(seen: "Sequence[Aftermath]", seed: int, boxed: bool) -> None:
     title, option = ("fault runs in a box", " --box") if boxed else ("fault runs", "")
+    put(title, f"`python -m faults.fault_runs --count {len(seen)} --seed {seed}{option}`:\n\n{table(seen)}")
+
+
+def put(title: str, told: str) -> None:
+    """In its place on the page."""
     place = re.compile(rf"(?<=<!-- {title} -->\n).*?(?=<!-- end -->)", re.DOTALL)
-    page = PAGE.read_text(encoding="utf-8")
-    told = f"`python -m faults.fault_runs --count {len(seen)} --seed {seed}{option}`:\n\n"
-    changed, places = place.subn(lambda _: told + table(seen), page)
+    changed, places = place.subn(lambda _: told, PAGE.read_text(encoding="utf-8"))
     assert places == 1, f"{PAGE} has no place for {title}"
     PAGE.write_text(changed, encoding="utf-8")
 

@@ -4,6 +4,7 @@ import random
 import time
 
 import pytest
+from faults.disk_runs import disk_runs
 from faults.fault_runs import Aftermath, Bench, Opened, at_hand, drawn_head, fault_runs, in_box, summary
 from faults.kinds_of_fault import FAULTS, Fault
 from faults.servers_at_hand import ServersAtHand
@@ -33,6 +34,11 @@ def test_no_fault_makes_a_wrong_image_or_a_hang() -> None:
 def test_nor_does_one_in_a_box_or_end_a_session() -> None:
     with in_box() as opened:
         assert not any(after.wrong or after.hung or after.ended for after in seen_for_a_while(opened))
+
+
+def test_a_disk_that_fills_up_damages_no_image() -> None:
+    seen = disk_runs(random.randrange(1 << 30), lambda done: done < 8, print)
+    assert not any(after.damaged > 0 or after.hung for after in seen) and any(after.refused > 0 for after in seen)
 
 
 @pytest.mark.parametrize("fault", [fault for fault in FAULTS if fault.silent], ids=lambda fault: fault.name)
