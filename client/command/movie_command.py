@@ -10,6 +10,7 @@ import click
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import Words
+from volsplat.client.command.figure_options import figure_of, figure_options
 from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import (
     check_found,
@@ -21,8 +22,9 @@ from volsplat.client.command.opened_volume import (
 )
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.figure.characters import check_words
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
-from volsplat.client.movie.movie_formats import check_movie_writable
+from volsplat.client.movie.movie_formats import check_clear, check_movie_writable
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.scene import Scene, Step
@@ -63,6 +65,7 @@ from volsplat.protocol.text.errors import BadInput
 )
 @headed(SCENE, click.option("--step", type=Words(Step), default="F", help="Step to draw (F)."))
 @scene_options
+@figure_options
 @server_options
 @memory_option
 @headed(SERVERS, click.option("--single", is_flag=True, help="One process, no servers: the same images."))
@@ -92,6 +95,9 @@ def movie(
     is taken from that scene, and the other options hold for every key. A turn can be looped. Until the movie is
     whole, nothing lies at its name.
     """
+    figure = figure_of(settings)
+    if figure is not None and figure.transparent:
+        check_clear(output)
     options = SceneOptions.of(settings)
     if keys and axis is not None:
         raise BadInput("--axis is what one scene turns about, --key gives several; leave out one of them")
@@ -103,6 +109,8 @@ def movie(
     options.key_scenes(None, keys)
     options.scene_of(None)
     check_movie_writable(output)
+    if figure is not None:
+        check_words(figure, output)
     servers = servers_from_options(
         workers,
         splat_servers,
@@ -119,18 +127,23 @@ def movie(
 
     def scenes_of(known: SurveyedVolume) -> list[Scene]:
         geometry = known.description.geometry
+
+        def made_ready(scene: Scene) -> Scene:
+            return known.settled(scene if figure is None else sized(figure, scene, known))
+
         if keys:
-            return key_framed([known.settled(key) for key in options.key_scenes(known, keys)], geometry, frames)
-        return turntable(known.settled(options.scene_of(known)), geometry, frames, axis or "screen-y")
+            return key_framed([made_ready(key) for key in options.key_scenes(known, keys)], geometry, frames)
+        return turntable(made_ready(options.scene_of(known)), geometry, frames, axis or "screen-y")
 
     console = PlainConsole(stderr=True)
     began = time.perf_counter()
     with shown_progress(frames, console) as (say, done):
         with opened_quietly(volume, servers, True, say, console) as renderer:
-            scenes = scenes_of(renderer.volume)
             with interrupts_held():  # imported when every server works
+                from volsplat.client.figure.layout import sized
                 from volsplat.client.movie.movie import write_movie
-            write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step))
+            scenes = scenes_of(renderer.volume)
+            write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step), figure)
     image = scenes[0].image
     seconds = time.perf_counter() - began
     console.say(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s")

@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from volsplat.client.command.choices import Words
+from volsplat.client.command.figure_options import figure_of, figure_options
 from volsplat.client.command.help_page import FILES, SCENE, SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import (
     check_found,
@@ -19,6 +20,8 @@ from volsplat.client.command.opened_volume import (
 )
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.render_outputs import Outputs, step_image_path
+from volsplat.client.figure.characters import check_words
+from volsplat.client.figure.figure import Figure
 from volsplat.client.image.empty_image import why_empty
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.session.frame_report import report_of, write_report
@@ -28,23 +31,27 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
-IMAGE_FILES = "volsplat.client.image.image_file"  # imported while the servers start
+PICTURE_FILES = "volsplat.client.figure.figure_file"  # imported while the servers start
 
 
 @helped(
     "volsplat render head.nrrd -o head.png",
     "volsplat render head.nrrd -o skull.png --preset ct-bone --rotate 30,10 --background white",
+    "volsplat render head.nrrd -o head.pdf --figure --size 8.5cm --dpi 300 --background white",
 )
 @volume_argument
 @headed(
     FILES,
-    click.option("-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif or .exr."),
+    click.option(
+        "-o", "--output", type=click.Path(path_type=Path), help="Image file: .png, .jpg, .tif, .exr, .svg or .pdf."
+    ),
     click.option("--steps-dir", type=click.Path(path_type=Path), help="Folder for every step up to --step."),
     click.option("--report", type=click.Path(path_type=Path), help="Write what each step took, as JSON."),
 )
 @trace_option
 @headed(SCENE, click.option("--step", type=Words(Step), default="F", help="Step to draw (F)."))
 @scene_options
+@figure_options
 @server_options
 @memory_option
 @headed(
@@ -81,8 +88,9 @@ def render(
     VOLUME is a file or folder in any of the formats of docs/formats.md; what follows a # names a part of it, as in
     run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
     """
+    figure = figure_of(settings)
     scene_options = SceneOptions.of(settings)
-    outputs = Outputs(output, steps_dir, report)
+    outputs = Outputs(output, steps_dir, report, figure is not None and figure.transparent)
     spawns = spawn == "local" or (spawn is None and listen is None)
     if not spawns and listen is None:
         raise BadInput("--spawn none needs --listen HOST:PORT, where the servers join")
@@ -91,6 +99,8 @@ def render(
     check_found(volume, spawns, cluster)
     scene_options.scene_of(None)
     outputs.check(Path(volume_name(volume).place))
+    if figure is not None and output is not None:
+        check_words(figure, output)
     servers = servers_from_options(
         workers,
         splat_servers,
@@ -105,16 +115,27 @@ def render(
         trace=trace,
     )
     console = PlainConsole(stderr=True)
-    with opened(volume, servers, spawns, console, imports=[IMAGE_FILES]) as renderer:
-        draw(renderer, scene_options, Step(step), outputs, console)
+    with opened(volume, servers, spawns, console, imports=[PICTURE_FILES]) as renderer:
+        draw(renderer, scene_options, figure, Step(step), outputs, console)
 
 
-def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs, console: PlainConsole) -> None:
+def draw(
+    renderer: Renderer,
+    options: SceneOptions,
+    figure: Figure | None,
+    last: Step,
+    outputs: Outputs,
+    console: PlainConsole,
+) -> None:
     """Draw the last step, or all up to it where each is wanted, and write the files."""
-    scene = options.scene_of(renderer.volume)
-    properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
-    from volsplat.client.image.image_file import write_image  # while the servers start
+    from volsplat.client.figure.figure_file import write_picture  # while the servers start
+    from volsplat.client.figure.layout import sized
+    from volsplat.client.image.image_file import write_image
 
+    scene = options.scene_of(renderer.volume)
+    if figure is not None:
+        scene = sized(figure, scene, renderer.volume)
+    properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
     for refinement in finished_whole(steps):
@@ -126,7 +147,7 @@ def draw(renderer: Renderer, options: SceneOptions, last: Step, outputs: Outputs
     tell_level(finished[-1], console)
     if outputs.image is not None:
         pixels = finished[-1].published.pixels
-        write_image(outputs.image, pixels, scene, properties)
+        write_picture(outputs.image, pixels, scene, renderer.volume, figure)
         if why := why_empty(pixels, scene):
             console.say(f"note: {why}")
         console.say(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}")

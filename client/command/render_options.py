@@ -132,7 +132,8 @@ def size_from_option(text: str) -> tuple[int, int]:
     match = re.fullmatch(r"(\d{1,5})(?:x(\d{1,5}))?", text)
     if match is None or not all(1 <= int(number) <= LARGEST_EXTENT for number in match.groups() if number):
         raise BadInput(
-            f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to {LARGEST_EXTENT}, as in 640x480, or 512 for both"
+            f"--size {text}: give WIDTHxHEIGHT in pixels, each 1 to {LARGEST_EXTENT}, as in 640x480, or 512 for both; "
+            "render and movie take a figure's in print, too, as in 8.5cm or 8.5x12cm"
         )
     return int(match[1]), int(match[2] or match[1])
 
@@ -194,7 +195,12 @@ def _line_of(text: str) -> str:
 
 
 SCENE_OPTIONS = {
-    "--size": SceneOption(("image.width", "image.height"), "Image size in pixels (512x512).", "WxH", size_from_option),
+    "--size": SceneOption(
+        ("image.width", "image.height"),
+        "Image size in pixels (512x512); of a figure in print 8.5cm or 8.5x12cm.",
+        "WxH",
+        size_from_option,
+    ),
     "--order": SceneOption(("order",), "Back-to-front or front-to-back (fastest)."),
     "--rotate": SceneOption(
         ("view.rotation",),

@@ -6,7 +6,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from volsplat.client.image.image_formats import check_writable
+from volsplat.client.image.image_formats import check_picture_writable, check_writable
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.text.errors import BadInput
 
@@ -23,6 +23,7 @@ class Outputs:
     image: Path | None
     steps_dir: Path | None
     report: Path | None
+    transparent: bool = False
 
     def check(self, volume: Path) -> None:
         """Raise BadInput before any work if a file could not be written, or would replace the volume."""
@@ -30,7 +31,7 @@ class Outputs:
             raise BadInput("nothing to write: give -o IMAGE, --steps-dir FOLDER, or both")
         if self.image is not None:
             _refuse_volume(self.image, volume)
-            check_writable(self.image)
+            check_picture_writable(self.image, self.transparent)
         if self.steps_dir is not None:
             _check_folder(self.steps_dir)
         if self.report is not None:

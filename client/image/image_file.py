@@ -9,7 +9,7 @@ import json
 import os
 import shutil
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ from volsplat.protocol.description.scene import Colour, Scene
 from volsplat.protocol.text.errors import BadInput
 
 JPEG_QUALITY = 95
+
+Coding = Callable[[NDArray[Any], Colour | None, Depth], NDArray[Any]]
 
 _PREFIX = "volsplat:"
 _ONE_TEXT = (".jpg", ".jpeg", ".tif", ".tiff")
@@ -46,16 +48,20 @@ def write_image(
     properties: Mapping[str, str] | None = None,
     depth: Depth | None = None,
     jpeg_quality: int = JPEG_QUALITY,
+    *,
+    dpi: float | None = None,
+    transparent: bool = False,
 ) -> None:
     """Write an (H, W, 4) float32 image with associated alpha; equal images give equal bytes.
 
-    The scene's background is put under the image, except in EXR, which keeps alpha. `properties` are stored beside
-    the scene. Raises BadInput if the file cannot be written; an older file of that name then stays as it was.
+    The scene's background is put under the image, unless it is to be `transparent`, and except in EXR, which keeps
+    alpha. `properties` are stored beside the scene, and `dpi` as the pixels per inch. Raises BadInput if the file
+    cannot be written; an older file of that name then stays as it was.
     """
     scene = checked_scene(scene)
-    background = None if path.suffix.lower() == ".exr" else scene.image.background
+    background = None if transparent or path.suffix.lower() == ".exr" else scene.image.background
     stored = {"scene": msgspec.json.encode(scene).decode(), **(properties or {})}
-    _write(path, image, background, stored, depth, jpeg_quality)
+    _write(path, image, background, stored, depth, jpeg_quality, dpi, straight if transparent else coded)
 
 
 def write_pixels(
@@ -66,7 +72,7 @@ def write_pixels(
     jpeg_quality: int = JPEG_QUALITY,
 ) -> None:
     """Write (H, W, C) values 0..1 as they are, and `properties` as text. Otherwise as write_image."""
-    _write(path, pixels, None, properties or {}, depth, jpeg_quality)
+    _write(path, pixels, None, properties or {}, depth, jpeg_quality, None, coded)
 
 
 def read_scene(path: Path) -> Scene:
@@ -103,6 +109,8 @@ def _write(
     properties: Mapping[str, str],
     depth: Depth | None,
     jpeg_quality: int,
+    dpi: float | None,
+    code: Coding,
 ) -> None:
     """As write_pixels, over `background` if there is one."""
     check_writable(path)
@@ -120,14 +128,22 @@ def _write(
         spec.attribute("jpeg:subsampling", "4:4:4")
     else:
         spec.attribute("Compression", "zip")
+    if kind != ".exr" and code is straight:
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+    if dpi is not None:
+        for name in ("XResolution", "YResolution"):
+            spec.attribute(name, float(dpi))
+        spec.attribute("ResolutionUnit", "in")
     _store(spec, path, properties)
-    _write_whole(path, spec, _coded_blocks(pixels, background, depth))
+    _write_whole(path, spec, _coded_blocks(pixels, background, depth, coded if kind == ".exr" else code))
 
 
-def _coded_blocks(pixels: NDArray[Any], background: Colour | None, depth: Depth) -> Iterator[NDArray[Any]]:
+def _coded_blocks(
+    pixels: NDArray[Any], background: Colour | None, depth: Depth, code: Coding
+) -> Iterator[NDArray[Any]]:
     rows = max(_BLOCK_PIXELS // pixels.shape[1] // _BLOCK_ROWS, 1) * _BLOCK_ROWS
     for first in range(0, len(pixels), rows):
-        yield coded(pixels[first : first + rows], background, depth)
+        yield code(pixels[first : first + rows], background, depth)
 
 
 def coded(block: NDArray[Any], background: Colour | None, depth: Depth) -> NDArray[Any]:
@@ -138,6 +154,15 @@ def coded(block: NDArray[Any], background: Colour | None, depth: Depth) -> NDArr
         return np.ascontiguousarray(block, np.float32)
     levels: NDArray[np.float64] = np.clip(block, 0.0, 1.0).astype(np.float64) * np.iinfo(depth).max + 0.5
     return levels.astype(depth)  # which cuts off
+
+
+def straight(block: NDArray[Any], background: Colour | None, depth: Depth) -> NDArray[Any]:
+    """As `coded`; of what has no background the colours as they are, not multiplied by alpha, as in PNG."""
+    if background is None:
+        alpha = block[..., 3:4]
+        colours = np.divide(block[..., :3], alpha, out=np.zeros_like(block[..., :3]), where=alpha > 0)
+        block = np.concatenate((colours, alpha), axis=2)
+    return coded(block, background, depth)
 
 
 def _store(spec: "oiio.ImageSpec", path: Path, properties: Mapping[str, str]) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from volsplat.client.image.temporary_name import temporary_name
+from volsplat.program.extras import need
 from volsplat.protocol.text.errors import BadInput
 
 Depth = Literal["uint8", "uint16", "float"]
@@ -20,11 +21,35 @@ DEPTHS: dict[str, tuple[Depth, ...]] = {
 }
 
 
+VECTOR_FORMATS = (".svg", ".pdf")  # with the picture inside
+OPAQUE = (".jpg", ".jpeg")
+
+
 def check_writable(path: Path) -> None:
     """Raise BadInput, in one line, if no image could be written to `path`. Nothing is left behind."""
     if path.suffix.lower() not in DEPTHS:
-        raise BadInput(f"{path}: cannot write this kind of image; end the name in one of {', '.join(DEPTHS)}")
+        raise BadInput(
+            f"{path}: cannot write this kind of image; end the name in one of {', '.join([*DEPTHS, *VECTOR_FORMATS])}"
+        )
     check_place(path)
+
+
+def check_picture_writable(path: Path, transparent: bool = False) -> None:
+    """As check_writable, with the formats that a figure may have besides, and of a kind that can be transparent."""
+    kind = path.suffix.lower()
+    if kind not in VECTOR_FORMATS:
+        check_writable(path)
+        if transparent and kind in OPAQUE:
+            raise BadInput(f"{path}: JPEG cannot be transparent; end the name in .png, .tif, .svg or .pdf")
+        return
+    check_place(path)
+    if kind == ".pdf":
+        need_pdf()
+
+
+def need_pdf() -> None:
+    """Raises BadInput, with the cure, if PDF cannot be written here."""
+    need("reportlab", "a PDF file", "pdf")
 
 
 def check_place(path: Path) -> None:

@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from volsplat.client.caller.arguments import checked_scene
 from volsplat.client.caller.interrupts import interrupts_held
+from volsplat.client.figure.figure import Figure
+from volsplat.client.figure.frame_figure import FrameFigure
 from volsplat.client.image.image_file import coded, write_image
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.image.temporary_name import temporary_name
@@ -50,25 +52,30 @@ def write_movie(
     on_progress: Callable[[int], None],
     cancelled: Callable[[], bool],
     step: Step = Step.F,
+    figure: Figure | None = None,
 ) -> None:
     """Draw each scene at one step into an .mp4 or .webm of `rate` frames a second, or into a folder of PNG images.
 
-    `on_progress` gets the number of frames that are done. Raises BadInput if the movie cannot be written or a
-    scene does not fit the volume, VolsplatError if ffmpeg or the servers fail, and MovieCancelled at most one
-    frame after `cancelled` says so; nothing is left behind then.
+    With a figure each image is one, all as large as the largest. `on_progress` gets the number of frames that are
+    done. Raises BadInput if the movie cannot be written or a scene does not fit the volume, VolsplatError if ffmpeg
+    or the servers fail, and MovieCancelled at most one frame after `cancelled` says so; nothing is left behind then.
     """
     scenes = [checked_scene(scene) for scene in scenes]
     width, height = _size_of_all(scenes)
     check_movie_writable(path)
+    drawn_about = FrameFigure(figure, scenes, renderer.volume) if figure is not None else None
+    if drawn_about is not None:
+        width, height = drawn_about.extent
     encoder = video_encoder(path)
     if encoder is None:
-        opened = _images(path, renderer.volume.description)
+        opened = _images(path, renderer.volume.description, figure)
     else:
         opened = _video(path, encoder, rate, width, height, cancelled)
     try:
         with opened as put:
             for done, scene in enumerate(scenes):
-                put(_drawn(renderer, scene, step, cancelled), scene)
+                image = _drawn(renderer, scene, step, cancelled)
+                put(image if drawn_about is None else drawn_about.pixels(image, scene), scene)
                 on_progress(done + 1)
             if cancelled():
                 raise MovieCancelled
@@ -95,17 +102,19 @@ def _drawn(renderer: Finisher, scene: Scene, step: Step, cancelled: Callable[[],
 
 
 @contextmanager
-def _images(folder: Path, description: VolumeDescription) -> Iterator[Put]:
+def _images(folder: Path, description: VolumeDescription, figure: Figure | None) -> Iterator[Put]:
     """Numbers the images from 1 in a hidden folder within `folder`; they move up when all are there."""
     made = not folder.exists()
     hidden = temporary_name(folder / "frames")
     images: list[Path] = []
     whole = False
+    dpi, transparent = (figure.dpi, figure.transparent) if figure is not None else (None, False)
 
     def put(image: Pixels, scene: Scene) -> None:
         images.append(frame_image_path(hidden, len(images) + 1))
         try:
-            write_image(images[-1], image, scene, image_properties(description, scene))
+            properties = image_properties(description, scene)
+            write_image(images[-1], image, scene, properties, dpi=dpi, transparent=transparent)
         except BadInput as error:
             raise BadInput(str(error).replace(str(hidden), str(folder))) from error
 

@@ -36,6 +36,12 @@ def check_movie_writable(path: Path) -> None:
         )
 
 
+def check_clear(path: Path) -> None:
+    """Raise BadInput for a film, whose images cannot be transparent."""
+    if video_encoder(path) is not None:
+        raise BadInput(f"{path}: a film cannot be transparent; give a folder for numbered PNG images")
+
+
 def _check_folder(folder: Path) -> None:
     if folder.is_dir():
         check_place(frame_image_path(folder, 1))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import os
 import sys
 from pathlib import Path
-from typing import Any
+from typing import Any, overload
 
 from volsplat.client.caller.arguments import checked_scene, checked_step
+from volsplat.client.figure.figure import Figure
 from volsplat.client.scene.presets import preset_scene
-from volsplat.client.script.rendered_image import RenderedImage
+from volsplat.client.script.rendered_image import RenderedFigure, RenderedImage
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
@@ -23,17 +24,36 @@ DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's cannot show pictures
 
 
-def render(volume: Any, scene: Scene | str | None = None, step: Step | str = Step.F, **changes: Any) -> RenderedImage:
+@overload
+def render(
+    volume: Any, scene: Scene | str | None = None, step: Step | str = Step.F, figure: None = None, **changes: Any
+) -> RenderedImage: ...
+
+
+@overload
+def render(
+    volume: Any, scene: Scene | str | None = None, step: Step | str = Step.F, *, figure: Figure, **changes: Any
+) -> RenderedFigure: ...
+
+
+def render(
+    volume: Any,
+    scene: Scene | str | None = None,
+    step: Step | str = Step.F,
+    figure: Figure | None = None,
+    **changes: Any,
+) -> RenderedImage | RenderedFigure:
     """The image of a volume: a path, an array or image in memory, a `Volume`, or a `Session` that has it open.
 
     `scene` is a Scene or a preset's name, else one chosen from the data; `changes` are those of `Scene.with_`, as
-    size=300, rotation="front". Draws in this process; a Session is quicker for many images. Raises BadInput.
+    size=300, rotation="front". With a Figure it is that, of its size in print. Draws in this process; a Session is
+    quicker for many images. Raises BadInput.
     """
     step = checked_step(step)  # type: ignore[arg-type]
     if isinstance(volume, Session | SingleProcess):
-        return _rendered(volume, scene, step, changes)
+        return _rendered(volume, scene, step, figure, changes)
     with SingleProcess(volume, threads=usable_cores()) as renderer:
-        return _rendered(renderer, scene, step, changes)
+        return _rendered(renderer, scene, step, figure, changes)
 
 
 def plot(volume: Any, scene: Scene | str | None = None, *, save: str | Path | None = None, **changes: Any) -> Any:
@@ -94,12 +114,18 @@ def _in_notebook(volume: Any, scene: Scene | str | None, changes: dict[str, Any]
     return session.widget(_scene(session.volume, scene, changes))
 
 
-def _rendered(renderer: Renderer, scene: Scene | str | None, step: Step, changes: dict[str, Any]) -> RenderedImage:
+def _rendered(
+    renderer: Renderer, scene: Scene | str | None, step: Step, figure: Figure | None, changes: dict[str, Any]
+) -> RenderedImage | RenderedFigure:
     of = renderer.volume
     of.check_has_values()
     wanted = _scene(of, scene, changes)
-    published = renderer.finish(wanted, step).published
-    return RenderedImage(published, wanted, of.settled(wanted), of.description)
+    if figure is not None:
+        from volsplat.client.figure.layout import sized
+
+        wanted = sized(figure, wanted, of)
+    image = RenderedImage(renderer.finish(wanted, step).published, wanted, of)
+    return image if figure is None else RenderedFigure(image, figure, of)
 
 
 def _scene(volume: SurveyedVolume, scene: Scene | str | None, changes: dict[str, Any]) -> Scene:

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from volsplat.client.image.image_properties import image_properties
+from volsplat.client.figure.figure import Figure, figure_with
 from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
-from volsplat.protocol.description.scene import Scene
-from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.text.errors import BadInput
 
 if TYPE_CHECKING:
     import numpy as np
@@ -25,11 +27,11 @@ class RenderedImage:
     `scene` is the one that was asked for, and `view` says what a fit came to.
     """
 
-    def __init__(self, published: PublishedImage, scene: Scene, settled: Scene, description: VolumeDescription) -> None:
+    def __init__(self, published: PublishedImage, scene: Scene, volume: SurveyedVolume) -> None:
         self._published = published
-        self._properties = image_properties(description, settled)
+        self._volume = volume
         self.scene = scene
-        self.view = settled.view
+        self.view = volume.settled(scene).view
 
     @property
     def tensor(self) -> Tensor:
@@ -47,27 +49,78 @@ class RenderedImage:
 
     def pil(self) -> Image:
         """Over the background, 8 bits a channel. Raises BadInput without pillow."""
-        need("PIL", "an image of pillow", "ui")
-        import PIL.Image
-
-        from volsplat.client.image.image_file import coded
-
-        return PIL.Image.fromarray(coded(self.numpy(), self.scene.image.background, "uint8"))
+        return _pil(self.numpy(), self.scene.image.background)
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write a .png, .jpg, .tif or .exr file, which holds its scene. Raises BadInput."""
-        from volsplat.client.image.image_file import write_image
+        """Write a .png, .jpg, .tif, .exr, .svg or .pdf file, which holds its scene. Raises BadInput."""
+        _save(Path(path), self.numpy(), self.scene, self._volume, None)
 
-        write_image(Path(path), self.numpy(), self.scene, self._properties)
+    def figure(self, **options: Any) -> RenderedFigure:
+        """With scale bar, colour bar and sides; options as of `volsplat.Figure`. Raises BadInput.
+
+        A finished picture keeps its pixels: `dpi` says how large it is printed.
+        """
+        if "width" in options or "height" in options:
+            raise BadInput("width and height are for vs.render(..., figure=vs.Figure(...)), which draws as many pixels")
+        return RenderedFigure(self, figure_with(Figure(), options), self._volume)
 
     def _repr_png_(self) -> bytes:
         """For notebooks."""
-        import tempfile
-
-        with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
-            path = Path(folder) / "image.png"
-            self.save(path)
-            return path.read_bytes()
+        return _png(self.save)
 
     def __repr__(self) -> str:
         return f"<volsplat image of {self._published.width} x {self._published.height} pixels>"
+
+
+class RenderedFigure:
+    """A rendered image with all that a figure shows beside it; `image` is the image alone."""
+
+    def __init__(self, image: RenderedImage, figure: Figure, volume: SurveyedVolume) -> None:
+        self.image = image
+        self.options = figure
+        self._volume = volume
+
+    def numpy(self) -> NDArray[np.float32]:
+        """As pixels, (H, W, 4) float32, associated alpha, 0..1, without the background."""
+        from volsplat.client.figure.layout import laid_out
+        from volsplat.client.figure.painted import painted
+
+        return painted(laid_out(self.image.numpy(), self.options, self.image.scene, self._volume))
+
+    def pil(self) -> Image:
+        """Over the background unless it is transparent, 8 bits a channel. Raises BadInput without pillow."""
+        return _pil(self.numpy(), None if self.options.transparent else self.image.scene.image.background)
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a .pdf or .svg file with the picture inside, or a .png, .jpg, .tif or .exr. Raises BadInput."""
+        _save(Path(path), self.image.numpy(), self.image.scene, self._volume, self.options)
+
+    def _repr_png_(self) -> bytes:
+        """For notebooks."""
+        return _png(self.save)
+
+
+def _save(
+    path: Path, picture: NDArray[np.float32], scene: Scene, volume: SurveyedVolume, figure: Figure | None
+) -> None:
+    from volsplat.client.figure.figure_file import write_picture
+
+    write_picture(path, picture, scene, volume, figure)
+
+
+def _pil(pixels: NDArray[np.float32], background: Colour | None) -> Image:
+    need("PIL", "an image of pillow", "ui")
+    import PIL.Image
+
+    from volsplat.client.image.image_file import straight
+
+    return PIL.Image.fromarray(straight(pixels, background, "uint8"))
+
+
+def _png(save: Callable[[Path], None]) -> bytes:
+    import tempfile
+
+    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
+        path = Path(folder) / "image.png"
+        save(path)
+        return path.read_bytes()

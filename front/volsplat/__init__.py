@@ -9,6 +9,7 @@ vs.render(array, rotation="front").save("front.png")
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from volsplat.client.figure.figure import Figure as Figure
     from volsplat.client.memory.array_volume import OrientationUnknown as OrientationUnknown
     from volsplat.client.memory.array_volume import Volume as Volume
     from volsplat.client.scene.colour_maps import colormap as colormap
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from volsplat.client.script.plotting import plot as plot
     from volsplat.client.script.plotting import render as render
     from volsplat.client.script.plotting import view as view
+    from volsplat.client.script.rendered_image import RenderedFigure as RenderedFigure
     from volsplat.client.script.rendered_image import RenderedImage as RenderedImage
     from volsplat.client.session.session import Session as Session
     from volsplat.client.session.session import Session as open
@@ -28,7 +30,9 @@ if TYPE_CHECKING:
 
 _ROOMS = {
     "BadInput": "volsplat.protocol.text.errors",
+    "Figure": "volsplat.client.figure.figure",
     "OrientationUnknown": "volsplat.client.memory.array_volume",
+    "RenderedFigure": "volsplat.client.script.rendered_image",
     "RenderedImage": "volsplat.client.script.rendered_image",
     "Scene": "volsplat.protocol.description.scene",
     "Session": "volsplat.client.session.session",
@@ -47,7 +51,9 @@ _OTHERWISE = {"open": "Session", "presets": "PRESETS"}  # as they are called at 
 __all__ = [
     "__version__",
     "BadInput",
+    "Figure",
     "OrientationUnknown",
+    "RenderedFigure",
     "RenderedImage",
     "Scene",
     "Session",

@@ -28,6 +28,7 @@ MAY_USE = {
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},
+    "client/figure/pdf_file.py": {ALWAYS, "pdf", "pillow"},  # which reportlab brings
     "client/memory/known_arrays.py": {ALWAYS, "itk", "vtk"},  # of an image that is theirs, so that they are there
     "client/phantoms": {ALWAYS, "torch"},
     "client/scene/colour_maps.py": {ALWAYS, "matplotlib"},

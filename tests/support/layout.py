@@ -37,7 +37,7 @@ FLOORS = {
         "caller histogram phantoms trace",
         "image scene ui/doors memory",
         "volume",
-        "coordinator",
+        "coordinator figure",
         "session",
         "movie gallery",
         "ui/viewing",

@@ -1,4 +1,4 @@
-"""The tables of docs/scene.md and docs/page.md, made from what is declared; in tests/:
+"""The tables of docs/scene.md, page.md and figures, made from what is declared; in tests/:
 
     python -m support.pages.declared_tables
 
@@ -12,11 +12,13 @@ import msgspec
 
 from support.checkout import ROOT
 from support.generated_docs import Parts, remake
+from volsplat.client.figure.figure import Figure
 from volsplat.client.scene.scene_file import default_toml
 from volsplat.client.ui.viewport.viewport_messages import PageMessage, ProcessMessage
-from volsplat.protocol.description.scene_keys import KEYS, SECTIONS
+from volsplat.protocol.description.scene_key import Key, declarations
+from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
 
-PAGES = (ROOT / "docs" / "scene.md", ROOT / "docs" / "page.md")
+PAGES = tuple(ROOT / "docs" / page for page in ("scene.md", "page.md", "figures/figures.md"))
 
 
 def scene_tables() -> str:
@@ -36,6 +38,18 @@ def scene_tables() -> str:
     return "\n".join(lines[:-1])
 
 
+def figure_table() -> str:
+    """The options of a figure."""
+    lines = ["| option | allowed | default | meaning |", "|---|---|---|---|"]
+    for declared in declarations(Figure):
+        assert isinstance(declared.key, Key)
+        key, default = SceneKey(declared.name, declared, declared.key), declared.default
+        written = ("`true`" if default else "`false`") if isinstance(default, bool) else f"`{default}`" * bool(default)
+        cells = (f"`{key.name}`", key.allowed, written, key.meaning)
+        lines.append(f"| {' | '.join(_one_line(cell) for cell in cells)} |".replace("  ", " "))
+    return "\n".join(lines)
+
+
 def message_table(union: Any) -> str:
     """What one side says to the other."""
     lines = ["| message | holds | says |", "|---|---|---|"]
@@ -51,6 +65,7 @@ def _one_line(text: str) -> str:
 
 TABLES: Parts = {
     "scene": scene_tables,
+    "figure": figure_table,
     "page": lambda: message_table(PageMessage),
     "process": lambda: message_table(ProcessMessage),
 }

@@ -1,0 +1,85 @@
+"""What `render` and `movie` take for figures, made from what a figure declares."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from typing import Any, TypeVar
+
+import click
+
+from volsplat.client.command.help_page import headed
+from volsplat.client.command.render_options import triple_from_option
+from volsplat.client.figure.figure import BARE, CM_PER_INCH, Figure, figure_with
+from volsplat.protocol.description.scene_key import Key, declarations
+from volsplat.protocol.text.errors import BadInput
+
+Command = TypeVar("Command", bound=Callable[..., Any])
+
+CENTIMETRES = {"cm": 1.0, "mm": 0.1, "in": CM_PER_INCH}
+METAVARS = {"title": "TEXT", "labels": "TEXT@I,J,K", "dpi": "PIXELS", "text_size": "POINTS", "ink": "COLOUR"}
+BY_SIZE = ("width", "height")  # which --size sets
+PARTS = ("scale_bar", "colour_bar", "sides")
+
+_MEANINGS = {declared.name: declared.key.meaning for declared in declarations(Figure) if isinstance(declared.key, Key)}
+
+
+def _option(name: str) -> Callable[[Command], Command]:
+    """A key of the figure as an option."""
+    flag, meaning = name.replace("_", "-"), _MEANINGS[name]
+    match getattr(Figure(), name):
+        case bool() if name == "transparent":
+            return click.option("--transparent", is_flag=True, default=None, help=meaning)
+        case bool():
+            return click.option(f"--{flag}/--no-{flag}", name, default=None, help=meaning)
+        case float() as usual:
+            return click.option(
+                f"--{flag}", name, type=click.FLOAT, metavar=METAVARS[name], help=f"{meaning} ({usual:g})"
+            )
+        case tuple():
+            return click.option("--label", name, multiple=True, metavar=METAVARS[name], help=meaning)
+    return click.option(f"--{flag}", name, metavar=METAVARS[name], help=meaning)
+
+
+figure_options = headed(
+    "As a figure",
+    click.option("--figure", is_flag=True, help="With scale bar, colour bar and sides."),
+    *(_option(name) for name in _MEANINGS if name not in BY_SIZE),
+)
+"""For commands that write figures; what they are given `figure_of` reads."""
+
+
+def figure_of(settings: dict[str, Any]) -> Figure | None:
+    """What the options ask for, None if for no figure. A --size in cm is the figure's, and taken out of `settings`.
+
+    Raises BadInput.
+    """
+    changes = {name: settings[name] for name in _MEANINGS if settings.get(name) not in (None, ())}
+    if settings["figure"]:
+        changes = dict.fromkeys(PARTS, True) | changes
+    if "labels" in changes:
+        changes["labels"] = tuple(_label(text) for text in changes["labels"])
+    size = _printed_size(settings["size"]) if settings["size"] else None
+    if size is not None:
+        settings["size"] = None
+        changes |= size
+    if not changes:
+        return None
+    return figure_with(BARE, changes)
+
+
+def _printed_size(text: str) -> Mapping[str, Any] | None:
+    """Width and height in cm from 8.5cm or 8.5x12cm; None for what is in pixels."""
+    match = re.fullmatch(r"(\d*\.?\d+)(?:x(\d*\.?\d+))?(cm|mm|in)", text)
+    if match is None:
+        return None
+    factor = CENTIMETRES[match[3]]
+    size = {"width": float(match[1]) * factor}
+    return size | ({"height": float(match[2]) * factor} if match[2] else {})
+
+
+def _label(text: str) -> tuple[str, tuple[float, float, float]]:
+    words, _, place = text.rpartition("@")
+    if not words:
+        raise BadInput(f"--label {text}: give TEXT@I,J,K, as in nose@128,8,60, where I,J,K is a voxel")
+    return words, triple_from_option("--label", place, float)

@@ -1,0 +1,40 @@
+"""Ticks of an axis at round numbers, and how they are written."""
+
+import math
+
+MINUS = "−"
+MOST_DIGITS = 5  # before or after the point; beyond it numbers are written with their power of ten
+STEPS = (1, 2, 5)
+
+
+def ticks(low: float, high: float, most: int) -> list[float]:
+    """At most so many multiples of a round step from `low` to `high`, as close as that allows; `most` is at least 2.
+
+    Round are 1, 2 and 5 times a power of ten.
+    """
+    if not low < high:
+        return []
+    exponent = math.floor(math.log10((high - low) / most)) - 1
+    for power in range(exponent, exponent + 4):
+        for factor in STEPS:
+            step = float(f"{factor}e{power}")
+            first, last = math.ceil(low / step), math.floor(high / step)
+            if last - first < most:
+                return [float(f"{n * factor}e{power}") for n in range(first, last + 1)]
+    raise AssertionError("a step of the whole range is tried")
+
+
+def tick_texts(values: list[float]) -> list[str]:
+    """All with as many digits after the point as the finest needs."""
+    greatest = max(map(abs, values), default=0.0)
+    step = min((after - before for before, after in zip(values, values[1:], strict=False)), default=greatest)
+    if greatest == 0:
+        return ["0"] * len(values)
+    digits = max(-math.floor(math.log10(step) + 1e-9), 0)
+    if digits > MOST_DIGITS or greatest >= 10.0**MOST_DIGITS * 10:
+        return [_plain(f"{value:g}") for value in values]
+    return [_plain(f"{value:.{digits}f}") for value in values]
+
+
+def _plain(text: str) -> str:
+    return text.replace("-", MINUS)

@@ -1,0 +1,228 @@
+"""The colours and opacities of a scene's tables over the data's values, below a picture; of classes a legend."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from volsplat.client.figure.axis_ticks import tick_texts, ticks
+from volsplat.client.figure.drawing import Anchor, Area, Box, Line, Ramp, Shape, Words
+from volsplat.client.figure.type_faces import size_within, width_of
+from volsplat.client.volume.field_axis import GRID_FIELDS, FieldAxis, field_axis
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.kind import CLASS_KINDS
+from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, Field, Scene
+from volsplat.protocol.description.volume import GridAxis
+from volsplat.protocol.rules.index_rules import Quantisation
+
+LAST = TABLE_ENTRIES - 1
+ALIKE = 1.5 / 255  # by how much colours that count as the same differ
+LEAST_OPACITY = 0.01  # of what is worth a place in a legend
+INSET = 1.2  # ems, from the figure's sides to an axis
+GAP = 0.6  # ems, above each axis
+CURVE, STRIP, TICK, TICK_LINE, HEADING_LINE = 2.2, 0.9, 0.3, 1.2, 1.3  # ems, each below the one before
+STRIP_TEXT = 0.8  # of the size of other words
+TICK_SPACING = 5.0  # ems, at least from tick to tick
+LEGEND_LINE, SWATCH = 1.5, 0.8  # ems
+CURVE_OPACITY = 0.3
+
+
+@dataclass(frozen=True)
+class Strip:
+    """Colours along an axis."""
+
+    name: str  # "" if there is no other one beside it
+    colours: tuple[Colour, ...]
+
+
+@dataclass(frozen=True)
+class AxisBar:
+    """One axis: the colours and the opacities that lie along it."""
+
+    axis: FieldAxis
+    strips: tuple[Strip, ...]
+    opacities: tuple[float, ...] | None
+
+    @property
+    def height(self) -> float:
+        """In ems."""
+        curve = CURVE if self.opacities else 0.0
+        return GAP + curve + STRIP * len(self.strips) + TICK + TICK_LINE + HEADING_LINE
+
+    @property
+    def heading(self) -> str:
+        axis = self.axis
+        words = f"{axis.label} ({axis.unit})" if axis.unit else axis.label
+        if self.opacities is None:
+            return words
+        return f"{words}; curve: opacity, 0 to {max(self.opacities):.3g}"
+
+
+@dataclass(frozen=True)
+class ColourBars:
+    """What is below a picture."""
+
+    bars: tuple[AxisBar, ...]
+    legend: tuple[tuple[str, Colour], ...]  # names of classes and their colours
+
+    def height(self, width: int, em: int) -> int:
+        """Pixels."""
+        rows = len(_rows(self.legend, width, em))
+        ems = sum(bar.height for bar in self.bars) + (rows * LEGEND_LINE + GAP if rows else 0.0)
+        return round((ems + GAP) * em) if ems else 0
+
+    def shapes(self, top: float, width: int, em: int, ink: Colour) -> list[Shape]:
+        """Over the figure's whole width, from `top` down."""
+        shapes: list[Shape] = []
+        for bar in self.bars:
+            shapes += _bar_shapes(bar, top, width, em, ink)
+            top += bar.height * em
+        for n, row in enumerate(_rows(self.legend, width, em)):
+            base = top + (GAP + LEGEND_LINE * (n + 0.7)) * em
+            for x, (name, colour) in row:
+                shapes.append(Box(x, base - SWATCH * em * 0.9, SWATCH * em, SWATCH * em, colour))
+                shapes.append(Words(x + 1.2 * em, base, name, em, ink))
+        return shapes
+
+
+NONE = ColourBars((), ())
+
+
+def colour_bars(scene: Scene, volume: SurveyedVolume) -> ColourBars:
+    """Of what the scene's switches let be seen."""
+    classes = _classes(scene, volume)
+    if classes:
+        return ColourBars((), classes)
+    strips: dict[Field, list[Strip]] = {}
+    for field, strip in _strips(scene):
+        strips.setdefault(field, []).append(strip)
+    opac = scene.cross_bar.opac
+    fields = list(dict.fromkeys([*strips, opac]))
+    return ColourBars(
+        tuple(
+            _along(
+                field_axis(volume, field, scene.quantise),
+                tuple(strips.get(field, ())),
+                tuple(scene.tables.opac.entries()) if field is opac else None,
+                volume.description.axes,
+            )
+            for field in fields
+        ),
+        (),
+    )
+
+
+def _along(
+    axis: FieldAxis,
+    strips: tuple[Strip, ...],
+    opacities: tuple[float, ...] | None,
+    file_axes: tuple[GridAxis, GridAxis, GridAxis] | None,
+) -> AxisBar:
+    """The axis of a grid index in what the file says that it stands for, rising to the right."""
+    if file_axes is None or axis.field not in GRID_FIELDS:
+        return AxisBar(axis, strips, opacities)
+    told = file_axes[GRID_FIELDS.index(axis.field)]
+    low, high = (told.first + index * told.step for index in (axis.low, axis.high))
+    if low < high:
+        return AxisBar(FieldAxis(axis.field, told.name, low, high, told.unit), strips, opacities)
+    turned = tuple(Strip(strip.name, strip.colours[::-1]) for strip in strips)
+    return AxisBar(FieldAxis(axis.field, told.name, high, low, told.unit), turned, opacities and opacities[::-1])
+
+
+def _strips(scene: Scene) -> list[tuple[Field, Strip]]:
+    """One of what is given off and reflected together where both differ by a factor alone, else one of each."""
+    emitted = tuple(scene.tables.emit.entries()) if scene.shading.emitted else ()
+    lit = scene.shading.diffuse or scene.shading.specular
+    reflected = tuple(scene.tables.refl.entries()) if lit else ()
+    bus = scene.cross_bar
+    if not _seen(reflected):
+        return [(bus.emit, Strip("", emitted))] if _seen(emitted) else []
+    if not _seen(emitted):
+        return [(bus.refl, Strip("", reflected))]
+    if bus.emit is bus.refl and _proportional(emitted, reflected):
+        both = tuple(
+            (min(a[0] + b[0], 1.0), min(a[1] + b[1], 1.0), min(a[2] + b[2], 1.0))
+            for a, b in zip(emitted, reflected, strict=True)
+        )
+        return [(bus.emit, Strip("", both))]
+    return [(bus.emit, Strip("emitted", emitted)), (bus.refl, Strip("reflected", reflected))]
+
+
+def _seen(colours: Sequence[Colour]) -> bool:
+    return any(map(any, colours))
+
+
+def _proportional(a: Sequence[Colour], b: Sequence[Colour]) -> bool:
+    factors = [1.0 / max(channel for colour in colours for channel in colour) for colours in (a, b)]
+    return all(
+        abs(x * factors[0] - y * factors[1]) <= ALIKE
+        for one, other in zip(a, b, strict=True)
+        for x, y in zip(one, other, strict=True)
+    )
+
+
+def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], ...]:
+    """Names and colours of the classes that are not transparent, if the tables are by classes."""
+    description, bus = volume.description, scene.cross_bar
+    if description.kind not in CLASS_KINDS or {bus.emit, bus.refl, bus.opac} != {Field.DENSITY}:
+        return ()
+    strips, opacities = _strips(scene), scene.tables.opac.entries()
+    if not strips:
+        return ()
+    rules = volume.quantisation(scene.quantise)
+    colours = strips[-1][1].colours
+    told = []
+    for band in sorted(description.bands, key=lambda band: band.low):
+        low, high = (_entry(value, rules) for value in (band.low, band.high))
+        if max(opacities[low : high + 1]) >= LEAST_OPACITY:
+            told.append((band.name, colours[(low + high) // 2]))
+    return tuple(told)
+
+
+def _entry(value: float, rules: Quantisation) -> int:
+    return round(min(max((value - rules.window[0]) * rules.density_scale, 0.0), LAST))
+
+
+def _rows(legend: Sequence[tuple[str, Colour]], width: int, em: int) -> list[list[tuple[float, tuple[str, Colour]]]]:
+    """Each entry with its place in its row."""
+    rows: list[list[tuple[float, tuple[str, Colour]]]] = []
+    x = float(width)
+    for entry in legend:
+        needed = width_of(entry[0], em) + 2.4 * em
+        if x + needed > width - INSET * em or not rows:
+            rows.append([])
+            x = INSET * em
+        rows[-1].append((x, entry))
+        x += needed
+    return rows
+
+
+def _bar_shapes(bar: AxisBar, top: float, width: int, em: int, ink: Colour) -> list[Shape]:
+    left, across = INSET * em, width - 2 * INSET * em
+    y = top + GAP * em
+    shapes: list[Shape] = []
+    if bar.opacities:
+        most = max(bar.opacities)
+        shares = tuple(opacity / most if most > 0 else 0.0 for opacity in bar.opacities)
+        shapes.append(Area(left, y, across, CURVE * em, shares, ink, CURVE_OPACITY))
+        y += CURVE * em
+    hair = max(round(em / 14), 1)
+    for strip in bar.strips:
+        shapes.append(Ramp(left, y, across, STRIP * em, strip.colours))
+        if strip.name:
+            shade = sum(strip.colours[0]) < 1.5
+            on = (1.0, 1.0, 1.0) if shade else (0.0, 0.0, 0.0)
+            size = round(STRIP_TEXT * em)
+            shapes.append(Words(left + 0.3 * em, y + 0.68 * em, strip.name, size, on, strip.colours[0]))
+        y += STRIP * em
+    shapes.append(Line(left, y, left + across, y, hair, ink))
+    low, high = bar.axis.low, bar.axis.high
+    values = ticks(low, high, max(int(across / (TICK_SPACING * em)), 2))
+    for value, text in zip(values, tick_texts(values), strict=True):
+        x = left + (value - low) / (high - low) * across
+        shapes.append(Line(x, y, x, y + TICK * em, hair, ink))
+        shapes.append(Words(x, y + (TICK + 0.95) * em, text, em, ink, None, Anchor.MIDDLE))
+    base = y + (TICK + TICK_LINE + 0.95) * em
+    size = size_within(bar.heading, em, width - em)
+    shapes.append(Words(width / 2, base, bar.heading, size, ink, None, Anchor.MIDDLE))
+    return shapes

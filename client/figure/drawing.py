@@ -1,0 +1,102 @@
+"""A drawing: a picture and what is drawn over and about it, in pixels from the upper left corner, y down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.protocol.description.scene import Colour
+
+
+class Anchor(StrEnum):
+    """Which end of a line of words lies at its place."""
+
+    START = "start"
+    MIDDLE = "middle"
+    END = "end"
+
+
+class Words(NamedTuple):
+    """One line of text, its base line at y."""
+
+    x: float
+    y: float
+    text: str
+    size: int
+    colour: Colour
+    halo: Colour | None = None  # what sets it off where it lies over the picture
+    anchor: Anchor = Anchor.START
+    bold: bool = False
+
+
+class Line(NamedTuple):
+    """A straight line with square ends."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    thickness: float
+    colour: Colour
+    halo: Colour | None = None
+
+
+class Box(NamedTuple):
+    """A filled rectangle."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    colour: Colour
+
+
+class Ramp(NamedTuple):
+    """Colours from left to right, the first and the last at the edges."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    colours: tuple[Colour, ...]
+
+
+class Area(NamedTuple):
+    """What lies below a curve over equal steps, the ends at the edges; `heights` are shares of `height`."""
+
+    x: float
+    y: float
+    width: float
+    height: float
+    heights: tuple[float, ...]
+    colour: Colour
+    opacity: float
+
+    def outline(self) -> list[tuple[float, float]]:
+        """The curve's points, without those that lie between equal ones."""
+        last = len(self.heights) - 1
+        return [
+            (self.x + n / last * self.width, self.y + (1 - height) * self.height)
+            for n, height in enumerate(self.heights)
+            if n in (0, last) or not self.heights[n - 1] == height == self.heights[n + 1]
+        ]
+
+
+Shape = Words | Line | Box | Ramp | Area
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """`picture` is (H, W, 4) float32, associated alpha, its upper left corner at `corner`, which are whole pixels."""
+
+    width: int
+    height: int
+    dpi: float
+    picture: NDArray[np.float32]
+    corner: tuple[int, int]
+    background: Colour | None  # None: clear
+    shapes: tuple[Shape, ...]

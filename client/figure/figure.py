@@ -1,0 +1,127 @@
+"""What a figure shows beside its picture, and how large it is printed; each option is declared once, here."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+import msgspec
+
+from volsplat.protocol.description.colours import colour_from_text
+from volsplat.protocol.description.scene import Colour
+from volsplat.protocol.description.scene_key import (
+    UNIT_INTERVAL,
+    Key,
+    Limits,
+    Part,
+    PartOf,
+    Slide,
+    Swatch,
+    Switch,
+    declarations,
+)
+from volsplat.protocol.text.errors import BadInput
+from volsplat.protocol.text.printable import printable
+
+CM_PER_INCH = 2.54
+POINTS_PER_INCH = 72
+
+
+class Figure(Part, frozen=True):
+    """The options of a figure. `labels` are words and the grid point (i, j, k) that they point at."""
+
+    scale_bar: Annotated[
+        bool, Key("A bar of a round length, in the data's units; one for each kind of axis.", Switch("scale bar"))
+    ] = True
+    colour_bar: Annotated[
+        bool,
+        Key("The colours and opacities of the tables over the data's values; the names of classes.", Switch("colours")),
+    ] = True
+    sides: Annotated[
+        bool,
+        Key(
+            "What lies to the right, left, top and bottom: R, L, A, P, S, I of a patient, else the ends of the"
+            " file's axes.",
+            Switch("sides"),
+        ),
+    ] = True
+    title: Annotated[str, Key("A line above the picture.", PartOf("title"), allowed="a text")] = ""
+    labels: Annotated[
+        tuple[tuple[str, tuple[float, float, float]], ...],
+        Key("Words that point at voxels.", PartOf("labels"), allowed="[[text, [i, j, k]], ...]"),
+    ] = ()
+    width: Annotated[
+        float | Literal["pixels"],
+        Key(
+            "How wide the figure is printed; pixels leaves the picture as many as the scene says.",
+            PartOf("width"),
+            Limits(0.5, 200.0),
+            "cm",
+        ),
+    ] = "pixels"
+    height: Annotated[
+        float | Literal["square"],
+        Key(
+            "How high it is printed, all in all; square lets the picture be as high as wide.",
+            PartOf("height"),
+            Limits(0.5, 200.0),
+            "cm",
+        ),
+    ] = "square"
+    dpi: Annotated[
+        float, Key("Pixels of the picture per inch.", PartOf("dpi"), Limits(20.0, 2400.0), "pixels per inch")
+    ] = 300.0
+    text_size: Annotated[
+        float, Key("How large the words are.", Slide("text", step=0.5), Limits(3.0, 72.0), "points")
+    ] = 7.0
+    ink: Annotated[
+        Colour | Literal["auto"],
+        Key(
+            "The colour of words and lines; auto is black or white, whichever the background makes legible.",
+            Swatch("ink"),
+            UNIT_INTERVAL,
+            allowed='"#rrggbb", a name of CSS or [r, g, b], each 0 to 1, or "auto"',
+        ),
+    ] = "auto"
+    transparent: Annotated[
+        bool, Key("Leave the background out: PNG, TIFF, SVG and PDF are clear there.", Switch("transparent"))
+    ] = False
+
+    @property
+    def em(self) -> int:
+        """The size of the words in pixels."""
+        return max(round(self.text_size * self.dpi / POINTS_PER_INCH), 1)
+
+    def pixels(self, centimetres: float) -> int:
+        return max(math.floor(centimetres / CM_PER_INCH * self.dpi + 0.5), 1)
+
+    def ink_on(self, background: Colour) -> tuple[Colour, Colour]:
+        """The colour of words, and the one that is behind them."""
+        paper = (1.0, 1.0, 1.0) if self.transparent else background
+        if self.ink != "auto":
+            return self.ink, paper
+        bright = 0.2126 * paper[0] + 0.7152 * paper[1] + 0.0722 * paper[2] > 0.5
+        return ((0.0, 0.0, 0.0) if bright else (1.0, 1.0, 1.0)), paper
+
+
+def figure_with(figure: Figure, options: Mapping[str, Any]) -> Figure:
+    """The figure with other options: labels also by their words, ink by a name of CSS. Raises BadInput."""
+    names = [declared.name for declared in declarations(Figure)]
+    given = dict(options)
+    for name in given:
+        if name not in names:
+            raise BadInput(f"a figure has no {name}; it has {', '.join(names)}")
+    if isinstance(given.get("labels"), Mapping):
+        given["labels"] = list(given["labels"].items())
+    ink = given.get("ink")
+    try:
+        if isinstance(ink, str) and ink != "auto":
+            given["ink"] = colour_from_text(ink)
+        return msgspec.convert({name: getattr(figure, name) for name in names} | given, Figure)
+    except ValueError as error:
+        raise BadInput(f"the figure's {printable(str(error))}") from error
+
+
+BARE = Figure(scale_bar=False, colour_bar=False, sides=False)
+"""A picture alone."""

@@ -1,0 +1,99 @@
+"""Where everything of a figure lies: the picture, what is over it, and what is above and below."""
+
+from __future__ import annotations
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.client.figure.colour_bars import NONE, ColourBars, colour_bars
+from volsplat.client.figure.drawing import Anchor, Drawing, Shape, Words
+from volsplat.client.figure.figure import Figure
+from volsplat.client.figure.pointing_labels import pointing_labels
+from volsplat.client.figure.scale_bars import scale_bars
+from volsplat.client.figure.side_marks import side_marks
+from volsplat.client.figure.type_faces import size_within
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
+from volsplat.protocol.text.errors import BadInput
+
+TITLE_LINE = 1.9  # ems
+TITLE_BASE = 1.35
+TITLE_SIZE = 1.15  # of other words
+LEAST_PICTURE = 16  # pixels
+
+
+def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
+    """The scene with as many pixels as leave the figure its size in print. Raises BadInput if that cannot be."""
+    if figure.width == "pixels":
+        if figure.height != "square":
+            raise BadInput("a figure's height needs its width; give both, in cm")
+        return scene
+    width = figure.pixels(figure.width)
+    height = (
+        width if figure.height == "square" else figure.pixels(figure.height) - _beside(figure, scene, volume, width)
+    )
+    if min(width, height) < LEAST_PICTURE:
+        raise BadInput("a figure of this size has no room for its picture; give a larger size or dpi, or smaller text")
+    if max(width, height) > LARGEST_EXTENT:
+        raise BadInput(
+            f"the figure's picture would have {width}x{height} pixels, more than {LARGEST_EXTENT} on a side; give a "
+            "smaller size or dpi"
+        )
+    image = msgspec.structs.replace(scene.image, width=width, height=height)
+    return msgspec.structs.replace(scene, image=image)
+
+
+def figure_extent(figure: Figure, scene: Scene, volume: SurveyedVolume) -> tuple[int, int]:
+    """Width and height of the whole figure in pixels."""
+    width = scene.image.width
+    return width, scene.image.height + _beside(figure, scene, volume, width)
+
+
+def laid_out(
+    picture: NDArray[np.float32], figure: Figure, scene: Scene, volume: SurveyedVolume, height: int | None = None
+) -> Drawing:
+    """The drawing of a finished picture of the scene; of another height if there must be one."""
+    scene, description = volume.settled(scene), volume.description
+    ink, paper = figure.ink_on(scene.image.background)
+    em, above = figure.em, _above(figure)
+    corner = (0, above)
+    shapes: list[Shape] = []
+    if figure.title:
+        shapes.append(_title(figure, scene.image.width, ink))
+    if figure.labels:
+        shapes += pointing_labels(figure.labels, scene, description.geometry, corner, em, ink, paper)
+    if figure.scale_bar:
+        shapes += scale_bars(scene, description, corner, em, ink, paper)
+    if figure.sides:
+        shapes += side_marks(scene, description, corner, em, ink, paper)
+    bars = _bars(figure, scene, volume)
+    shapes += bars.shapes(above + scene.image.height, scene.image.width, em, ink)
+    width, whole = figure_extent(figure, scene, volume)
+    return Drawing(
+        width=width,
+        height=height or whole,
+        dpi=figure.dpi,
+        picture=picture,
+        corner=corner,
+        background=None if figure.transparent else scene.image.background,
+        shapes=tuple(shapes),
+    )
+
+
+def _title(figure: Figure, width: int, ink: tuple[float, float, float]) -> Words:
+    size = size_within(figure.title, round(figure.em * TITLE_SIZE), width - figure.em, bold=True)
+    return Words(width / 2, TITLE_BASE * figure.em, figure.title, size, ink, None, Anchor.MIDDLE, bold=True)
+
+
+def _above(figure: Figure) -> int:
+    return round(TITLE_LINE * figure.em) if figure.title else 0
+
+
+def _bars(figure: Figure, scene: Scene, volume: SurveyedVolume) -> ColourBars:
+    return colour_bars(scene, volume) if figure.colour_bar else NONE
+
+
+def _beside(figure: Figure, scene: Scene, volume: SurveyedVolume, width: int) -> int:
+    """Rows of pixels above and below the picture."""
+    return _above(figure) + _bars(figure, scene, volume).height(width, figure.em)

@@ -1,0 +1,48 @@
+"""Words that point at voxels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from volsplat.client.figure.drawing import Anchor, Line, Shape, Words
+from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.grid_on_screen import grid_on_screen
+
+REACH = 1.6  # ems from the voxel to the words, aside and upwards
+THICKNESS = 0.1  # ems
+
+
+def place_of(point: Vector, scene: Scene, geometry: Geometry) -> tuple[float, float]:
+    """Where a grid point lies, in pixels from the picture's upper left corner."""
+    on_screen = grid_on_screen(scene, geometry)
+    x, y, _ = matrices.plus(matrices.applied(on_screen.pixels_per_index, point), on_screen.origin)
+    return x + 0.5, y + 0.5
+
+
+def pointing_labels(
+    labels: Sequence[tuple[str, Vector]],
+    scene: Scene,
+    geometry: Geometry,
+    corner: tuple[int, int],
+    em: int,
+    ink: Colour,
+    paper: Colour,
+) -> list[Shape]:
+    """Towards the picture's middle; those of voxels outside the picture are left out."""
+    shapes: list[Shape] = []
+    image = scene.image
+    for text, point in labels:
+        x, y = place_of(point, scene, geometry)
+        if not (0 <= x <= image.width and 0 <= y <= image.height):
+            continue
+        way = 1 if x < image.width / 2 else -1  # so that the words have room
+        upwards = REACH * em * (-1 if y > REACH * em * 2 else 1)
+        x, y = x + corner[0], y + corner[1]
+        end, level = x + way * REACH * em, y + upwards
+        shapes.append(Line(x, y, end, level, max(THICKNESS * em, 1.0), ink, paper))
+        anchor = Anchor.START if way > 0 else Anchor.END
+        shapes.append(Words(end + 0.25 * em * way, level + 0.36 * em, text, em, ink, paper, anchor))
+    return shapes

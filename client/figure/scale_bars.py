@@ -1,0 +1,38 @@
+"""Bars of round lengths at the lower left of a picture."""
+
+from __future__ import annotations
+
+from volsplat.client.figure.drawing import Line, Shape, Words
+from volsplat.client.volume.scales import Scale, round_length, scale_text, scales_of
+from volsplat.protocol.description.scene import Colour, Scene
+from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.rules.resolved_view import resolved_zoom
+
+LONGEST = 0.28  # of the picture's width
+MARGIN = 0.9  # ems from its edges
+THICKNESS = 0.22  # ems
+WORDS = 0.5  # ems from a bar up to the words' base line
+ROW = 1.9  # ems from bar to bar
+
+
+def bar_length(scale: Scale, scene: Scene, description: VolumeDescription) -> tuple[float, float]:
+    """Units of the scale, a round number of them, and the pixels that these span across the line of sight."""
+    geometry = description.geometry
+    per_unit = scale.length * resolved_zoom(scene, geometry) / geometry.reference_spacing
+    length = round_length(LONGEST * scene.image.width / per_unit)
+    return length, length * per_unit
+
+
+def scale_bars(
+    scene: Scene, description: VolumeDescription, corner: tuple[int, int], em: int, ink: Colour, paper: Colour
+) -> list[Shape]:
+    """One for each scale of the volume, the first at the top; `corner` is the picture's."""
+    shapes: list[Shape] = []
+    scales = scales_of(description)
+    left = corner[0] + MARGIN * em
+    for n, scale in enumerate(scales):
+        length, pixels = bar_length(scale, scene, description)
+        y = corner[1] + scene.image.height - (MARGIN + ROW * (len(scales) - 1 - n)) * em
+        shapes.append(Words(left, y - WORDS * em, scale_text(scale, length), em, ink, paper))
+        shapes.append(Line(left, y, left + pixels, y, max(THICKNESS * em, 1.0), ink, paper))
+    return shapes

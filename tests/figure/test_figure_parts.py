@@ -1,0 +1,165 @@
+"""What a figure shows beside its picture: lengths as they are, ticks at round numbers, sides, the tables' colours."""
+
+from __future__ import annotations
+
+import math
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from support.scenes.arbitrary import geometries, plain_scene, quaternions, zooms
+from tolerances import ROUNDING
+from volsplat.client.figure.axis_ticks import tick_texts, ticks
+from volsplat.client.figure.colour_bars import colour_bars
+from volsplat.client.figure.figure import Figure
+from volsplat.client.figure.layout import figure_extent, sized
+from volsplat.client.figure.pointing_labels import place_of
+from volsplat.client.figure.scale_bars import bar_length
+from volsplat.client.figure.side_marks import edge_marks
+from volsplat.client.volume.scales import scales_of
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.kind import Band, Kind
+from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Quantise, ScalarTable, Scene, Tables, View
+from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
+from volsplat.protocol.description.volume import Geometry, GridAxis, VolumeDescription
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.rules.index_rules import Survey
+from volsplat.protocol.rules.resolved_view import screen_rotation
+from volsplat.protocol.text.errors import BadInput
+
+OPPOSITE = {"left": "right", "top": "bottom"}
+GEOMETRY = Geometry(dims=(8, 9, 100))
+HEAD = VolumeDescription(
+    name="head", format="NRRD", geometry=GEOMETRY, scalar_type="int16", unit="mm", value_unit="HU", anatomical=True
+)
+SCENE = plain_scene()
+replace = msgspec.structs.replace
+
+
+def surveyed(description: VolumeDescription = HEAD) -> SurveyedVolume:
+    return SurveyedVolume(
+        description=description,
+        survey=Survey(low=-1000.0, high=3000.0, max_gradient=500.0, voxels=10, no_data=0),
+        density_counts=[10],
+        strength_counts=[10],
+        extremes=BlockExtremes.nothing(description.geometry.dims),
+    )
+
+
+@given(geometry=geometries(), rotation=quaternions, zoom=zooms, width=st.integers(16, 4000))
+def test_a_scale_bar_is_as_long_as_its_length_lies_on_the_screen(
+    geometry: Geometry, rotation: tuple[float, float, float, float], zoom: float, width: int
+) -> None:
+    described = replace(HEAD, geometry=geometry, anatomical=False, up="+z")
+    scene = plain_scene(view=View(rotation=rotation, zoom=zoom, up="+z"), size=(width, 64))
+    (scale,) = scales_of(described)
+    length, pixels = bar_length(scale, scene, described)
+    to_physical = matrices.transposed(screen_rotation(scene.view))
+    across = matrices.applied(to_physical, (length * scale.length, 0.0, 0.0))
+    steps = matrices.applied(matrices.inverse(geometry.index_to_physical), across)
+    start, end = place_of((0.0, 0.0, 0.0), scene, geometry), place_of(steps, scene, geometry)
+    assert (end[0] - start[0], end[1] - start[1]) == pytest.approx((pixels, 0.0), rel=ROUNDING, abs=1e-6 * pixels)
+    assert 0 < pixels < width
+
+
+@given(start=st.floats(-1e3, 1e3), span=st.floats(1e-3, 1e7), most=st.integers(2, 12))
+def test_ticks_are_the_multiples_of_a_round_step_within_the_range(start: float, span: float, most: int) -> None:
+    low, high = start * span, start * span + span
+    values = ticks(low, high, most)
+    assert len(values) <= most and all(low <= value <= high for value in values)
+    assert len(values) >= most / 2.5 - 1  # a closer step would have more than `most`
+    steps = [after - before for before, after in zip(values, values[1:], strict=False)]
+    if steps:
+        assert f"{steps[0]:.0e}"[0] in "125"
+        assert steps == pytest.approx([steps[0]] * len(steps), rel=1e-6)
+        texts = tick_texts(values)
+        assert len(set(texts)) == len(texts)
+        assert [float(text.replace("−", "-")) for text in texts] == pytest.approx(values, rel=1e-5, abs=steps[0] / 100)
+
+
+@pytest.mark.parametrize(
+    ("view", "marks"),
+    [("front", "R L S I"), ("back", "L R S I"), ("bottom", "R L A P"), ("top", "L R A P"), ("left", "A P S I")],
+)
+def test_a_patients_sides_lie_where_a_radiologist_looks_for_them(view: str, marks: str) -> None:
+    told = edge_marks(View(rotation=named_view(view), up="+z"), HEAD)
+    assert " ".join(told[edge] for edge in ("left", "right", "top", "bottom")) == marks
+
+
+def test_an_oblique_edge_is_called_by_the_nearer_side_first() -> None:
+    told = edge_marks(View(rotation=rotation_from_angles(30, 0), up="+z"), HEAD)
+    assert {told["left"], told["right"]} in ({"RA", "LP"}, {"RP", "LA"})
+
+
+@given(rotation=quaternions)
+def test_what_lies_on_one_edge_has_its_opposite_on_the_other(rotation: tuple[float, float, float, float]) -> None:
+    told = edge_marks(View(rotation=rotation, up="+z"), HEAD)
+    other = str.maketrans("LRAPSI", "RLPAIS")
+    for edge, beyond in OPPOSITE.items():
+        assert told[edge] and sorted(told[edge]) == sorted(told[beyond].translate(other))
+
+
+def with_tables(emit: float, refl: float, **more: object) -> Scene:
+    def table(factor: float) -> ColourTable:
+        return ColourTable(points=((0.0, (0.0, 0.1 * factor, 0.0)), (1.0, (factor, factor, 0.5 * factor))))
+
+    tables = Tables(emit=table(emit), refl=table(refl), opac=ScalarTable(points=((0.0, 0.0), (1.0, 0.4))))
+    return replace(SCENE, tables=tables, **more)
+
+
+def test_colours_that_differ_by_a_factor_share_a_strip_and_others_have_one_each() -> None:
+    (bar,) = colour_bars(with_tables(0.3, 0.6), surveyed()).bars
+    assert [strip.name for strip in bar.strips] == [""]
+    assert bar.strips[0].colours[-1] == pytest.approx((0.9, 0.9, 0.45))
+    assert (bar.axis.low, bar.axis.high) == surveyed().automatic_window
+    assert bar.heading == "density (HU); curve: opacity, 0 to 0.4"
+    black = replace(SCENE.tables, emit=ColourTable(points=((0.0, (0.0, 0.0, 1.0)),)))
+    (bar,) = colour_bars(replace(SCENE, tables=black), surveyed()).bars
+    assert [strip.name for strip in bar.strips] == ["emitted", "reflected"]
+
+
+def test_a_table_along_an_axis_of_the_file_is_told_in_what_that_stands_for() -> None:
+    axes = tuple(GridAxis(name, "km/s", 200.0, -4.0) for name in ("x", "y", "velocity"))
+    cube = replace(HEAD, axes=axes, anatomical=False)
+    by_velocity = CrossBar(emit=Field.GRID_K, refl=Field.GRID_K)
+    velocity, density = colour_bars(with_tables(1.0, 0.0, cross_bar=by_velocity), surveyed(cube)).bars
+    assert velocity.heading == "velocity (km/s)" and velocity.axis.high == 200.0
+    assert velocity.axis.low == pytest.approx(200 - 4 * 100 * 255 / 256)
+    assert velocity.strips[0].colours[-1] == (0.0, 0.1, 0.0)  # of index 0
+    assert density.opacities is not None and not density.strips
+
+
+def test_classes_have_a_legend_of_those_that_can_be_seen() -> None:
+    bands = (Band("air", 0.0, 0.0), Band("bone", 1.0, 1.0), Band("hidden", 2.0, 2.0))
+    labels = replace(HEAD, kind=Kind.LABELS, bands=bands)
+    colours = ColourTable(points=tuple((n / 255, (1.0, 0.0, 0.0) if n == 1 else (0.0, 0.0, 1.0)) for n in range(3)))
+    opac = ScalarTable(points=((0.0, 0.0), (1 / 255, 0.5), (2 / 255, 0.0)))
+    scene = replace(SCENE, tables=Tables(emit=colours, refl=colours, opac=opac), quantise=Quantise(window=(0.0, 255.0)))
+    found = colour_bars(scene, surveyed(labels))
+    assert not found.bars and found.legend == (("bone", (1.0, 0.0, 0.0)),)
+    assert 0 < found.height(100, 10) < found.height(100, 20)
+
+
+@given(width=st.floats(2, 20), height=st.floats(5, 20), dpi=st.floats(100, 400), titled=st.booleans())
+def test_a_figure_has_its_size_in_print_whatever_is_in_it(
+    width: float, height: float, dpi: float, titled: bool
+) -> None:
+    figure = Figure(width=width, height=height, dpi=dpi, title="a head" if titled else "")
+    scene = sized(figure, SCENE, surveyed())
+    assert figure_extent(figure, scene, surveyed()) == (
+        math.floor(width / 2.54 * dpi + 0.5),
+        math.floor(height / 2.54 * dpi + 0.5),
+    )
+
+
+def test_without_room_for_a_picture_there_is_no_figure() -> None:
+    for figure, why in (
+        (Figure(width=1.0, height=1.0), "has no room for its picture"),
+        (Figure(width=200.0), "more than 16384 on a side"),
+        (Figure(height=4.0), "needs its width"),
+    ):
+        with pytest.raises(BadInput, match=why):
+            sized(figure, SCENE, surveyed())
