@@ -11,6 +11,7 @@ from volsplat.mapshade_server.readers.reading.data_root import held_to
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.program.counts import Counts
 from volsplat.program.memory_budget import MemoryBudget
+from volsplat.program.memory_promises import MemoryPromises
 from volsplat.program.server_process import (
     THREADS,
     checked_metrics,
@@ -72,8 +73,9 @@ def mapshade_server(
     token = need_token(os.environ, token_file)
     with ExitStack() as stack:
         stack.enter_context(metrics_of(counts, metrics, door))
+        budget = MemoryBudget(limit, MemoryPromises())  # whose file is opened before other places are closed off
         root = None if data_root is None else stack.enter_context(held_to(data_root))
-        held = HeldVolume(budget=MemoryBudget(limit))
+        held = HeldVolume(budget=budget)
         clients = clients_of(Role.MAPSHADE_SERVER, token, connect, wait_at, patience, resident, keep, tls)
         stack.enter_context(closing(clients))
 

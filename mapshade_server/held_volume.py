@@ -64,13 +64,20 @@ class HeldVolume:
     def answers(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> list[Answer]:
         """Do what is asked. Raises BadInput if that cannot be done."""
         handler = HANDLERS[type(request)].method
-        answers: list[Answer] = handler(self, request, payload) if payload else handler(self, request)
+        try:
+            answers: list[Answer] = handler(self, request, payload) if payload else handler(self, request)
+        except BaseException:
+            self._budget.taken()
+            raise
+        if type(request) in TAKEN_AFTER:
+            self._budget.taken()
         return answers
 
     def keep(self) -> None:
         """The client is gone: keep what the next one may ask for, which is packets alone."""
         if self._quantisation is None and not self._path:
             self._drop()
+        self._budget.taken()
         self._lent, self._again, self.assignment = None, None, 0
         self._passed, self._passed_by = [], lambda: None
 
@@ -124,7 +131,7 @@ class HeldVolume:
             self._again, self.assignment = request, request.assignment
             return [self._surveyed.again(request.assignment)]
         if request.held:
-            self._check_room(bytes_to_read(description, request.boxes))
+            self._make_room(bytes_to_read(description, request.boxes))
         self._drop()  # nothing is held, should the reading fail
         if not request.held:
             slabs = slab_reader(reader)
@@ -145,7 +152,7 @@ class HeldVolume:
     def _lend_volume(self, request: messages.LendVolume) -> list[Answer]:
         started = time.perf_counter()
         reader = described_volume(request.path, request.identity)
-        self._check_room(bytes_to_lend(reader.describe()))
+        self._make_room(bytes_to_lend(reader.describe()))
         self._drop()
         loan = lent(reader)
         check_still(request.path, reader, reader.describe(), request.identity)
@@ -168,7 +175,7 @@ class HeldVolume:
     @takes(messages.AwaitParts)
     def _await_parts(self, request: messages.AwaitParts) -> list[Answer]:
         check_within(request.boxes, request.description.geometry)
-        self._check_room(bytes_to_read(request.description, request.boxes))
+        self._make_room(bytes_to_read(request.description, request.boxes))
         self._drop()
         self._awaited = AwaitedParts(request)
         return []
@@ -215,7 +222,7 @@ class HeldVolume:
         held = self.sub_cubes(0) if self._quantisation == request.quantisation else []
         reader = described_volume(asked.path, asked.identity)
         needed = bytes_to_change(reader.describe(), asked.boxes, [cube.box for cube in held])
-        self._budget.check(needed, self.packed_bytes, let_go=0 if held else self.packed_bytes)
+        self._budget.take(needed, self.packed_bytes, let_go=0 if held else self.packed_bytes)
         self._levels, self._again, self._quantisation = {}, None, None
         sub_cubes, read = packed_sub_cubes(reader, request.quantisation, asked.boxes, held)
         check_still(asked.path, reader, reader.describe(), asked.identity)
@@ -231,7 +238,7 @@ class HeldVolume:
         description = reader.describe()
         check_within(request.boxes, description.geometry)
         needed = bytes_to_change(description, request.boxes, [cube.box for cube in held])
-        self._budget.check(needed, self.packed_bytes, let_go=0)
+        self._budget.take(needed, self.packed_bytes, let_go=0)
         sub_cubes, read = packed_sub_cubes(reader, request.quantisation, request.boxes, held)
         check_still(request.path, reader, description, request.identity)
         self._levels, self.assignment = {0: sub_cubes}, request.assignment
@@ -280,9 +287,9 @@ class HeldVolume:
             for one in request.levels
         }
 
-    def _check_room(self, needed: int) -> None:
+    def _make_room(self, needed: int) -> None:
         """Raises BadInput if there is none, once all that is held is let go."""
-        self._budget.check(needed, self.packed_bytes, let_go=self.packed_bytes)
+        self._budget.take(needed, self.packed_bytes, let_go=self.packed_bytes)
 
     def _drop(self) -> None:
         self._levels, self.assignment, self._path, self._identity = {}, 0, "", None
@@ -316,3 +323,8 @@ class HeldVolume:
 
 
 HANDLERS = handlers(HeldVolume)
+TAKEN_AFTER = {
+    messages.PackVoxels,
+    messages.ChangeSubCubes,
+    messages.LendVolume,
+}  # what is read by others is packed later

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from volsplat.program.available_memory import available_memory
+from volsplat.program.memory_promises import MemoryPromises
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
 from volsplat.protocol.text.errors import NoRoom
@@ -14,16 +15,36 @@ LIST_BYTES = PACKET_BYTES * LISTS_PER_PACKET  # that a walk keeps of a voxel
 
 @dataclass(frozen=True)
 class MemoryBudget:
-    """What a server may hold of volumes: `limit` bytes, and no more than the machine has left."""
+    """What a server may hold of volumes: `limit` bytes, and no more than the machine has left.
+
+    `promises` are those of the servers of this machine; without any this process is the only one.
+    """
 
     limit: int | None = None
+    promises: MemoryPromises | None = None
 
-    def check(self, needed: int, held: int, let_go: int) -> None:
-        """Raises NoRoom unless there is room for so much, once `let_go` of the bytes that are `held` are free."""
+    def take(self, needed: int, held: int, let_go: int) -> None:
+        """Before so much is taken, once `let_go` of the bytes that are `held` are free: have others leave it alone.
+
+        Until it has been taken, and `taken` is called. Raises NoRoom unless there is room.
+        """
         if self.limit is not None and needed > self.limit - (held - let_go):
             raise _no_room(needed, f"--memory leaves {_size(self.limit - (held - let_go))}")
-        if needed > (left := available_memory() + let_go):
-            raise _no_room(needed, f"its machine has {_size(left)} left")
+
+        def has_room(promised: int) -> None:
+            if needed > (left := available_memory() + let_go - promised):
+                others = ", besides what its other servers are about to take" if promised else ""
+                raise _no_room(needed, f"its machine has {_size(left)} left{others}")
+
+        if self.promises is None:
+            has_room(0)
+        else:
+            self.promises.claim(needed - let_go, has_room)
+
+    def taken(self) -> None:
+        """All of it, or as much as ever will be."""
+        if self.promises is not None:
+            self.promises.settle()
 
 
 def bytes_to_read(description: VolumeDescription, boxes: Iterable[Box]) -> int:

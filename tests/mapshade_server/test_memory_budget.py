@@ -105,6 +105,6 @@ def test_what_stays_needs_no_more_and_what_is_copied_is_not_read() -> None:
     low, all_of_it = Box((0, 0, 0), (8, 8, 4)), Box((0, 0, 0), (8, 8, 8))
     assert bytes_to_change(description, [low], [low]) == 0
     assert bytes_to_change(description, [all_of_it], [low]) < 4 * 512 + bytes_to_read(description, [all_of_it])
-    MemoryBudget(limit=1000).check(600, held=400, let_go=0)
+    MemoryBudget(limit=1000).take(600, held=400, let_go=0)
     with pytest.raises(BadInput):
-        MemoryBudget(limit=1000).check(601, held=400, let_go=0)
+        MemoryBudget(limit=1000).take(601, held=400, let_go=0)
