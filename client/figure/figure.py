@@ -52,23 +52,23 @@ class Figure(Part, frozen=True):
         Key("Words that point at voxels.", PartOf("labels"), allowed="[[text, [i, j, k]], ...]"),
     ] = ()
     width: Annotated[
-        float | Literal["pixels"],
+        float | Literal["auto"],
         Key(
-            "How wide the figure is printed; pixels leaves the picture as many as the scene says.",
+            "How wide the figure is printed; auto leaves the picture as many pixels as the scene says.",
             PartOf("width"),
             Limits(0.5, 200.0),
             "cm",
         ),
-    ] = "pixels"
+    ] = "auto"
     height: Annotated[
-        float | Literal["square"],
+        float | Literal["auto"],
         Key(
-            "How high it is printed, all in all; square lets the picture be as high as wide.",
+            "How high it is printed, all in all; auto leaves the picture its shape.",
             PartOf("height"),
             Limits(0.5, 200.0),
             "cm",
         ),
-    ] = "square"
+    ] = "auto"
     dpi: Annotated[
         float, Key("Pixels of the picture per inch.", PartOf("dpi"), Limits(20.0, 2400.0), "pixels per inch")
     ] = 300.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -13,6 +12,7 @@ from volsplat.client.figure.pointing_labels import pointing_labels
 from volsplat.client.figure.scale_bars import scale_bars
 from volsplat.client.figure.side_marks import side_marks
 from volsplat.client.figure.type_faces import size_within
+from volsplat.client.scene.resized import sized as resized
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene
 from volsplat.protocol.text.errors import BadInput
@@ -24,15 +24,16 @@ LEAST_PICTURE = 16  # pixels
 
 
 def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
-    """The scene with as many pixels as leave the figure its size in print. Raises BadInput if that cannot be."""
-    if figure.width == "pixels":
-        if figure.height != "square":
+    """The scene with as many pixels as give the figure its size in print. Raises BadInput if that cannot be."""
+    if figure.width == "auto":
+        if figure.height != "auto":
             raise BadInput("a figure's height needs its width; give both, in cm")
         return scene
     width = figure.pixels(figure.width)
-    height = (
-        width if figure.height == "square" else figure.pixels(figure.height) - _beside(figure, scene, volume, width)
-    )
+    if figure.height == "auto":
+        height = round(width * scene.image.height / scene.image.width)
+    else:
+        height = figure.pixels(figure.height) - _beside(figure, scene, volume, width)
     if min(width, height) < LEAST_PICTURE:
         raise BadInput("a figure of this size has no room for its picture; give a larger size or dpi, or smaller text")
     if max(width, height) > LARGEST_EXTENT:
@@ -40,8 +41,7 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
             f"the figure's picture would have {width}x{height} pixels, more than {LARGEST_EXTENT} on a side; give a "
             "smaller size or dpi"
         )
-    image = msgspec.structs.replace(scene.image, width=width, height=height)
-    return msgspec.structs.replace(scene, image=image)
+    return resized(scene, width=width, height=height)
 
 
 def figure_extent(figure: Figure, scene: Scene, volume: SurveyedVolume) -> tuple[int, int]:

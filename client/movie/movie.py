@@ -27,7 +27,7 @@ from volsplat.client.image.image_file import coded, write_image
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.image.temporary_name import temporary_name
 from volsplat.client.movie.movie_formats import check_movie_writable, frame_image_path, video_encoder
-from volsplat.client.session.asked_frames import FrameAborted
+from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
@@ -74,7 +74,9 @@ def write_movie(
     try:
         with opened as put:
             for done, scene in enumerate(scenes):
-                image = _drawn(renderer, scene, step, cancelled)
+                image = finished_pixels(renderer, scene, step, cancelled)
+                if image is None:
+                    raise MovieCancelled
                 put(image if drawn_about is None else drawn_about.pixels(image, scene), scene)
                 on_progress(done + 1)
             if cancelled():
@@ -89,16 +91,6 @@ def _size_of_all(scenes: Sequence[Scene]) -> tuple[int, int]:
         named = " and ".join(f"{width}x{height}" for width, height in sizes[:2])
         raise BadInput(f"the scenes of a movie need one image size, but there are {named}; give all of them the same")
     return sizes[0]
-
-
-def _drawn(renderer: Finisher, scene: Scene, step: Step, cancelled: Callable[[], bool]) -> Pixels:
-    """The finished image. It is asked for again if something else on the same session took its place."""
-    while not cancelled():
-        try:
-            return renderer.finish(scene, step).published.pixels
-        except FrameAborted:
-            continue
-    raise MovieCancelled
 
 
 @contextmanager

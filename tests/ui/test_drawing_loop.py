@@ -14,9 +14,9 @@ from support.patience import PATIENCE
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing import drawing_loop
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
-from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel

@@ -19,7 +19,8 @@ from support.files.images import over_background, read_image
 from support.patience import PATIENCE
 from support.scenes.arbitrary import plain_scene, situations
 from support.scenes.scenes import scenes
-from tolerances import HALF_A_LEVEL
+from tolerances import HALF_A_LEVEL, ROUNDING
+from volsplat.client.figure.figure import Figure
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.movie.key_frames import turntable
 from volsplat.client.phantoms import make_phantom
@@ -27,7 +28,14 @@ from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.scene.scene_file import scene_from_toml
 from volsplat.client.session.renderer import Refinement
 from volsplat.client.session.single import SingleProcess
-from volsplat.client.ui.viewing.saving import MovieJob, image_bytes, scene_bytes, scene_from_link, scene_link
+from volsplat.client.ui.viewing.saving import (
+    MovieJob,
+    figure_bytes,
+    image_bytes,
+    scene_bytes,
+    scene_from_link,
+    scene_link,
+)
 from volsplat.protocol.description.scene import Image, Scene, Step
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
@@ -54,6 +62,22 @@ def test_png_lies_on_the_background_and_exr_keeps_every_bit_and_both_hold_the_sc
     shown = over_background(picture(), scene.image.background)
     assert (read_image(tmp_path / "saved.png") - shown).abs().max() <= HALF_A_LEVEL["uint8"]
     assert torch.equal(read_image(tmp_path / "saved.exr"), picture())
+
+
+def test_a_figure_has_the_width_in_print_and_the_part_of_the_volume_that_the_page_shows(
+    single: SingleProcess, tmp_path: Path
+) -> None:
+    shown = single.volume.settled(single.volume.default_scene().with_(size=(90, 60)))
+    figure, saved = Figure(width=2.54, dpi=180, colour_bar=False), tmp_path / "figure.png"
+    data = figure_bytes(single, shown, figure, ".png", lambda: False)
+    assert data is not None
+    saved.write_bytes(data)
+    assert read_image(saved).shape[:2] == (120, 180)
+    zoom = read_scene(saved).view.zoom
+    assert zoom != "fit" and shown.view.zoom != "fit" and zoom == pytest.approx(2 * shown.view.zoom, rel=ROUNDING)
+    assert figure_bytes(single, shown, figure, ".png", lambda: True) is None
+    with pytest.raises(BadInput, match="do not have"):
+        figure_bytes(single, shown, Figure(title="頭"), ".pdf", lambda: False)
 
 
 @given(scenes())

@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from volsplat.client.scene.presets import preset_scene
-from volsplat.client.ui.viewing.image_size import sized
+from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing.scene_model import SceneModel, SceneState
 from volsplat.protocol.description.scene import ScalarTable, Scene, Shading, View
 

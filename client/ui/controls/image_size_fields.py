@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from volsplat.client.scene.resized import sized
 from volsplat.client.ui.controls.controls import TOGGLE_PROPS, SceneEditor
 from volsplat.client.ui.controls.text_field import whole_number_field
-from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import Scene
 

@@ -11,8 +11,8 @@ from pathlib import Path
 from nicegui import background_tasks, context, ui
 
 from volsplat.client.movie.key_frames import key_framed, turntable
+from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
-from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.saving import MovieJob
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Scene

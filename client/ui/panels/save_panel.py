@@ -9,6 +9,7 @@ from functools import partial
 from nicegui import context, events, ui
 
 from volsplat.client.scene.scene_file import scene_from_toml
+from volsplat.client.ui.panels.figure_dialog import FigureDialog
 from volsplat.client.ui.panels.movie_dialog import MovieDialog
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.saving import LARGEST_SCENE_FILE, ImageFormat, image_bytes, scene_bytes, scene_link
@@ -17,12 +18,14 @@ from volsplat.protocol.text.errors import VolsplatError
 
 
 def save_panel(viewing: Viewing) -> None:
+    figure = FigureDialog(viewing, file_stem(viewing))
     movie = MovieDialog(viewing, file_stem(viewing))
     opening = _scene_upload(viewing)
     with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
         with ui.menu().props("auto-close"):
             ui.menu_item("image as PNG", partial(_save_image, viewing, "png"))
             ui.menu_item("image as EXR, with alpha", partial(_save_image, viewing, "exr"))
+            ui.menu_item("figure…", figure.open)
             ui.separator()
             ui.menu_item("scene as TOML", partial(_save_scene, viewing))
             ui.menu_item("open a scene…", lambda: opening.run_method("pickFiles"))

@@ -11,7 +11,7 @@ import tempfile
 import threading
 import time
 import zlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Literal
 from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
@@ -19,18 +19,24 @@ from urllib.parse import parse_qsl, urlencode, urlsplit, urlunsplit
 import msgspec
 from numpy.typing import ArrayLike
 
+from volsplat.client.figure.characters import check_words
+from volsplat.client.figure.figure import Figure
+from volsplat.client.image.image_formats import check_picture_writable
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.scene_file import scene_toml
+from volsplat.client.session.finished_pixels import finished_pixels
 from volsplat.client.session.renderer import Finisher
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
+from volsplat.protocol.rules.refinement import finest_step
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.text.printable import printable
 
 log = logging.getLogger(__name__)
 
 ImageFormat = Literal["png", "exr"]
+FIGURE_KINDS = (".pdf", ".svg", ".png", ".tif")
 SCENE_PARAMETER = "scene"  # of a link, in its query
 LARGEST_SCENE_FILE = 1 << 20  # bytes
 
@@ -47,6 +53,28 @@ def image_bytes(image: ArrayLike, scene: Scene, kind: ImageFormat, description: 
     with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
         path = Path(folder) / f"image.{kind}"
         write_image(path, image, scene, image_properties(description, scene))
+        return path.read_bytes()
+
+
+def figure_bytes(
+    renderer: Finisher, scene: Scene, figure: Figure, kind: str, cancelled: Callable[[], bool]
+) -> bytes | None:
+    """The finished picture of a scene as a figure, in a file of one of FIGURE_KINDS; None once it is cancelled.
+
+    Raises BadInput for what makes no figure, and as `Finisher.finish` does.
+    """
+    from volsplat.client.figure.figure_file import write_picture
+    from volsplat.client.figure.layout import sized
+
+    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:
+        path = Path(folder) / f"figure{kind}"
+        check_picture_writable(path, figure.transparent)
+        check_words(figure, path)
+        scene = sized(figure, scene, renderer.volume)
+        picture = finished_pixels(renderer, scene, finest_step(scene), cancelled)
+        if picture is None:
+            return None
+        write_picture(path, picture, scene, renderer.volume, figure)
         return path.read_bytes()
 
 

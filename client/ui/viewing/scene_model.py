@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from volsplat.client.ui.viewing.image_size import sized
+from volsplat.client.scene.resized import sized
 from volsplat.protocol.description.scene import Scene
 
 MOST_UNDONE = 200  # changes that can be taken back

@@ -8,8 +8,8 @@ from typing import Annotated
 import msgspec
 
 from volsplat.client.image.empty_image import why_empty
+from volsplat.client.scene.resized import sized
 from volsplat.client.scene.view_sides import sides
-from volsplat.client.ui.viewing.image_size import sized
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState

@@ -15,7 +15,7 @@ from typing import Any, assert_never
 
 import msgspec
 
-from volsplat.client.ui.viewing.image_size import sized
+from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.trouble import Trouble

@@ -15,8 +15,8 @@ from support.pages.viewed import Shown, Viewed, Viewport, view, viewed, volume
 from support.patience import PATIENCE
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import coded
+from volsplat.client.scene.resized import sized
 from volsplat.client.session.single import SingleProcess
-from volsplat.client.ui.viewing.image_size import sized
 from volsplat.protocol.description.scene import PaperStep, Refine
 from volsplat.protocol.description.volume import Index
 

@@ -1,0 +1,79 @@
+"""The page's dialog for figures: the picture with scale, colours, sides and a title, as large as it is printed."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+
+from nicegui import context, ui
+
+from volsplat.client.figure.figure import Figure, figure_with
+from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
+from volsplat.client.ui.viewing.saving import FIGURE_KINDS, figure_bytes
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.description.scene_key import Key, Switch, declarations
+from volsplat.protocol.text.errors import VolsplatError
+
+WIDTH = 8.5  # cm: of a journal's column
+
+
+class FigureDialog:
+    """One tab's dialog, beside which the volume can still be turned: a figure is drawn while nobody does so."""
+
+    def __init__(self, viewing: Viewing, name: str) -> None:
+        self._viewing = viewing
+        self._name = name
+        self._left = threading.Event()  # the tab is gone
+        usual = Figure()
+        with ui.dialog().props("seamless position=right") as self._dialog, ui.card().classes("vs-dialog"):
+            ui.label("Figure").classes("vs-name")
+            with ui.row():
+                self._switches = {
+                    declared.name: ui.switch(declared.key.widget.label, value=getattr(usual, declared.name))
+                    for declared in declarations(Figure)
+                    if isinstance(declared.key, Key) and isinstance(declared.key.widget, Switch)
+                }
+            self._title = ui.input("title").props("dense").classes("w-full")
+            with ui.row():
+                self._width = ui.number("width, cm", value=WIDTH).props("dense")
+                self._dpi = ui.number("pixels per inch", value=usual.dpi).props("dense")
+            with ui.row():
+                self._text_size = ui.number("words, points", value=usual.text_size).props("dense")
+                self._kind = ui.select(list(FIGURE_KINDS), value=FIGURE_KINDS[0], label="kind").props("dense")
+            ui.label("without a width it has the pixels of the picture on the page").classes("vs-muted")
+            self._trouble = ui.label("").classes("vs-bad").props("role=alert")
+            with ui.row().classes("justify-end w-full"):
+                self._make = ui.button("make the figure", on_click=self._save).props("no-caps")
+                ui.button("close", on_click=self._dialog.close).props("flat no-caps")
+        context.client.on_delete(self._left.set)
+
+    def open(self) -> None:
+        self._dialog.open()
+
+    async def _save(self) -> None:
+        self._trouble.text = ""
+        self._make.disable()
+        drawing = IdleDrawing(self._viewing.session, self._viewing.loop)
+        kind = self._kind.value
+        try:
+            figure, scene = self._figure(), self._viewing.model.scene
+            data = await asyncio.to_thread(figure_bytes, drawing, scene, figure, kind, self._left.is_set)
+        except VolsplatError as error:
+            self._trouble.text = str(error)
+            return
+        finally:
+            if not self._left.is_set():
+                self._make.enable()
+        if data is not None:
+            ui.download(data, f"{self._name}{kind}")
+
+    def _figure(self) -> Figure:
+        """Raises BadInput."""
+        given = {
+            "title": self._title.value,
+            "width": self._width.value,
+            "dpi": self._dpi.value,
+            "text_size": self._text_size.value,
+        }
+        given |= {name: switch.value for name, switch in self._switches.items()}
+        return figure_with(Figure(), {name: value for name, value in given.items() if value is not None})
