@@ -30,6 +30,13 @@ def svg_text(drawing: Drawing, png: bytes) -> str:
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + ElementTree.tostring(root, encoding="unicode") + "\n"
 
 
+def svg_of(shapes: list[Shape], width: int, height: int) -> str:
+    """Shapes alone, within another document."""
+    root = svg_element(width, height)
+    add_shapes(root, shapes)
+    return ElementTree.tostring(root, encoding="unicode")
+
+
 def svg_element(width: float, height: float) -> ElementTree.Element:
     """An empty one, whose unit is a pixel."""
     box = f"0 0 {width:g} {height:g}"

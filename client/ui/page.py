@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from volsplat.client.ui.panels.colour_bar import ColourBar
 from volsplat.client.ui.panels.drawers import Drawers
 from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
@@ -42,6 +43,7 @@ def page(viewing: Viewing) -> None:
             scene_panels(viewing)
         with ui.element("section").classes("vs-view").props("aria-label=picture"):
             viewport_element(viewing.default_scene.view.rotation)
+            ColourBar(viewing)
             PhaseLegend(viewing)
         with ui.element("aside").classes("vs-right").props('aria-label="tables of the scene"'):
             tables_panel(viewing)

@@ -59,6 +59,7 @@ export class TableEditor {
     this.closing = new AbortController();
     onValues((values) => this.plot.showTold(values), this.closing.signal);
     this.observer = new ResizeObserver(([{ contentRect }]) => {
+      if (contentRect.width === 0) return; // the picture is alone
       this.plot.resize(contentRect.width, contentRect.height);
       this._draw();
     });

@@ -20,6 +20,8 @@ const PLAIN = {
   "[": (viewport) => viewport.actions.rollBy(TURN),
   "]": (viewport) => viewport.actions.rollBy(-TURN),
   i: (viewport) => viewport.actions.toggleInertia(),
+  p: (viewport) => viewport.alone?.toggle(),
+  c: (viewport) => viewport.alone?.toggleColours(),
   "?": (viewport) => viewport.toggleHelp(),
   ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.actions.lookFrom(name)])),
 };
@@ -43,6 +45,9 @@ const LIST = [
   ["+ −", "zoom"],
   ["[ ]", `roll by ${TURN}°`],
   ["I", "go on turning when let go, or not"],
+  ["P", "the picture alone, over the whole screen"],
+  ["C", "show or hide the colours of the tables"],
+  ["Ctrl C", "copy the picture"],
   ["Ctrl Z", "undo"],
   ["Ctrl Shift Z", "redo"],
   ["?", "show or hide this list"],
@@ -70,7 +75,9 @@ export function obeyKey(event, viewport) {
   if (event.ctrlKey || event.metaKey) {
     if (key === "z") event.shiftKey ? viewport.redo() : viewport.undo();
     else if (key === "y") viewport.redo();
-    return key === "z" || key === "y";
+    else if (key === "c" && `${getSelection()}` === "") viewport.copy();
+    else return false;
+    return true;
   }
   if (key in ARROWS) {
     const [x, y] = ARROWS[key];
@@ -79,6 +86,7 @@ export function obeyKey(event, viewport) {
     return true;
   }
   if (key === "Escape" && viewport.helpShown) viewport.toggleHelp();
+  else if (key === "Escape" && viewport.alone?.on) viewport.alone.toggle();
   else if (Object.hasOwn(PLAIN, key)) PLAIN[key](viewport);
   else return false;
   return true;

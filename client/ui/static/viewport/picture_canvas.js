@@ -40,6 +40,22 @@ export class PictureCanvas {
     this.acknowledge(header.number);
   }
 
+  /** Put it on the clipboard, as PNG. Returns what to tell the person. */
+  async copy() {
+    if (!navigator.clipboard?.write) {
+      return "This browser copies pictures over https and from this machine only; save the picture instead.";
+    }
+    const png = new Promise((resolve, reject) => {
+      this.canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new Error("there is no picture"))), "image/png");
+    });
+    try {
+      await navigator.clipboard.write([new ClipboardItem({ "image/png": /** @type {Promise<Blob>} */ (png) })]);
+      return "The picture is on the clipboard.";
+    } catch (error) {
+      return `The picture could not be copied: ${/** @type {Error} */ (error).message}; save it instead.`;
+    }
+  }
+
   #draw(header, bitmap) {
     this.#newest = header.number;
     if (this.canvas.width !== bitmap.width || this.canvas.height !== bitmap.height) {

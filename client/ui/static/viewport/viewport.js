@@ -6,6 +6,8 @@ import { Gestures } from "./gestures.js";
 import { isFree, keyList, obeyKey } from "./keys.js";
 import { Marks } from "./marks.js";
 import { Outbox, remember } from "./outbox.js";
+import { PictureAlone } from "./picture_alone.js";
+import { pictureButtons } from "./picture_buttons.js";
 import { PictureCanvas } from "./picture_canvas.js";
 import { namedView } from "./rotation.js";
 import { Steering } from "./steering.js";
@@ -91,10 +93,11 @@ export class Viewport {
     this.#help.className = "vs-help";
     this.#help.hidden = true;
     this.#help.append(keyList());
-    this.element.append(this.canvas, this.#helpButton(), this.#help, this.#trouble.element);
+    this.element.append(this.canvas, pictureButtons(this, wholePage), this.#help, this.#trouble.element);
     host.append(this.element);
     new Gestures(this);
     const { signal } = this.#closing;
+    this.alone = wholePage ? new PictureAlone(signal) : null;
     (wholePage ? document : this.element).addEventListener("keydown", (event) => this.#onKey(event), { signal });
     this.#observer.observe(this.element);
     transport.onstate((state) => this.#onState(state));
@@ -164,6 +167,11 @@ export class Viewport {
 
   toggleHelp() {
     this.#help.hidden = !this.#help.hidden;
+  }
+
+  /** The picture to the clipboard. */
+  async copy() {
+    this.#trouble.ofProcess(await this.#pictures.copy(), false);
   }
 
   // -- for the gestures
@@ -323,18 +331,5 @@ export class Viewport {
     canvas.setAttribute("aria-label", LABEL);
     canvas.addEventListener("pointerleave", () => this.hover(null));
     return canvas;
-  }
-
-  #helpButton() {
-    const button = document.createElement("button");
-    button.className = "vs-help-button";
-    button.textContent = "?";
-    button.title = "keys";
-    button.type = "button";
-    button.addEventListener("click", () => {
-      this.toggleHelp();
-      this.canvas.focus();
-    });
-    return button;
   }
 }

@@ -1,0 +1,47 @@
+"""The colours and opacities of the tables over the picture, in the data's units."""
+
+from __future__ import annotations
+
+from nicegui import ui
+
+from volsplat.client.figure.colour_bars import NONE, ColourBars, colour_bars
+from volsplat.client.figure.svg_file import svg_of
+from volsplat.client.image.phase_wheel import wheel_colours
+from volsplat.client.ui.controls.controls import SceneEditor
+from volsplat.client.ui.doors.static_files import STATIC
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import BadInput
+
+WIDTH, EM = 420, 13  # of the drawing, which the page makes as large as there is room
+INK = (0.95, 0.95, 0.95)
+
+_STYLE = STATIC / "controls" / "colour_bar.css"
+
+
+class ColourBar:
+    """The bar of one tab; the page hears of it only when it changes."""
+
+    def __init__(self, viewing: Viewing) -> None:
+        ui.add_css(_STYLE)
+        self._volume = viewing.volume
+        self._shown = NONE
+        bar = ui.html("", sanitize=False).classes("vs-colours")
+        self._bar = bar.props('role="img" aria-label="colours and opacities of the tables"')
+        SceneEditor(viewing.model, viewing.volume.description.geometry, "colours").follow(self._follow)
+
+    def _follow(self, scene: Scene) -> None:
+        bars = self._bars(scene)
+        if bars == self._shown:
+            return
+        self._shown = bars
+        self._bar.content = svg_of(bars.shapes(0, WIDTH, EM, INK), WIDTH, bars.height(WIDTH, EM))
+
+    def _bars(self, scene: Scene) -> ColourBars:
+        """None if the wheel of phases tells the colours, or for a window without a scale, which its field tells of."""
+        if wheel_colours(self._volume.description, scene) is not None:
+            return NONE
+        try:
+            return colour_bars(scene, self._volume)
+        except BadInput:
+            return NONE

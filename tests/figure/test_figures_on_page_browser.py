@@ -1,0 +1,90 @@
+"""Figures on the page, and the picture as one: its colours, alone on the screen, on the clipboard."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree
+
+import pytest
+
+from support.pages.browser import browser, browser_page
+from support.pages.page_tab import opened
+from support.pages.viewed import Viewed, phantom, view, volume
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Page
+
+__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+
+CLIPBOARD = """async () => {
+  const [item] = await navigator.clipboard.read();
+  const bitmap = await createImageBitmap(await item.getType("image/png"));
+  const canvas = Object.assign(document.createElement("canvas"), { width: bitmap.width, height: bitmap.height });
+  canvas.getContext("2d").drawImage(bitmap, 0, 0);
+  return canvas.toDataURL();
+}"""
+
+
+@pytest.fixture
+def page(view: Viewed, browser_page: Page) -> Page:
+    return opened(browser_page, view.url)
+
+
+def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
+    page.get_by_role("button", name="save").click()
+    page.get_by_text("figure…").click()
+    make = page.get_by_role("button", name="make the figure")
+    page.get_by_label("pixels per inch").fill("5")
+    make.click()
+    page.get_by_text("the figure's dpi must be 20 to 2400 pixels per inch").wait_for()
+    page.get_by_label("pixels per inch").fill("100")
+    page.get_by_label("width, cm").fill("2.54")
+    page.get_by_label("title", exact=True).fill("A small head")
+    page.get_by_label("kind").click()
+    page.get_by_role("option", name=".svg").click()
+    with page.expect_download() as download:
+        make.click()
+    assert download.value.suggested_filename == "head.svg"
+    root = ElementTree.parse(Path(download.value.path())).getroot()
+    assert root.attrib["width"] == "1in"
+    texts = [element.text for element in root.iter() if element.text]
+    assert {"A small head", "R", "L", "S", "I"} <= set(texts)
+    assert page.get_by_text("the figure's dpi").count() == 0
+
+
+def test_colours_are_shown_over_the_picture_and_stay_so(page: Page) -> None:
+    colours = page.locator(".vs-colours")
+    assert colours.is_hidden()
+    page.keyboard.press("c")
+    colours.wait_for()
+    assert "density; curve: opacity, 0 to 0.95" in colours.inner_text()
+    page.reload()
+    colours.wait_for()
+    page.get_by_role("button", name="colours of the tables").click()
+    colours.wait_for(state="hidden")
+
+
+def test_the_picture_is_alone_until_a_key_brings_the_panels_back(page: Page) -> None:
+    panels = [page.locator(place) for place in (".vs-head", ".vs-left", ".vs-right", ".vs-foot")]
+    wide = page.evaluate("volsplatViewport.canvas.clientWidth")
+    page.keyboard.press("p")
+    for panel in panels:
+        panel.wait_for(state="hidden")
+    page.wait_for_function(f"volsplatViewport.canvas.width > {wide}")
+    page.get_by_role("button", name="the picture alone").click()
+    for panel in panels:
+        panel.wait_for()
+
+
+def test_the_picture_is_copied_as_it_is_on_the_screen(page: Page) -> None:
+    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
+    page.keyboard.press("Control+c")
+    page.get_by_text("The picture is on the clipboard.").wait_for()
+    assert page.evaluate(CLIPBOARD) == page.evaluate("volsplatViewport.canvas.toDataURL()")
+
+
+def test_without_a_clipboard_a_copy_is_refused_in_words(page: Page) -> None:
+    page.evaluate("Object.defineProperty(navigator, 'clipboard', { value: undefined })")
+    page.get_by_role("button", name="copy the picture").click()
+    page.get_by_text("save the picture instead").wait_for()
