@@ -23,6 +23,7 @@ from volsplat.client.command.opened_volume import (
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.figure.characters import check_words
+from volsplat.client.figure.figure import BARE
 from volsplat.client.movie.key_frames import TurningAxis, check_key_count, key_framed, turntable
 from volsplat.client.movie.movie_formats import check_clear, check_movie_writable
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -140,10 +141,11 @@ def movie(
     with shown_progress(frames, console) as (say, done):
         with opened_quietly(volume, servers, True, say, console) as renderer:
             with interrupts_held():  # imported when every server works
+                from volsplat.client.figure.frame_figure import FrameFigure
                 from volsplat.client.figure.layout import sized
                 from volsplat.client.movie.movie import write_movie
             scenes = scenes_of(renderer.volume)
             write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step), figure)
-    image = scenes[0].image
+            width, height = FrameFigure(figure or BARE, scenes, renderer.volume).extent
     seconds = time.perf_counter() - began
-    console.say(f"{output}: {frames} images of {image.width}x{image.height}, {seconds:.1f} s")
+    console.say(f"{output}: {frames} images of {width}x{height}, {seconds:.1f} s")

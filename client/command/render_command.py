@@ -21,13 +21,12 @@ from volsplat.client.command.opened_volume import (
 from volsplat.client.command.render_options import SceneOptions, scene_options
 from volsplat.client.command.render_outputs import Outputs, step_image_path
 from volsplat.client.figure.characters import check_words
-from volsplat.client.figure.figure import Figure
+from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.image.empty_image import why_empty
-from volsplat.client.image.image_properties import image_properties
 from volsplat.client.session.frame_report import report_of, write_report
 from volsplat.client.session.renderer import Refinement, Renderer, finished_whole
 from volsplat.program.plain_console import PlainConsole
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
@@ -129,13 +128,11 @@ def draw(
 ) -> None:
     """Draw the last step, or all up to it where each is wanted, and write the files."""
     from volsplat.client.figure.figure_file import write_picture  # while the servers start
-    from volsplat.client.figure.layout import sized
-    from volsplat.client.image.image_file import write_image
+    from volsplat.client.figure.layout import figure_extent, sized
 
     scene = options.scene_of(renderer.volume)
     if figure is not None:
         scene = sized(figure, scene, renderer.volume)
-    properties = image_properties(renderer.volume.description, renderer.volume.settled(scene))
     finished: list[Refinement] = []
     steps = renderer.refine(scene, last) if outputs.steps_dir is not None else iter([renderer.finish(scene, last)])
     for refinement in finished_whole(steps):
@@ -143,14 +140,15 @@ def draw(
         if outputs.steps_dir is not None:
             outputs.make_folder()
             path = step_image_path(outputs.steps_dir, refinement.step)
-            write_image(path, refinement.published.pixels, scene, properties)
+            write_picture(path, refinement.published.pixels, scene, renderer.volume, figure)
     tell_level(finished[-1], console)
     if outputs.image is not None:
         pixels = finished[-1].published.pixels
         write_picture(outputs.image, pixels, scene, renderer.volume, figure)
         if why := why_empty(pixels, scene):
             console.say(f"note: {why}")
-        console.say(f"{outputs.image}: {_size(scene)}, {_seconds(finished[-1])} for step {last}")
+        width, height = figure_extent(figure or BARE, scene, renderer.volume)
+        console.say(f"{outputs.image}: {width}x{height}, {_seconds(finished[-1])} for step {last}")
     if outputs.steps_dir is not None:
         console.say(f"{outputs.steps_dir}: steps A to {last}")
     if outputs.report is not None:
@@ -161,10 +159,6 @@ def tell_level(drawn: Refinement, console: PlainConsole) -> None:
     """Which level of a prepared volume the image shows, and why."""
     if drawn.outcome is not None and drawn.outcome.servers.why_level:
         console.say(drawn.outcome.servers.why_level)
-
-
-def _size(scene: Scene) -> str:
-    return f"{scene.image.width}x{scene.image.height}"
 
 
 def _seconds(refinement: Refinement) -> str:

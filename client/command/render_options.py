@@ -15,7 +15,7 @@ import msgspec
 
 from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import SCENE, headed
-from volsplat.client.image.image_formats import DEPTHS
+from volsplat.client.image.image_formats import SCENE_HOLDERS
 from volsplat.client.scene.colour_maps import colormap
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.presets import PRESETS, preset_scene
@@ -118,7 +118,7 @@ class SceneOptions:
 
 def _scene_in(path: Path, base: Scene) -> Scene:
     """The scene of a TOML file over `base`, or the whole one that an image stores."""
-    return _stored_scene(path) if path.suffix.lower() in DEPTHS else read_scene_file(path, base)
+    return _stored_scene(path) if path.suffix.lower() in SCENE_HOLDERS else read_scene_file(path, base)
 
 
 def _stored_scene(image: Path) -> Scene:

@@ -9,7 +9,7 @@ import click
 
 from volsplat.client.command.help_page import helped
 from volsplat.client.command.render_options import SceneOptions, scene_options
-from volsplat.client.image.image_formats import DEPTHS
+from volsplat.client.image.image_formats import SCENE_HOLDERS
 from volsplat.client.scene.presets import PRESETS
 from volsplat.client.scene.scene_file import scene_toml
 from volsplat.client.session.session import Session
@@ -53,7 +53,7 @@ def scene(source: str | None, **settings: Any) -> None:
 def _shows_a_scene(source: str) -> bool:
     """Whether it is an image with its scene; a TIFF without one is a volume. Raises BadInput for other images."""
     path = Path(source)
-    if path.suffix.lower() not in DEPTHS:
+    if path.suffix.lower() not in SCENE_HOLDERS:
         return False
     from volsplat.client.image.image_file import read_scene  # takes time to import, which only this case needs
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.drawing import Anchor, Area, Box, Line, Ramp, Shape, Words
 from volsplat.client.figure.type_faces import size_within, width_of
+from volsplat.client.histogram.density_histogram import density_histogram
 from volsplat.client.volume.field_axis import GRID_FIELDS, FieldAxis, field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.kind import CLASS_KINDS
@@ -80,7 +81,9 @@ class ColourBars:
         for n, row in enumerate(_rows(self.legend, width, em)):
             base = top + (GAP + LEGEND_LINE * (n + 0.7)) * em
             for x, (name, colour) in row:
-                shapes.append(Box(x, base - SWATCH * em * 0.9, SWATCH * em, SWATCH * em, colour))
+                side, rim, upper = SWATCH * em, max(round(em / 14), 1), base - SWATCH * em * 0.9
+                shapes.append(Box(x, upper, side, side, ink))  # else white on white would not be seen
+                shapes.append(Box(x + rim, upper + rim, side - 2 * rim, side - 2 * rim, colour))
                 shapes.append(Words(x + 1.2 * em, base, name, em, ink))
         return shapes
 
@@ -162,7 +165,7 @@ def _proportional(a: Sequence[Colour], b: Sequence[Colour]) -> bool:
 
 
 def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], ...]:
-    """Names and colours of the classes that are not transparent, if the tables are by classes."""
+    """Names and colours of the classes that are there and not transparent, if the tables are by classes."""
     description, bus = volume.description, scene.cross_bar
     if description.kind not in CLASS_KINDS or {bus.emit, bus.refl, bus.opac} != {Field.DENSITY}:
         return ()
@@ -171,10 +174,11 @@ def _classes(scene: Scene, volume: SurveyedVolume) -> tuple[tuple[str, Colour], 
         return ()
     rules = volume.quantisation(scene.quantise)
     colours = strips[-1][1].colours
+    counts = density_histogram(volume.survey, volume.density_counts, rules.window).counts
     told = []
     for band in sorted(description.bands, key=lambda band: band.low):
         low, high = (_entry(value, rules) for value in (band.low, band.high))
-        if max(opacities[low : high + 1]) >= LEAST_OPACITY:
+        if max(opacities[low : high + 1]) >= LEAST_OPACITY and any(counts[low : high + 1]):
             told.append((band.name, colours[(low + high) // 2]))
     return tuple(told)
 

@@ -24,6 +24,8 @@ from volsplat.protocol.description.scene_key import (
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable
 
+BLACK: Colour = (0.0, 0.0, 0.0)
+WHITE: Colour = (1.0, 1.0, 1.0)
 CM_PER_INCH = 2.54
 POINTS_PER_INCH = 72
 
@@ -97,12 +99,17 @@ class Figure(Part, frozen=True):
         return max(math.floor(centimetres / CM_PER_INCH * self.dpi + 0.5), 1)
 
     def ink_on(self, background: Colour) -> tuple[Colour, Colour]:
-        """The colour of words, and the one that is behind them."""
-        paper = (1.0, 1.0, 1.0) if self.transparent else background
-        if self.ink != "auto":
-            return self.ink, paper
-        bright = 0.2126 * paper[0] + 0.7152 * paper[1] + 0.0722 * paper[2] > 0.5
-        return ((0.0, 0.0, 0.0) if bright else (1.0, 1.0, 1.0)), paper
+        """The colour of words, and the one that sets them off where they lie over the picture."""
+        ink = self.ink
+        if ink == "auto":
+            ink = BLACK if self.transparent or _bright(background) else WHITE
+        if self.transparent:
+            return ink, BLACK if _bright(ink) else WHITE
+        return ink, background
+
+
+def _bright(colour: Colour) -> bool:
+    return 0.2126 * colour[0] + 0.7152 * colour[1] + 0.0722 * colour[2] > 0.5
 
 
 def figure_with(figure: Figure, options: Mapping[str, Any]) -> Figure:

@@ -8,6 +8,7 @@ import base64
 import json
 import os
 import shutil
+import tempfile
 import zlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +21,7 @@ import OpenImageIO as oiio
 from numpy.typing import ArrayLike, NDArray
 
 from volsplat.client.caller.arguments import checked_scene
+from volsplat.client.image.embedded_picture import SVG, embedded_png
 from volsplat.client.image.image_formats import DEPTHS, Depth, check_writable
 from volsplat.client.image.temporary_name import temporary_name
 from volsplat.protocol.description.scene import Colour, Scene
@@ -88,6 +90,11 @@ def read_scene(path: Path) -> Scene:
 
 def read_properties(path: Path) -> dict[str, str]:
     """What volsplat stored with an image: "scene" as JSON, and whatever else was given. Raises BadInput."""
+    if path.suffix.lower() == SVG:
+        with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:
+            inside = Path(folder) / "picture.png"
+            inside.write_bytes(embedded_png(path))
+            return read_properties(inside)
     opened = _opened(path)
     try:
         spec = opened.spec()

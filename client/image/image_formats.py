@@ -21,6 +21,7 @@ DEPTHS: dict[str, tuple[Depth, ...]] = {
 }
 
 
+SCENE_HOLDERS = (*DEPTHS, ".svg")  # what a scene can be read from
 VECTOR_FORMATS = (".svg", ".pdf")  # with the picture inside
 OPAQUE = (".jpg", ".jpeg")
 

@@ -29,6 +29,7 @@ from volsplat.client.image.image_file import read_scene, write_image
 from volsplat.client.image.lettering import BOLD_FONT, FONT
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.text.errors import BadInput
 
@@ -89,7 +90,11 @@ def test_svg_and_pdf_hold_the_plain_images_pixels_and_words_as_words(
     write_image(plain, picture, scene, transparent=transparent)
     for path in (svg, pdf):
         write_picture(path, picture, scene, volume, figure)
+        written = path.read_bytes()
+        write_picture(path, picture, scene, volume, figure)
+        assert path.read_bytes() == written
 
+    assert read_scene(svg) == scene
     root = ElementTree.parse(svg).getroot()
     namespace = {"svg": "http://www.w3.org/2000/svg"}
     (image,) = root.findall("svg:image", namespace)
@@ -142,6 +147,22 @@ def test_options_that_no_figure_has_are_refused_in_one_line(options: dict[str, o
     with pytest.raises(BadInput) as refused:
         figure_with(Figure(), options)
     assert line in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_svg_of_another_program_has_no_scene(tmp_path: Path) -> None:
+    for text in ("<svg/>", '<svg><image href="data:image/png;base64,AAA"/></svg>', '<svg><image href="a.png"/></svg>'):
+        (tmp_path / "a.svg").write_text(text)
+        with pytest.raises(BadInput, match="a.svg"):
+            read_scene(tmp_path / "a.svg")
+
+
+@pytest.mark.parametrize("background", ["black", "white"])
+def test_words_are_set_off_from_what_is_behind_them(background: str) -> None:
+    colour = colour_from_text(background)
+    for figure in (Figure(), Figure(transparent=True), Figure(transparent=True, ink=(1.0, 1.0, 1.0))):
+        ink, halo = figure.ink_on(colour)
+        assert abs(sum(ink) - sum(halo)) == 3.0
+        assert halo == colour or figure.transparent
 
 
 def test_words_that_no_font_has_are_refused_but_for_svg() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+from collections.abc import Iterable
 
 import msgspec
 import pytest
@@ -47,6 +49,13 @@ def surveyed(description: VolumeDescription = HEAD) -> SurveyedVolume:
         strength_counts=[10],
         extremes=BlockExtremes.nothing(description.geometry.dims),
     )
+
+
+def replace_counts(volume: SurveyedVolume, values: Iterable[int]) -> SurveyedVolume:
+    """With voxels of just these values, from 0 to 255."""
+    counts = [1000 if n in set(values) else 0 for n in range(256)]
+    survey = Survey(low=-0.5, high=255.5, max_gradient=500.0, voxels=sum(counts), no_data=0)
+    return dataclasses.replace(volume, survey=survey, density_counts=counts)
 
 
 @given(geometry=geometries(), rotation=quaternions, zoom=zooms, width=st.integers(16, 4000))
@@ -138,9 +147,11 @@ def test_classes_have_a_legend_of_those_that_can_be_seen() -> None:
     colours = ColourTable(points=tuple((n / 255, (1.0, 0.0, 0.0) if n == 1 else (0.0, 0.0, 1.0)) for n in range(3)))
     opac = ScalarTable(points=((0.0, 0.0), (1 / 255, 0.5), (2 / 255, 0.0)))
     scene = replace(SCENE, tables=Tables(emit=colours, refl=colours, opac=opac), quantise=Quantise(window=(0.0, 255.0)))
-    found = colour_bars(scene, surveyed(labels))
+    there = replace_counts(surveyed(labels), range(3))
+    found = colour_bars(scene, there)
     assert not found.bars and found.legend == (("bone", (1.0, 0.0, 0.0)),)
     assert 0 < found.height(100, 10) < found.height(100, 20)
+    assert colour_bars(scene, replace_counts(surveyed(labels), [0, 2])).legend == ()
 
 
 @given(width=st.floats(2, 20), height=st.floats(5, 20), dpi=st.floats(100, 400), titled=st.booleans())
