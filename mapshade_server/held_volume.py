@@ -10,6 +10,7 @@ from pathlib import Path
 from volsplat.mapshade_server.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
 from volsplat.mapshade_server.lent_volume import AwaitedParts, LentVolume, lent
 from volsplat.mapshade_server.packet_store import is_store
+from volsplat.mapshade_server.parts_ahead import PartsAhead
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.slabs import PassedBox, slab_reader
 from volsplat.mapshade_server.sub_cube import SubCube
@@ -56,6 +57,7 @@ class HeldVolume:
         self._lent: LentVolume | None = None
         self._lent_for = 0  # assignment
         self._awaited: AwaitedParts | None = None
+        self._ahead = PartsAhead(budget)
 
     def concerned(self, request: messages.Message) -> bool:
         """Whether the request is about the volume."""
@@ -78,6 +80,7 @@ class HeldVolume:
         if self._quantisation is None and not self._path:
             self._drop()
         self._budget.taken()
+        self._ahead.drop()
         self._lent, self._again, self.assignment = None, None, 0
         self._passed, self._passed_by = [], lambda: None
 
@@ -233,8 +236,9 @@ class HeldVolume:
     def _change_sub_cubes(self, request: messages.ChangeSubCubes) -> list[Answer]:
         """What is not wanted any more is let go once all the rest is there. One that has just joined holds nothing."""
         started = time.perf_counter()
-        same = (self._identity, self._quantisation) == (request.identity, request.quantisation)
-        held, reader = self._levels.get(0, []) if same else [], described_volume(request.path, request.identity)
+        rules = request.identity, request.quantisation
+        held = [*self._packed_as(*rules), *self._ahead.cubes(*rules)]
+        reader = described_volume(request.path, request.identity)
         description = reader.describe()
         check_within(request.boxes, description.geometry)
         needed = bytes_to_change(description, request.boxes, [cube.box for cube in held])
@@ -243,7 +247,21 @@ class HeldVolume:
         check_still(request.path, reader, description, request.identity)
         self._levels, self.assignment = {0: sub_cubes}, request.assignment
         self._path, self._identity, self._quantisation = "", request.identity, request.quantisation
+        self._ahead.drop()
         return [self._packed(request.assignment, started, read)]
+
+    def reading_ahead(self, request: messages.ReadAhead) -> Callable[[], None]:
+        """See PartsAhead.begin."""
+        return self._ahead.begin(request, self._packed_as(request.identity, request.quantisation))
+
+    def give_up_reading(self) -> None:
+        """What is being read ahead."""
+        self._ahead.drop()
+
+    def _packed_as(self, identity: VolumeIdentity, quantisation: Quantisation) -> list[SubCube]:
+        """The sub-cubes that are held, if they are of this volume by these rules."""
+        same = (self._identity, self._quantisation) == (identity, quantisation)
+        return self._levels.get(0, []) if same else []
 
     # -- from a packet store
 
@@ -295,6 +313,7 @@ class HeldVolume:
         self._levels, self.assignment, self._path, self._identity = {}, 0, "", None
         self._quantisation, self._surveyed, self._again = None, None, None
         self._lent, self._awaited = None, None
+        self._ahead.drop()
         self._passed, self._passed_by = [], lambda: None
 
     def _read(self, sub_cubes: Sequence[SubCube | PassedBox], assignment: int, started: float) -> Answer:

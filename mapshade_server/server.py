@@ -9,7 +9,9 @@ import logging
 import sys
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
 
 import msgspec
@@ -18,6 +20,7 @@ from volsplat.mapshade_server.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
+from volsplat.mapshade_server.kept_packets import GivenUp
 from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
@@ -75,6 +78,7 @@ class MapShadeServer:
         self._links = DataLinks(token, lambda: self._ended, self._heartbeat, encryption)
         # As many at once as a frame has walkers: one that waited for another could wait for ever
         self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
+        self._reading_ahead = ThreadPoolExecutor(1, "read ahead")
         self._newest_assignment = 0  # likewise
         self._held = held or HeldVolume()
         self._held.superseded = lambda assignment: self._newest_assignment > assignment
@@ -94,6 +98,8 @@ class MapShadeServer:
             self._heartbeat.close()
             receiver.join()
             self._walking.shutdown()
+            self._held.give_up_reading()
+            self._reading_ahead.shutdown()
         if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
             raise self._failure
 
@@ -167,6 +173,23 @@ class MapShadeServer:
     @takes(messages.MeasureLink)
     def _measure_link(self, request: messages.MeasureLink) -> None:
         self._client.send(messages.LinkMeasured(request.wanted), bytes(request.wanted))
+
+    @takes(messages.ReadAhead)
+    def _read_ahead(self, request: messages.ReadAhead) -> None:
+        self._reading_ahead.submit(self._say_when_read, request, self._held.reading_ahead(request))
+
+    def _say_when_read(self, request: messages.ReadAhead, read: Callable[[], None]) -> None:
+        """Beside frames: in a thread of its own."""
+        answer: messages.Message = messages.AheadRead(reading=request.reading)
+        try:
+            with self._heartbeat.at_work(self._client):
+                read()
+        except GivenUp:
+            return
+        except Exception as error:  # whatever it is: the client must hear of it
+            answer = refusal(request, error)
+        with suppress(VolsplatError):  # the client is lost, which others notice
+            self._client.send(answer)
 
     # -- frames
 

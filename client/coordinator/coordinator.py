@@ -32,11 +32,12 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.frames import Frames
-from volsplat.client.coordinator.heirs import Boxes, shared_anew, taken_over
 from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.probes import Probes
+from volsplat.client.coordinator.reading_ahead import READING_WHAT_WAS_LOST, ReadingAhead
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, handed_over
 from volsplat.client.coordinator.servers import Servers
+from volsplat.client.coordinator.shares.heirs import Boxes, shared_anew, taken_over
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
@@ -55,7 +56,7 @@ from volsplat.protocol.messages.session_messages import (
 )
 from volsplat.protocol.messages.trace_messages import ClockRead, FrameTraced
 from volsplat.protocol.messages.vocabulary import taken_by
-from volsplat.protocol.messages.volume_messages import VolumeDescribed
+from volsplat.protocol.messages.volume_messages import ReadAhead, VolumeDescribed
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
 
 
@@ -69,12 +70,13 @@ class Coordinator:
         self.work = WorkShares(self.holding)
         self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
+        self.ahead = ReadingAhead(self.holding)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.holding, self.frames, self.probes)
+            for owner in (self, self.holding, self.frames, self.probes, self.ahead)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -109,12 +111,21 @@ class Coordinator:
             return []
         resting = self.frames.idle and (self.holding.settled or self.holding.phase is Phase.GATHERING)
         left = self._let_go() if resting and self.servers.all_are_known else []
-        shared = self._share() if resting and self.failure is None else []
+        shared = self._share(at_once=bool(left)) if resting and self.failure is None else []
         self.servers.hold(self.holding.boxes)
-        return [*left, *shared, *self.frames.begin(), *self.probes.send()]
+        begun = self.frames.begin()
+        return [*left, *shared, *begun, *([] if self._heals else self.probes.send())]
 
-    def _share(self) -> list[Instruction]:
-        """Have what was lost taken over, newcomers get a part, or sub-cubes change hands where that pays."""
+    @property
+    def _heals(self) -> bool:
+        """Whether others will hold what is missing: until then nobody knows what is seen first along a line."""
+        return bool(self.servers.missing) and self.holding.assignments.may_move
+
+    def _share(self, at_once: bool) -> list[Instruction]:
+        """Have what was lost taken over, newcomers get a part, or sub-cubes change hands where that pays.
+
+        What was lost is read beside frames first, unless it is to be taken over `at_once`.
+        """
         holding, newcomers = self.holding, self.servers.idle()
         if holding.volume is None:
             return []
@@ -123,15 +134,21 @@ class Coordinator:
         description = holding.description
         where = description.geometry, description.chunk
         if missing := self.servers.missing:
-            heirs = holding.boxes or newcomers
-            if not (heirs and self.frames.may_be_whole and holding.assignments.may_move):
+            if not ((holding.boxes or newcomers) and holding.assignments.may_move):
                 return []
-            told = ReportProgress("having others read what was lost")
-            self.servers.hand_over()
-            return [told, *self._hold(taken_over(missing, holding.boxes, newcomers, *where))]
-        if newcomers and holding.may_change and (boxes := shared_anew(holding.boxes, newcomers, *where)):
-            return [ReportProgress("sharing out the volume among more servers"), *self._hold(boxes)]
+            return self._make_good(taken_over(missing, holding.boxes, newcomers, *where), at_once)
+        if newcomers and holding.may_change and (anew := shared_anew(holding.boxes, newcomers, *where)):
+            return [ReportProgress("sharing out the volume among more servers"), *self._hold(anew)]
         return self.work.move()
+
+    def _make_good(self, boxes: Boxes, at_once: bool) -> list[Instruction]:
+        """Have what is missing held as part of these boxes."""
+        asked = [] if at_once else self.ahead.towards(boxes)
+        if asked or (self.ahead.goes_on(boxes) and not at_once) or not self.frames.may_be_whole:
+            return asked
+        self.servers.hand_over()
+        told = [] if self.ahead.ends(boxes) else [ReportProgress(READING_WHAT_WAS_LOST)]
+        return [*told, *self._hold(boxes)]
 
     def _hold(self, boxes: Boxes) -> list[Instruction]:
         """Have these boxes held, by servers that may be new."""
@@ -187,6 +204,7 @@ class Coordinator:
         if self.holding.volume is None:
             return self._lose_unsurveyed(lost)
         held = self.holding.lose(number)
+        self.ahead.lose(number)
         self.holding.assignments.may_move = True
         told = handed_over(lost)
         invited = self.routes.invite(self.holding.boxes)  # no other's link is kept
@@ -314,6 +332,12 @@ class Coordinator:
     def _assignment_refused(self, server: int, message: Refused, error: VolsplatError) -> list[Instruction]:
         """Whoever waits for what is refused is told; the session goes on once the volume is surveyed."""
         holding = self.holding
+        if message.request == ReadAhead.__name__:
+            if not self.ahead.refused(server):
+                return []
+            self.ahead.ends()
+            holding.assignments.may_move = False
+            return [ReportProgress(f"{error}; the sub-cubes stay where they are")]
         if message.request == ConnectToSplatServers.__name__:
             if not self.routes.refused(server):
                 return []  # it has been told since whom it can reach
@@ -359,13 +383,17 @@ class Coordinator:
         self.servers.validate_state()
         self.holding.validate_state()
         self.frames.validate_state()
-        self.probes.validate_state()
+        self.probes.validate_state(self._heals)
+        self.ahead.validate_state()
         assert self.holding.boxes.keys() <= self.servers.joined.keys(), "a server that is gone holds a part"
         if self.holding.volume is not None:
             assert self._all_is_held() or not self.holding.settled, "the sub-cubes do not make up the volume"
             may_read = self.servers.idle() and self.frames.idle and self.holding.assignments.may_move
             rests = self.holding.settled and not self.holding.boxes
             assert not (rests and may_read), "nobody reads what all have lost"
+            waits = self.frames.idle and self.frames.may_be_whole and self.holding.assignments.may_move
+            lacks = self.holding.settled and self.holding.boxes and self.servers.missing and waits
+            assert not lacks or self.ahead.under_way, "nobody reads what was lost"
 
 
 def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
@@ -373,7 +401,7 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
         raise RemoteProtocolError(f"{type(message).__name__} came while the volume is {phase.value}")
 
 
-OWNERS = (Coordinator, VolumeHolding, Frames, Probes)
+OWNERS = (Coordinator, VolumeHolding, Frames, Probes, ReadingAhead)
 
 OF_TRACES = frozenset({ClockRead, FrameTraced})  # see client/trace
 OF_DOCTOR = frozenset({LinkMeasured})  # see deploy/doctor

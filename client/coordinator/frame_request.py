@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages

@@ -15,11 +15,11 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
 )
 from volsplat.client.coordinator.lending import Lending
-from volsplat.client.coordinator.moving_costs import MovingCosts
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.phase import SETTLED, SURVEYED_PHASES, Phase
+from volsplat.client.coordinator.shares.moving_costs import MovingCosts
+from volsplat.client.coordinator.shares.sub_cubes import divided
 from volsplat.client.coordinator.stored_levels import StoredLevels
-from volsplat.client.coordinator.sub_cubes import divided
 from volsplat.client.coordinator.volume_survey import VolumeSurvey
 from volsplat.client.volume.survey_checks import check_survey
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -35,6 +35,7 @@ from volsplat.protocol.messages.volume_messages import (
     PackVoxels,
     PartHeld,
     PartRead,
+    ReadAhead,
     ReadSubCubes,
     SubCubesRead,
     VolumeDescribed,
@@ -156,6 +157,22 @@ class VolumeHolding:
     def changes_parts(self) -> bool:
         """Whether a server can read what it gets without reading the whole volume."""
         return self._levels is not None or self.description.reads_sub_cubes
+
+    @property
+    def reads_ahead(self) -> bool:
+        """Whether servers can read beside frames what they are to hold. What was prepared comes coarse levels first."""
+        return self.may_change and self._levels is None
+
+    def to_read_ahead(self, reading: int, boxes: list[Box]) -> ReadAhead:
+        """What one of them is asked for, so that it has the packets of these boxes."""
+        assert self._known is not None and self.packing is not None
+        return ReadAhead(
+            reading=reading,
+            path=self._path,
+            boxes=boxes,
+            identity=self._known.identity,
+            quantisation=self.packing.quantisation,
+        )
 
     @property
     def packets_a_voxel(self) -> float:

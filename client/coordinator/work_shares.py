@@ -8,10 +8,10 @@ from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from volsplat.client.coordinator.block_work import VOXELS_OF_A_PACKET, BlockWork
 from volsplat.client.coordinator.coordinator_events import Instruction
-from volsplat.client.coordinator.measured_speeds import MeasuredSpeeds
-from volsplat.client.coordinator.sub_cubes import Share, divided_by_work
+from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET, BlockWork
+from volsplat.client.coordinator.shares.measured_speeds import MeasuredSpeeds
+from volsplat.client.coordinator.shares.sub_cubes import Share, divided_by_work
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box

@@ -53,7 +53,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
     VolumeAsked,
 )
-from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState
+from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, VolumeIncomplete
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.cluster_servers import ClusterServers
@@ -273,9 +273,10 @@ class Session:
         asked: list[int] = []  # the newest frame of this refinement
 
         def drawn(step: Step) -> Iterator[Refinement]:
+            healing = False  # what is left has been seen, and others read the rest: wait for the whole
             while True:
                 after = asked[-1] if asked else None
-                frame, answers = self._ask(scene, step, False, after, step in exact)
+                frame, answers = self._ask(scene, step, healing, after, step in exact)
                 asked.append(frame)
                 healing = False
                 try:
@@ -284,7 +285,7 @@ class Session:
                         yield refinement
                     if not healing:
                         return
-                except ImageIncomplete:  # lost while it was drawn: once more, with what is left
+                except (ImageIncomplete, VolumeIncomplete):  # lost while it was drawn: once more, with what is left
                     continue
 
         try:

@@ -29,7 +29,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.packing import Packing
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage

@@ -26,6 +26,7 @@ ServerId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # given by the client at W
 FrameId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each image request of a session
 ProbeId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each probe of a session
 AssignmentId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # one partition of the volume among the workers
+ReadingId = Annotated[int, Meta(ge=1, le=LARGEST_ID)]  # rises with each ReadAhead of a session
 IdOrNone = Annotated[int, Meta(ge=0, le=LARGEST_ID)]  # 0: none
 LevelNumber = Annotated[int, Meta(ge=0, lt=MOST_LEVELS)]
 Count = Annotated[int, Meta(ge=0, le=LARGEST_COUNT)]

@@ -17,6 +17,7 @@ from volsplat.protocol.messages.message import (
     LevelNumber,
     Message,
     Ordinal,
+    ReadingId,
     Seconds,
     ServerId,
     asks,
@@ -264,6 +265,29 @@ class PackVoxels(Message, frozen=True):
 
     assignment: AssignmentId
     quantisation: Quantisation
+
+
+class AheadRead(Message, frozen=True):
+    """Map/shade server to client: it has what it was to read ahead."""
+
+    reading: ReadingId
+
+
+@asks(CLIENT_TO_MAPSHADE, AheadRead, at_once=MAX_SERVERS, newest=True)
+class ReadAhead(Message, frozen=True):
+    """Client to map/shade server: make the packets of these boxes that are not held, beside frames and all else.
+
+    ChangeSubCubes then need not read them. One whose place a newer one takes may stay without an answer.
+    """
+
+    reading: ReadingId
+    path: Path
+    boxes: Annotated[list[Box], Meta(min_length=1, max_length=MAX_BOXES)]
+    identity: VolumeIdentity
+    quantisation: Quantisation
+
+    def __post_init__(self) -> None:
+        _check_boxes(self.boxes)
 
 
 @asks(CLIENT_TO_MAPSHADE, VoxelsPacked)

@@ -8,6 +8,7 @@ stopped, or slept, or had no core, blames nobody for it.
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -86,6 +87,8 @@ class Heartbeat:
         self.silence = silence
         self._pulses: list[_Pulse] = []
         self._lock = threading.Lock()  # guards _pulses
+        self._work_lock = threading.Lock()  # guards what follows, and that it is said in order
+        self._at_work = Counter[Connection]()  # threads
         self._closed = threading.Event()
         threading.Thread(target=self._beat, name="heartbeat", daemon=True).start()
 
@@ -99,12 +102,20 @@ class Heartbeat:
 
     @contextmanager
     def at_work(self, connection: Connection) -> Iterator[None]:
-        """What is done within may keep this process from any sign of life. Raises what sending raises."""
-        connection.say_at_work(True, self.silence)
+        """What is done within may keep this process from any sign of life. Raises what sending raises.
+
+        Several threads may be at it at a time.
+        """
+        self._say_at_work(connection, 1)
         try:
             yield
         finally:
-            connection.say_at_work(False, self.silence)
+            self._say_at_work(connection, -1)
+
+    def _say_at_work(self, connection: Connection, more: int) -> None:
+        with self._work_lock:
+            self._at_work[connection] += more
+            connection.say_at_work(self._at_work[connection] > 0, self.silence)
 
     def _beat(self) -> None:
         before = time.monotonic()

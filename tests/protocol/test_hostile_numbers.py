@@ -17,7 +17,7 @@ from support.scenes.arbitrary import plain_scene
 from support.scenes.owned import owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.frame_request import frame_request
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume

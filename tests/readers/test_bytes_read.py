@@ -16,7 +16,7 @@ from support.files.counted_bytes import bytes_read
 from support.files.prepared import Told
 from support.patience import PATIENCE
 from support.programs.programs import VOLSPLAT
-from volsplat.client.coordinator.sub_cubes import divided
+from volsplat.client.coordinator.shares.sub_cubes import divided
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.prepare import Options, prepare

@@ -283,6 +283,25 @@ def boxes_told(instructions: list[Instruction]) -> dict[int, list[Box]]:
     return {server: one.boxes for server, one in changes if isinstance(one, messages.ChangeSubCubes)}
 
 
+def to_read(instructions: list[Instruction]) -> dict[int, messages.ReadAhead]:
+    """What servers are told to read beside frames."""
+    told = [(i.server, i.message) for i in instructions if isinstance(i, Send)]
+    return {server: one for server, one in told if isinstance(one, messages.ReadAhead)}
+
+
+def read_ahead(coordinator: CheckedCoordinator, instructions: list[Instruction]) -> list[Instruction]:
+    """All servers have read what they are told to: what comes of it."""
+    last: list[Instruction] = []
+    for server, one in to_read(instructions).items():
+        last = coordinator.handle(said(server, messages.AheadRead(one.reading)))
+    return last
+
+
+def lose_first(coordinator: CheckedCoordinator) -> list[Instruction]:
+    """It is lost, and the others have read what it held: what comes of it."""
+    return read_ahead(coordinator, coordinator.handle(ServerLost(FIRST, GONE)))
+
+
 def shown(frame: int = 1) -> CheckedCoordinator:
     """A screen's frame is being drawn."""
     coordinator = drawing(frame)
@@ -311,19 +330,23 @@ def finished(coordinator: CheckedCoordinator, frame: int, workers: list[int]) ->
 
 
 def test_a_lost_map_shade_server_ends_the_running_frame_and_the_others_read_its_part() -> None:
-    told = drawing().handle(ServerLost(FIRST, GONE))
+    coordinator = drawing()
+    told = coordinator.handle(ServerLost(FIRST, GONE))
     assert told[0] == ReportProgress(HANDED_OVER)
     assert ended_by(told) == HANDED_OVER
     stopped = [(SECOND, messages.AbortFrame), (SPLAT, messages.AbortFrame)]
     invited = (SPLAT, messages.InviteWorkers)
-    assert sent(told) == [invited, *stopped, invited, (SECOND, messages.ChangeSubCubes)]
-    assert boxes_told(told) == {SECOND: [ALL]}
+    assert sent(told) == [invited, *stopped, (SECOND, messages.ReadAhead)]
+    assert to_read(told)[SECOND].boxes == [ALL]
     assert not any(isinstance(i, FailSession) for i in told)
+    told = read_ahead(coordinator, told)
+    assert sent(told) == [invited, (SECOND, messages.ChangeSubCubes)]
+    assert boxes_told(told) == {SECOND: [ALL]}
 
 
 def test_a_screen_sees_what_is_left_and_then_all_of_it() -> None:
     coordinator = shown()
-    assert not boxes_told(coordinator.handle(ServerLost(FIRST, GONE)))
+    ahead = coordinator.handle(ServerLost(FIRST, GONE))
     asked = coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
     renders = [i for i in asked if isinstance(i, Send)]
     assert [render.server for render in renders] == [SECOND, SPLAT]
@@ -336,7 +359,8 @@ def test_a_screen_sees_what_is_left_and_then_all_of_it() -> None:
     )
     assert isinstance(image, PublishImage) and image.outcome is not None
     assert image.outcome.missing == (LOWER,) and image.outcome.healing
-    assert boxes_told(told) == {SECOND: [ALL]}
+    assert not boxes_told(told)
+    assert boxes_told(read_ahead(coordinator, ahead)) == {SECOND: [ALL]}
     assert sent(coordinator.handle(FrameAsked(4, SCENE, Step.F, require_complete=False))) == []
     begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
@@ -346,24 +370,30 @@ def test_a_screen_sees_what_is_left_and_then_all_of_it() -> None:
 
 def test_who_wants_the_whole_volume_waits_until_it_is_there_again() -> None:
     coordinator = shown()
-    coordinator.handle(ServerLost(FIRST, GONE))
-    asked = coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))
-    assert boxes_told(asked) == {SECOND: [ALL]}
+    ahead = coordinator.handle(ServerLost(FIRST, GONE))
+    assert sent(coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=True))) == []
+    assert boxes_told(read_ahead(coordinator, ahead)) == {SECOND: [ALL]}
     begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
 
 
-def test_what_others_cannot_read_is_missing_until_a_server_joins() -> None:
+@pytest.mark.parametrize("ahead", [True, False])
+def test_what_others_cannot_read_is_missing_until_a_server_joins(ahead: bool) -> None:
     coordinator = drawing()
-    coordinator.handle(ServerLost(FIRST, GONE))
-    coordinator.handle(said(SECOND, messages.Refused("ChangeSubCubes", "no memory", assignment=2, held=1)))
+    if ahead:
+        coordinator.handle(ServerLost(FIRST, GONE))
+        coordinator.handle(said(SECOND, messages.Refused("ReadAhead", "no memory", held=1)))
+    else:
+        lose_first(coordinator)
+        coordinator.handle(said(SECOND, messages.Refused("ChangeSubCubes", "no memory", assignment=2, held=1)))
     assert coordinator.servers.missing == (LOWER,)
     assert ended_by(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=True))) == MISSING
     coordinator.handle(FrameAsked(3, SCENE, Step.F, require_complete=False))
     left = finished(coordinator, 3, [SECOND])
     assert left.outcome is not None and left.outcome.missing == (LOWER,) and not left.outcome.healing
     told = [one for event in joins(LATE) for one in coordinator.handle(event)]
-    assert boxes_told(told) == {SECOND: [UPPER], LATE.server: [LOWER]}
+    assert [one.boxes for one in to_read(told).values()] == [[LOWER]], "what is held need not be read"
+    assert boxes_told(read_ahead(coordinator, told)) == {SECOND: [UPPER], LATE.server: [LOWER]}
 
 
 def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> None:
@@ -374,11 +404,11 @@ def test_a_second_loss_that_cannot_be_made_good_is_not_taken_for_the_first() -> 
     share = {server: sum(box.voxels for box in boxes) for server, boxes in coordinator.holding.boxes.items()}
     for server in share:
         coordinator.handle(said(server, messages.VoxelsPacked(2, share[server], 1, 0.1)))
-    coordinator.handle(ServerLost(FIRST, GONE))
+    lose_first(coordinator)
     for server in (SECOND, LATE.server):
         coordinator.handle(said(server, messages.VoxelsPacked(3, 360, 1, 0.1)))
     lost = tuple(coordinator.holding.boxes[SECOND])
-    coordinator.handle(ServerLost(SECOND, "it is gone as well"))
+    read_ahead(coordinator, coordinator.handle(ServerLost(SECOND, "it is gone as well")))
     coordinator.handle(said(LATE.server, messages.Refused("ChangeSubCubes", "no memory", assignment=4, held=3)))
     assert coordinator.servers.missing == lost
 
@@ -448,7 +478,8 @@ def test_a_loss_while_voxels_are_packed_ends_the_frame_that_waits_and_the_next_o
     coordinator.handle(FrameAsked(1, SCENE, Step.F, require_complete=True))
     coordinator.handle(said(SECOND, messages.VoxelsPacked(1, 360, 0, 0.1)))
     told = coordinator.handle(ServerLost(FIRST, GONE))
-    assert ended_by(told) == HANDED_OVER and boxes_told(told) == {SECOND: [ALL]}
+    assert ended_by(told) == HANDED_OVER
+    assert boxes_told(read_ahead(coordinator, told)) == {SECOND: [ALL]}
     assert sent(coordinator.handle(FrameAsked(2, SCENE, Step.F, require_complete=False))) == []
     begun = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert sent(begun) == [(SECOND, messages.RenderFrame), (SPLAT, messages.RenderFrame)]
@@ -491,7 +522,7 @@ def test_the_states_of_all_servers_are_known_and_those_lost_are_kept() -> None:
     coordinator = drawing()
     coordinator.handle(ServerJoined(4, Role.MAPSHADE_SERVER, "map/shade server 4", "node4", NO_DATA))
     before = coordinator.server_states
-    coordinator.handle(ServerLost(FIRST, GONE))
+    lose_first(coordinator)
     splat, first, second, idle = coordinator.server_states.values()
     assert (splat.name, splat.host, splat.boxes, splat.lost) == ("splat server 1", "node1", (), False)
     assert (first.name, first.boxes, first.voxels, first.lost, first.cause) == (
@@ -577,6 +608,7 @@ def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
     coordinator.handle(seen(SECOND, FAR))
     told = coordinator.handle(ServerLost(FIRST, GONE))
     assert not any(isinstance(one, AnswerProbe) for one in told)
+    read_ahead(coordinator, told)
     told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert (SECOND, messages.ProbeVoxels) in sent(told)
     assert coordinator.handle(seen(SECOND, NEAR, FAR)) == [AnswerProbe(5, NEAR)]

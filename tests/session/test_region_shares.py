@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from support.messages.coordinated import SPLAT_STATS
 from support.messages.message_samples import SAMPLES
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan

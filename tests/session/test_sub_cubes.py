@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from support.scenes.partitions import cut as cut_at_random
 from tolerances import BALANCED
-from volsplat.client.coordinator.block_work import BlockWork
-from volsplat.client.coordinator.sub_cubes import Even, Share, Work, divided, divided_by_work
+from volsplat.client.coordinator.shares.block_work import BlockWork
+from volsplat.client.coordinator.shares.sub_cubes import Even, Share, Work, divided, divided_by_work
 from volsplat.protocol.description.block_extremes import block_dims
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.geometry.matrices import Matrix, Vector

@@ -19,6 +19,7 @@ from volsplat.client.coordinator import work_shares
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.single import SingleProcess
 from volsplat.mapshade_server.held_volume import HeldVolume
+from volsplat.mapshade_server.kept_packets import GivenUp
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.protocol.description.scene import Image, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box
@@ -144,6 +145,37 @@ def test_a_server_reads_only_what_it_gets(volume: Path) -> None:
     packed = answered(held, messages.ChangeSubCubes(3, str(volume), [SECOND], described.identity, rules))
     assert isinstance(packed, messages.VoxelsPacked) and packed.read == 0
     assert bytes_read() - before < LOOKED_AT
+
+
+def test_what_was_read_ahead_is_not_read_again(volume: Path) -> None:
+    """Not even if only a part of it is wanted in the end, and whatever else was asked for before."""
+    held, whole = HeldVolume(), HeldVolume()
+    described = answered(held, messages.DescribeVolume(str(volume)))
+    assert isinstance(described, messages.VolumeDescribed)
+    with SingleProcess(volume) as single:
+        rules = single.volume.quantisation(scene(single).quantise)
+    for one, box in ((held, SECOND), (whole, MOVED[1])):
+        answered(one, messages.ReadSubCubes(1, str(volume), [box], described.identity))
+        answered(one, messages.PackVoxels(1, rules))
+    before = bytes_read()
+    for number, boxes in enumerate(([SECOND, FIRST], [MOVED[1]]), 1):
+        held.reading_ahead(messages.ReadAhead(number, str(volume), boxes, described.identity, rules))()
+    assert packets(held) != packets(whole) and bytes_read() - before < WITH_HALO * 8 * FIRST.voxels + 2 * LOOKED_AT
+    before = bytes_read()
+    packed = answered(held, messages.ChangeSubCubes(2, str(volume), [MOVED[1]], described.identity, rules))
+    assert isinstance(packed, messages.VoxelsPacked) and (packed.voxels, packed.read) == (MOVED[1].voxels, 0)
+    assert bytes_read() - before < LOOKED_AT and packets(held) == packets(whole)
+
+
+def test_what_is_read_ahead_is_given_up_once_the_volume_is_read_anew(volume: Path) -> None:
+    held = HeldVolume()
+    described = answered(held, messages.DescribeVolume(str(volume)))
+    assert isinstance(described, messages.VolumeDescribed)
+    rules = Quantisation(window=(0.0, 3.0), strength_scale=1.0)
+    read = held.reading_ahead(messages.ReadAhead(1, str(volume), [FIRST], described.identity, rules))
+    answered(held, messages.ReadSubCubes(1, str(volume), [SECOND], described.identity))
+    with pytest.raises(GivenUp):
+        read()
 
 
 def test_of_a_store_only_what_is_new_is_read(store: Path) -> None:

@@ -24,7 +24,6 @@ from support.messages.coordinated import (
 )
 from support.messages.coordinated import SCENE as DRAWN
 from support.messages.message_samples import IDENTITY
-from volsplat.client.coordinator.block_work import VOXELS_OF_A_PACKET
 from volsplat.client.coordinator.coordinator_events import (
     EndFrame,
     FrameAsked,
@@ -37,6 +36,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerLost,
     VolumeAsked,
 )
+from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.scene import Image, Quantise, ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
@@ -146,8 +146,11 @@ class Model:
         """Have servers hold what they are asked to."""
         last: list[Instruction] = []
         for ask in told:
-            if isinstance(ask, Send) and isinstance(ask.message, messages.PackVoxels | messages.ChangeSubCubes):
-                last = self.coordinator.handle(self.packed(ask.server, ask.message))
+            match ask:
+                case Send(server, messages.PackVoxels() | messages.ChangeSubCubes() as message):
+                    last = self.coordinator.handle(self.packed(server, message))
+                case Send(server, messages.ReadAhead(reading=reading)):
+                    last = self.coordinator.handle(said(server, messages.AheadRead(reading)))
         return last
 
     def packed(self, server: int, ask: messages.PackVoxels | messages.ChangeSubCubes) -> MessageReceived:
@@ -284,6 +287,7 @@ def test_a_loss_while_sub_cubes_change_hands_is_a_loss_like_any_other(others_fir
     assert any(isinstance(i, EndFrame) for i in told)
     if not others_first:
         told = model.answer(list(rest))
+    told = model.answer(told)  # what others have read
     assert model.coordinator.servers.missing == ()
     assert FIRST not in model.held
     assert sum(map(model.voxels, model.held)) == SIDE**3

@@ -21,7 +21,7 @@ from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from support.scenes.shaded_packets import all_batches
 from volsplat.client.coordinator.frame_request import frame_request
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.session.image_receiver import ImageReceiver
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.links.batch_coder import QUICK, BatchCoder

@@ -14,7 +14,7 @@ import pytest
 from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.coordinator.frame_request import frame_request
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages

@@ -71,7 +71,7 @@ def test_every_message_between_client_and_server_is_a_request_or_an_answer(way: 
 @WAYS
 def test_exchanges_are_told_apart_by_ids_alone(way: Way) -> None:
     for kind in EXCHANGES[way].values():
-        assert set(kind.named_by) <= {"frame", "assignment", "probe", "part"}
+        assert set(kind.named_by) <= {"frame", "assignment", "probe", "part", "reading"}
 
 
 @WAYS

@@ -12,6 +12,14 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from urllib.parse import unquote
 
+from support.patience import PATIENCE
+
+
+def _set() -> threading.Event:
+    event = threading.Event()
+    event.set()
+    return event
+
 
 @dataclass
 class Served:
@@ -20,6 +28,7 @@ class Served:
     url: str = ""
     sent: list[tuple[str, int]] = field(default_factory=list)
     status: int = HTTPStatus.OK  # another one is the answer to everything
+    lets_go: threading.Event = field(default_factory=_set)  # while it is not set, all but JSON is held back
 
     @property
     def paths(self) -> set[str]:
@@ -46,6 +55,8 @@ def served(folder: Path) -> Iterator[Served]:
             if state.status != HTTPStatus.OK or not path.is_file():
                 self._answer(state.status if state.status != HTTPStatus.OK else HTTPStatus.NOT_FOUND, b"")
                 return
+            if path.suffix != ".json":
+                state.lets_go.wait(PATIENCE)
             content = path.read_bytes()
             part = self._wanted(content)
             if self.command == "GET":

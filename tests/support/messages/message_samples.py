@@ -93,6 +93,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.PackVoxels(1, QUANTISATION), b""),
         (messages.VoxelsPacked(1, 120, 48, 0.0625), b""),
         (messages.ChangeSubCubes(2, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
+        (messages.ReadAhead(1, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
+        (messages.AheadRead(1), b""),
         (messages.NameSession("1f2e3d4c"), b""),
         (messages.DescribeMachine(), b""),
         (messages.Alive(2.0), b""),
@@ -302,6 +304,10 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.ChangeSubCubes: st.builds(
         messages.ChangeSubCubes, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
     ),
+    messages.ReadAhead: st.builds(
+        messages.ReadAhead, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
+    ),
+    messages.AheadRead: st.builds(messages.AheadRead, ids),
     messages.NameSession: st.builds(messages.NameSession, lines),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
     messages.LeaveSession: st.builds(messages.LeaveSession),

@@ -8,7 +8,7 @@ from types import MappingProxyType
 from support.patience import PATIENCE
 from support.scenes.phantoms import QUANTISATION, shaded_scene
 from volsplat.client.coordinator.frame_request import frame_request
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.server import MapShadeServer
 from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import Geometry

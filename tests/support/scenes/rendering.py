@@ -13,7 +13,7 @@ from reference import mapping
 from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.frame_request import frame_request
-from volsplat.client.coordinator.region_shares import RegionShares
+from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from itertools import combinations
 
-from volsplat.client.coordinator.sub_cubes import divided, divided_box
+from volsplat.client.coordinator.shares.sub_cubes import divided, divided_box
 from volsplat.protocol.description.volume import Box, Geometry, Index
 
 Boxes = dict[int, list[Box]]  # by map/shade server

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping
 from itertools import pairwise
 
-from volsplat.client.coordinator.measured_speeds import MeasuredSpeeds
+from volsplat.client.coordinator.shares.measured_speeds import MeasuredSpeeds
 from volsplat.protocol.messages.frame_messages import RenderFrame, SplatStats
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.region_cuts import cut, expected_work, regions_each

@@ -1,0 +1,1 @@
+"""What each server gets: which part of the volume, which part of the image, by how much work each is."""

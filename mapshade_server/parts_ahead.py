@@ -1,0 +1,111 @@
+"""Packets that a map/shade server will be asked for, read beside frames: then its sub-cubes change at once."""
+
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+from volsplat.mapshade_server.kept_packets import GivenUp
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.volume_answers import check_within
+from volsplat.mapshade_server.volume_identity import check_still, described_volume
+from volsplat.program.memory_budget import MemoryBudget, bytes_to_read
+from volsplat.protocol.description.volume import Box
+from volsplat.protocol.description.volume_identity import VolumeIdentity
+from volsplat.protocol.messages.volume_messages import ReadAhead
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.text.errors import BadInput
+
+SLAB_VOXELS = 1 << 22  # that are read and packed before it is looked whether they are still wanted
+
+
+@dataclass
+class _Parts:
+    """What comes of one request."""
+
+    identity: VolumeIdentity
+    quantisation: Quantisation
+    cubes: list[SubCube] = field(default_factory=list)  # as they are made
+    given_up: bool = False
+    over: threading.Event = field(default_factory=threading.Event)
+
+    def as_asked(self, identity: VolumeIdentity, quantisation: Quantisation) -> bool:
+        return (self.identity, self.quantisation) == (identity, quantisation)
+
+
+class PartsAhead:
+    """Of one request at a time, and what it takes over from the one before."""
+
+    def __init__(self, budget: MemoryBudget) -> None:
+        self._budget = budget
+        self._parts: _Parts | None = None
+
+    def begin(self, request: ReadAhead, held: Sequence[SubCube]) -> Callable[[], None]:
+        """What reads all of these boxes that is not held, for a thread of its own to call.
+
+        That raises GivenUp if they are not wanted any more, BadInput if they cannot be read.
+        """
+        before, parts = self._parts, _Parts(request.identity, request.quantisation)
+        self.drop()
+        self._parts = parts
+        boxes = [cube.box for cube in held]
+
+        def read() -> None:
+            try:
+                if before is not None and before.as_asked(request.identity, request.quantisation):
+                    before.over.wait()
+                    parts.cubes += [cube for cube in before.cubes if any(map(cube.box.common, request.boxes))]
+                self._read(request, parts, boxes)
+            except BadInput:
+                parts.cubes.clear()  # of another volume, maybe
+                raise
+            finally:
+                self._budget.taken()
+                parts.over.set()
+
+        return read
+
+    def cubes(self, identity: VolumeIdentity, quantisation: Quantisation) -> list[SubCube]:
+        """What is there of that volume by these rules, once what is being read of it is there as well."""
+        parts = self._parts
+        if parts is None or not parts.as_asked(identity, quantisation):
+            return []
+        parts.over.wait()
+        return parts.cubes
+
+    def drop(self) -> None:
+        """Nothing of it is wanted any more. What is being read is given up soon."""
+        if self._parts is not None:
+            self._parts.given_up, self._parts = True, None
+
+    def _read(self, request: ReadAhead, parts: _Parts, held: Sequence[Box]) -> None:
+        reader = described_volume(request.path, request.identity)
+        description = reader.describe()
+        check_within(request.boxes, description.geometry)
+        rest = list(_without(request.boxes, [*held, *(cube.box for cube in parts.cubes)]))
+        self._budget.take(bytes_to_read(description, rest), held=0, let_go=0)
+        for slab in (slab for part in rest for slab in _slabs(part)):
+            if parts.given_up:
+                raise GivenUp
+            cube = SubCube(description.geometry, slab, description.second_scalar)
+            cube.read(reader)
+            cube.pack(request.quantisation)
+            parts.cubes.append(cube)
+        check_still(request.path, reader, description, request.identity)
+
+
+def _without(boxes: Sequence[Box], held: Sequence[Box]) -> Iterator[Box]:
+    for box in boxes:
+        rest = [box]
+        for other in held:
+            rest = [part for one in rest for part in one.without(other)]
+        yield from rest
+
+
+def _slabs(box: Box) -> Iterator[Box]:
+    """Whole sheets of it."""
+    ni, nj, _ = box.size
+    sheets, rest = max(SLAB_VOXELS // (ni * nj), 1), box
+    while rest.size[2] > sheets:
+        slab, rest = rest.cut(2, rest.low[2] + sheets)
+        yield slab
+    yield rest
