@@ -1,7 +1,7 @@
 """The characters that the fonts of figures have. Imports no image library: words are refused before any work."""
 
-from collections.abc import Iterable
 from pathlib import Path
+from unicodedata import normalize
 
 from volsplat.client.figure.figure import Figure
 from volsplat.protocol.text.errors import BadInput
@@ -14,14 +14,19 @@ SIGNS = {*"‘’“”…†‡‰′″€™ℓ∂∆∏∑√∞∫≈≠≤
 
 
 def check_words(figure: Figure, path: Path) -> None:
-    """Raises BadInput for words of a person that cannot be set in this kind of file: SVG has its viewer's fonts."""
-    if path.suffix.lower() != ".svg":
-        check_characters([figure.title, *(text for text, _ in figure.labels)])
-
-
-def check_characters(texts: Iterable[str]) -> None:
-    """Raises BadInput, naming them, for characters that no font has."""
-    lacking = sorted({*"".join(texts).translate(SUBSTITUTES)} - LATIN - MORE - SIGNS)
-    if lacking:
+    """Raises BadInput, naming them, for characters of a person's words that no font has: SVG has its viewer's fonts."""
+    words = "".join([figure.title, *(text for text, _ in figure.labels)]).translate(SUBSTITUTES)
+    lacking = sorted({*words} - LATIN - MORE - SIGNS)
+    if lacking and path.suffix.lower() != ".svg":
         named = ", ".join(f"{character!r}" for character in lacking[:5])
         raise BadInput(f"the fonts for figures do not have {named}; write SVG, which is shown in its viewer's fonts")
+
+
+def legible(text: str) -> str:
+    """A file's words in characters that a font has: what is raised or compound plain, and "?" for others."""
+    text = text.translate(SUBSTITUTES)
+    if LATIN.issuperset(text):
+        return text
+    have = LATIN | MORE | SIGNS
+    plain = (one if one in have else normalize("NFKD", one).translate(SUBSTITUTES) for one in text)
+    return "".join(one if one in have else "?" for one in "".join(plain))

@@ -90,6 +90,11 @@ class Figure(Part, frozen=True):
         bool, Key("Leave the background out: PNG, TIFF, SVG and PDF are clear there.", Switch("transparent"))
     ] = False
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        msgspec.structs.force_setattr(self, "title", printable(self.title))
+        msgspec.structs.force_setattr(self, "labels", tuple((printable(text), at) for text, at in self.labels))
+
     @property
     def em(self) -> int:
         """The size of the words in pixels."""

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.figure.characters import check_characters
-from volsplat.client.figure.drawing import Words
+from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import BARE, Figure
 from volsplat.client.figure.layout import laid_out
 from volsplat.client.figure.painted import painted
 from volsplat.client.figure.pdf_file import pdf_bytes
 from volsplat.client.figure.svg_file import svg_text
+from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.image.image_file import straight, write_image
 from volsplat.client.image.image_formats import VECTOR_FORMATS, check_picture_writable
 from volsplat.client.image.image_properties import image_properties
@@ -46,24 +46,23 @@ def write_picture(
         return
     figure = figure or BARE
     check_picture_writable(path, figure.transparent)
+    check_words(figure, path)
+    write = partial(_write_pixels, scene=scene, properties=properties, figure=figure)
     drawing = laid_out(picture, figure, scene, volume)
     if kind == ".svg":
-        _write_whole(path, svg_text(drawing, _png_bytes(picture, figure, scene, properties)).encode())
-        return
-    check_characters(shape.text for shape in drawing.shapes if isinstance(shape, Words))
-    if kind == ".pdf":
+        _write_whole(path, svg_text(drawing, bytes_of(".png", lambda place: write(place, picture))).encode())
+    elif kind == ".pdf":
         pixels = straight(picture, drawing.background, "uint8")
         stored = msgspec.json.encode(scene).decode()
         _write_whole(path, pdf_bytes(drawing, pixels, figure.title or volume.description.name, stored))
     else:
-        write_image(path, painted(drawing), scene, properties, dpi=figure.dpi, transparent=figure.transparent)
+        write(path, painted(drawing))
 
 
-def _png_bytes(picture: NDArray[np.float32], figure: Figure, scene: Scene, properties: Mapping[str, str]) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
-        path = Path(folder) / "picture.png"
-        write_image(path, picture, scene, properties, dpi=figure.dpi, transparent=figure.transparent)
-        return path.read_bytes()
+def _write_pixels(
+    path: Path, pixels: NDArray[np.float32], scene: Scene, properties: Mapping[str, str], figure: Figure
+) -> None:
+    write_image(path, pixels, scene, properties, dpi=figure.dpi, transparent=figure.transparent)
 
 
 def _write_whole(path: Path, content: bytes) -> None:

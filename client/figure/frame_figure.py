@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.figure.characters import check_characters
-from volsplat.client.figure.drawing import Words
 from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.layout import figure_extent, laid_out
 from volsplat.client.figure.painted import painted
@@ -19,17 +17,14 @@ Pixels = NDArray[np.float32]
 
 
 class FrameFigure:
-    """Draws what is about and over each frame. Raises BadInput for words that no font has."""
+    """Draws what is about and over each frame."""
 
     def __init__(self, figure: Figure, scenes: Sequence[Scene], volume: SurveyedVolume) -> None:
         self._figure = figure
         self._volume = volume
         sizes = {figure_extent(figure, scene, volume) for scene in scenes}
         self.extent = (max(width for width, _ in sizes), max(height for _, height in sizes))
-        self.pixels(np.zeros((scenes[0].image.height, scenes[0].image.width, 4), np.float32), scenes[0])
 
     def pixels(self, picture: Pixels, scene: Scene) -> Pixels:
         """A frame with all that the figure shows, as a plain image is."""
-        drawing = laid_out(picture, self._figure, scene, self._volume, self.extent[1])
-        check_characters(shape.text for shape in drawing.shapes if isinstance(shape, Words))
-        return painted(drawing)
+        return painted(laid_out(picture, self._figure, scene, self._volume, self.extent[1]))

@@ -20,6 +20,7 @@ from volsplat.protocol.text.errors import BadInput
 TITLE_LINE = 1.9  # ems
 TITLE_BASE = 1.35
 TITLE_SIZE = 1.15  # of other words
+LEAST_TITLE = 0.5  # of that, where a title is longer than the figure is wide
 LEAST_PICTURE = 16  # pixels
 
 
@@ -30,6 +31,7 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
             raise BadInput("a figure's height needs its width; give both, in cm")
         return scene
     width = figure.pixels(figure.width)
+    _title_size(figure, width)
     if figure.height == "auto":
         height = round(width * scene.image.height / scene.image.width)
     else:
@@ -82,8 +84,17 @@ def laid_out(
 
 
 def _title(figure: Figure, width: int, ink: tuple[float, float, float]) -> Words:
-    size = size_within(figure.title, round(figure.em * TITLE_SIZE), width - figure.em, bold=True)
+    size = _title_size(figure, width)
     return Words(width / 2, TITLE_BASE * figure.em, figure.title, size, ink, None, Anchor.MIDDLE, bold=True)
+
+
+def _title_size(figure: Figure, width: int) -> int:
+    """Raises BadInput for a title that has no room."""
+    wanted = round(figure.em * TITLE_SIZE)
+    size = size_within(figure.title, wanted, width - figure.em, bold=True)
+    if size < LEAST_TITLE * wanted:
+        raise BadInput("the figure's title has no room above its picture; shorten it, or give a smaller text size")
+    return size
 
 
 def _above(figure: Figure) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from volsplat.client.figure.characters import LATIN, SUBSTITUTES
+from volsplat.client.figure.characters import LATIN, legible
 from volsplat.client.image.lettering import BOLD_FONT, FONT, extent
 
 WIDE_FONT = "DroidSansMono"  # has more than western Europe's letters
@@ -19,7 +19,7 @@ class Setting(NamedTuple):
 
 def setting_of(text: str, bold: bool = False) -> Setting:
     """Bold where the font that has the characters has a bold one."""
-    text = text.translate(SUBSTITUTES)
+    text = legible(text)
     if LATIN.issuperset(text):
         return Setting(text, BOLD_FONT if bold else FONT)
     return Setting(text, WIDE_FONT)

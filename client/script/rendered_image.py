@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from volsplat.client.figure.figure import Figure, figure_with
+from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
@@ -66,7 +66,7 @@ class RenderedImage:
 
     def _repr_png_(self) -> bytes:
         """For notebooks."""
-        return _png(self.save)
+        return bytes_of(".png", self.save)
 
     def __repr__(self) -> str:
         return f"<volsplat image of {self._published.width} x {self._published.height} pixels>"
@@ -97,7 +97,7 @@ class RenderedFigure:
 
     def _repr_png_(self) -> bytes:
         """For notebooks."""
-        return _png(self.save)
+        return bytes_of(".png", self.save)
 
 
 def _save(
@@ -115,12 +115,3 @@ def _pil(pixels: NDArray[np.float32], background: Colour | None) -> Image:
     from volsplat.client.image.image_file import straight
 
     return PIL.Image.fromarray(straight(pixels, background, "uint8"))
-
-
-def _png(save: Callable[[Path], None]) -> bytes:
-    import tempfile
-
-    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
-        path = Path(folder) / "image.png"
-        save(path)
-        return path.read_bytes()

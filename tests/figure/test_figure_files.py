@@ -17,11 +17,11 @@ from support.files.head_volume import SIZE, head
 from support.files.images import read_image
 from support.programs.programs import Person
 from tolerances import ONE_LEVEL
-from volsplat.client.figure.characters import LATIN, MORE, SIGNS, check_words
+from volsplat.client.figure.characters import LATIN, MORE, SIGNS, check_words, legible
 from volsplat.client.figure.drawing import Line, Words
 from volsplat.client.figure.figure import BARE, POINTS_PER_INCH, Figure, figure_with
 from volsplat.client.figure.figure_file import write_picture
-from volsplat.client.figure.layout import laid_out
+from volsplat.client.figure.layout import laid_out, sized
 from volsplat.client.figure.painted import painted
 from volsplat.client.figure.pdf_file import _registered
 from volsplat.client.figure.type_faces import WIDE_FONT, width_of
@@ -36,6 +36,7 @@ from volsplat.protocol.text.errors import BadInput
 __all__ = ["head"]
 
 FIGURE = Figure(title="a small head", dpi=100, labels=(("middle", (16.0, 20.0, 18.0)), ("nowhere", (999.0, 0.0, 0.0))))
+LONG = Figure(title="a title that nobody can read " * 4, width=2.0)
 Pixels = NDArray[np.float32]
 Drawn = tuple[Pixels, Scene, SurveyedVolume]
 
@@ -147,6 +148,26 @@ def test_options_that_no_figure_has_are_refused_in_one_line(options: dict[str, o
     with pytest.raises(BadInput) as refused:
         figure_with(Figure(), options)
     assert line in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_words_of_a_file_are_told_in_characters_that_there_are() -> None:
+    assert legible("km s⁻¹ − µm Å") == "km s–¹ – µm Å"
+    assert legible("λ [頭]") == "λ [?]"
+    assert Figure(title="a\x00b\n").title.isprintable()
+
+
+def test_a_title_is_smaller_where_it_is_long_and_refused_where_it_would_not_be_read(drawn: Drawn) -> None:
+    picture, scene, volume = drawn
+    sizes = [
+        next(
+            shape.size for shape in laid_out(picture, Figure(title=text), scene, volume).shapes if type(shape) is Words
+        )
+        for text in ("short", "rather longer than short")
+    ]
+    assert sizes[0] > sizes[1]
+    for refused in (lambda: laid_out(picture, LONG, scene, volume), lambda: sized(LONG, scene, volume)):
+        with pytest.raises(BadInput, match="the figure's title has no room"):
+            refused()
 
 
 def test_svg_of_another_program_has_no_scene(tmp_path: Path) -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import base64
 import logging
-import tempfile
 import threading
 import time
 import zlib
@@ -21,7 +20,8 @@ from numpy.typing import ArrayLike
 
 from volsplat.client.figure.characters import check_words
 from volsplat.client.figure.figure import Figure
-from volsplat.client.image.image_formats import check_picture_writable
+from volsplat.client.image.file_bytes import bytes_of
+from volsplat.client.image.image_formats import need_pdf
 from volsplat.client.image.image_properties import image_properties
 from volsplat.client.movie.movie_formats import check_movie_writable
 from volsplat.client.scene.scene_file import scene_toml
@@ -50,10 +50,8 @@ def image_bytes(image: ArrayLike, scene: Scene, kind: ImageFormat, description: 
     """
     from volsplat.client.image.image_file import write_image
 
-    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:  # OpenImageIO's Python writes to no memory
-        path = Path(folder) / f"image.{kind}"
-        write_image(path, image, scene, image_properties(description, scene))
-        return path.read_bytes()
+    properties = image_properties(description, scene)
+    return bytes_of(f".{kind}", lambda path: write_image(path, image, scene, properties))
 
 
 def figure_bytes(
@@ -66,16 +64,15 @@ def figure_bytes(
     from volsplat.client.figure.figure_file import write_picture
     from volsplat.client.figure.layout import sized
 
-    with tempfile.TemporaryDirectory(prefix="volsplat-") as folder:
-        path = Path(folder) / f"figure{kind}"
-        check_picture_writable(path, figure.transparent)
-        check_words(figure, path)
-        scene = sized(figure, scene, renderer.volume)
-        picture = finished_pixels(renderer, scene, finest_step(scene), cancelled)
-        if picture is None:
-            return None
-        write_picture(path, picture, scene, renderer.volume, figure)
-        return path.read_bytes()
+    if kind == ".pdf":
+        need_pdf()
+    check_words(figure, Path(f"figure{kind}"))
+    volume = renderer.volume
+    scene = sized(figure, scene, volume)
+    picture = finished_pixels(renderer, scene, finest_step(scene), cancelled)
+    if picture is None:
+        return None
+    return bytes_of(kind, lambda path: write_picture(path, picture, scene, volume, figure))
 
 
 def scene_bytes(scene: Scene) -> bytes:
