@@ -9,8 +9,7 @@ from typing import Any, TypeVar
 import click
 
 from volsplat.client.command.help_page import headed
-from volsplat.client.command.render_options import triple_from_option
-from volsplat.client.figure.figure import BARE, CM_PER_INCH, Figure, figure_with
+from volsplat.client.figure.figure import BARE, CM_PER_INCH, Figure, figure_with, label_from_text
 from volsplat.protocol.description.scene_key import Key, declarations
 from volsplat.protocol.text.errors import BadInput
 
@@ -79,7 +78,7 @@ def _printed_size(text: str) -> Mapping[str, Any] | None:
 
 
 def _label(text: str) -> tuple[str, tuple[float, float, float]]:
-    words, _, place = text.rpartition("@")
-    if not words:
-        raise BadInput(f"--label {text}: give TEXT@I,J,K, as in nose@128,8,60, where I,J,K is a voxel")
-    return words, triple_from_option("--label", place, float)
+    try:
+        return label_from_text(text)
+    except ValueError as error:
+        raise BadInput(f"--label {text}: give TEXT@I,J,K, as in nose@128,8,60, where I,J,K is a voxel") from error

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import NamedTuple
@@ -10,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.protocol.description.scene import Colour
+
+STRAIGHT = 1e-9  # by how much a table's entries leave a straight line by rounding alone
 
 
 class Anchor(StrEnum):
@@ -64,6 +67,11 @@ class Ramp(NamedTuple):
     height: float
     colours: tuple[Colour, ...]
 
+    def stops(self) -> list[tuple[float, Colour]]:
+        """Positions 0 to 1 and their colours, without those that lie on the straight line between others."""
+        last = len(self.colours) - 1
+        return [(n / last, self.colours[n]) for n in _bends(self.colours)]
+
 
 class Area(NamedTuple):
     """What lies below a curve over equal steps, the ends at the edges; `heights` are shares of `height`."""
@@ -77,13 +85,22 @@ class Area(NamedTuple):
     opacity: float
 
     def outline(self) -> list[tuple[float, float]]:
-        """The curve's points, without those that lie between equal ones."""
+        """The curve's points, without those that lie on the straight line between others."""
         last = len(self.heights) - 1
         return [
-            (self.x + n / last * self.width, self.y + (1 - height) * self.height)
-            for n, height in enumerate(self.heights)
-            if n in (0, last) or not self.heights[n - 1] == height == self.heights[n + 1]
+            (self.x + n / last * self.width, self.y + (1 - self.heights[n]) * self.height)
+            for n in _bends([(height,) for height in self.heights])
         ]
+
+
+def _bends(values: Sequence[tuple[float, ...]]) -> list[int]:
+    """The first and the last, and those between that are not as far from the one before as from the one after."""
+    inner = (
+        n
+        for n in range(1, len(values) - 1)
+        if any(abs(a - 2 * b + c) > STRAIGHT for a, b, c in zip(*values[n - 1 : n + 2], strict=True))
+    )
+    return [0, *inner, len(values) - 1]
 
 
 Shape = Words | Line | Box | Ramp | Area

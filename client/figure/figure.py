@@ -21,6 +21,7 @@ from volsplat.protocol.description.scene_key import (
     Switch,
     declarations,
 )
+from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.text.printable import printable
 
@@ -50,7 +51,7 @@ class Figure(Part, frozen=True):
     ] = True
     title: Annotated[str, Key("A line above the picture.", PartOf("title"), allowed="a text")] = ""
     labels: Annotated[
-        tuple[tuple[str, tuple[float, float, float]], ...],
+        tuple[tuple[str, Vector], ...],
         Key("Words that point at voxels.", PartOf("labels"), allowed="[[text, [i, j, k]], ...]"),
     ] = ()
     width: Annotated[
@@ -111,6 +112,15 @@ class Figure(Part, frozen=True):
         if self.transparent:
             return ink, BLACK if _bright(ink) else WHITE
         return ink, background
+
+
+def label_from_text(text: str) -> tuple[str, Vector]:
+    """Words and the voxel that they point at, from TEXT@I,J,K. Raises ValueError."""
+    words, _, place = text.rpartition("@")
+    numbers = [float(part) for part in place.split(",")]
+    if not words.strip() or len(numbers) != 3:
+        raise ValueError("no TEXT@I,J,K")
+    return words.strip(), (numbers[0], numbers[1], numbers[2])
 
 
 def _bright(colour: Colour) -> bool:

@@ -110,14 +110,14 @@ class _Pen:
     def _ramp(self, ramp: Ramp) -> None:
         from reportlab.lib.colors import Color
 
-        canvas, last = self._canvas, len(ramp.colours) - 1
+        canvas = self._canvas
         y = self._height - ramp.y - ramp.height
         canvas.saveState()
         clip = canvas.beginPath()
         clip.rect(ramp.x, y, ramp.width, ramp.height)
         canvas.clipPath(clip, stroke=0, fill=0)
-        colours = [Color(*colour) for colour in ramp.colours]
-        positions = [n / last for n in range(last + 1)]
+        stops = ramp.stops()
+        positions, colours = [position for position, _ in stops], [Color(*colour) for _, colour in stops]
         canvas.linearGradient(ramp.x, y, ramp.x + ramp.width, y, colours, positions, extend=True)
         canvas.restoreState()
 

@@ -52,8 +52,8 @@ def add_shapes(root: ElementTree.Element, shapes: tuple[Shape, ...] | list[Shape
                 _add_line(root, shape)
             case Box(x, y, width, height, colour):
                 _add(root, "rect", **_box(x, y, width, height), fill=nearest_hex(colour))
-            case Ramp(x, y, width, height, colours):
-                _add_stops(root, f"ramp-{n}", colours)
+            case Ramp(x, y, width, height):
+                _add_stops(root, f"ramp-{n}", shape)
                 _add(root, "rect", **_box(x, y, width, height), fill=f"url(#ramp-{n})")
             case Area():
                 corners = f"M{shape.x:.2f} {shape.y + shape.height:.2f}" + "".join(
@@ -98,10 +98,7 @@ def _set_halo(element: ElementTree.Element, colour: Colour, thickness: float) ->
     element.set("stroke-width", f"{thickness:.2f}")
 
 
-def _add_stops(root: ElementTree.Element, name: str, colours: tuple[Colour, ...]) -> None:
+def _add_stops(root: ElementTree.Element, name: str, ramp: Ramp) -> None:
     gradient = _add(root, "linearGradient", id=name)
-    last = len(colours) - 1
-    for n, colour in enumerate(colours):
-        if 0 < n < last and colours[n - 1] == colour == colours[n + 1]:
-            continue
-        _add(gradient, "stop", offset=f"{n / last:.5f}", stop_color=nearest_hex(colour))
+    for position, colour in ramp.stops():
+        _add(gradient, "stop", offset=f"{position:.5f}", stop_color=nearest_hex(colour))

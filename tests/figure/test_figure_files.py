@@ -100,6 +100,8 @@ def test_svg_and_pdf_hold_the_plain_images_pixels_and_words_as_words(
     namespace = {"svg": "http://www.w3.org/2000/svg"}
     (image,) = root.findall("svg:image", namespace)
     inside.write_bytes(base64.b64decode(image.attrib["href"].partition(",")[2]))
+    with PIL.Image.open(inside) as stored:
+        assert stored.info["dpi"] == pytest.approx((100, 100), abs=0.1)
     assert np.array_equal(levels(inside), levels(plain)) and read_scene(inside) == scene
     height = laid_out(picture, figure, scene, volume).height
     assert root.attrib["width"] == "2.4in" and root.attrib["height"] == f"{height / 100:g}in"

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable
 
 import msgspec
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +16,7 @@ from support.scenes.arbitrary import geometries, plain_scene, quaternions, zooms
 from tolerances import ROUNDING
 from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.colour_bars import colour_bars
+from volsplat.client.figure.drawing import Area, Ramp
 from volsplat.client.figure.figure import Figure
 from volsplat.client.figure.layout import figure_extent, sized
 from volsplat.client.figure.pointing_labels import place_of
@@ -87,6 +89,19 @@ def test_ticks_are_the_multiples_of_a_round_step_within_the_range(start: float, 
         texts = tick_texts(values)
         assert len(set(texts)) == len(texts)
         assert [float(text.replace("−", "-")) for text in texts] == pytest.approx(values, rel=1e-5, abs=steps[0] / 100)
+
+
+@given(st.lists(st.sampled_from([0.0, 0.25, 0.5, 1.0]), min_size=2, max_size=40))
+def test_a_ramp_and_a_curve_are_told_by_the_points_at_which_they_bend(values: list[float]) -> None:
+    ramp = Ramp(0.0, 0.0, 1.0, 1.0, tuple((value, 1 - value, 0.5) for value in values))
+    places = np.linspace(0, 1, len(values))
+    stops = ramp.stops()
+    drawn = np.interp(places, [position for position, _ in stops], [colour[0] for _, colour in stops])
+    assert drawn == pytest.approx(values, abs=ROUNDING)
+    points = Area(0.0, 0.0, 1.0, 1.0, tuple(values), (0.0, 0.0, 0.0), 1.0).outline()
+    heights = 1 - np.interp(places, [x for x, _ in points], [y for _, y in points])
+    assert heights == pytest.approx(values, abs=ROUNDING)
+    assert len(Ramp(0.0, 0.0, 1.0, 1.0, ((0.5, 0.5, 0.5),) * len(values)).stops()) == 2
 
 
 @pytest.mark.parametrize(

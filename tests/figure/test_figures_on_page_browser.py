@@ -39,6 +39,10 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     make.click()
     page.get_by_text("the figure's dpi must be 20 to 2400 pixels per inch").wait_for()
     page.get_by_label("pixels per inch").fill("100")
+    page.get_by_label("labels, each TEXT@I,J,K").fill("nose")
+    make.click()
+    page.get_by_text("labels: give TEXT@I,J,K in each line").wait_for()
+    page.get_by_label("labels, each TEXT@I,J,K").fill("nose@12,1,14\nall@12,16,14")
     page.get_by_label("width, cm").fill("2.54")
     page.get_by_label("title", exact=True).fill("A small head")
     page.get_by_label("kind").click()
@@ -49,7 +53,7 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     root = ElementTree.parse(Path(download.value.path())).getroot()
     assert root.attrib["width"] == "1in"
     texts = [element.text for element in root.iter() if element.text]
-    assert {"A small head", "R", "L", "S", "I"} <= set(texts)
+    assert {"A small head", "nose", "all", "R", "L", "S", "I"} <= set(texts)
     assert page.get_by_text("the figure's dpi").count() == 0
 
 

@@ -7,12 +7,12 @@ import threading
 
 from nicegui import context, ui
 
-from volsplat.client.figure.figure import Figure, figure_with
+from volsplat.client.figure.figure import Figure, figure_with, label_from_text
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
 from volsplat.client.ui.viewing.saving import FIGURE_KINDS, figure_bytes
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.protocol.description.scene_key import Key, Switch, declarations
-from volsplat.protocol.text.errors import VolsplatError
+from volsplat.protocol.text.errors import BadInput, VolsplatError
 
 WIDTH = 8.5  # cm: of a journal's column
 
@@ -34,6 +34,7 @@ class FigureDialog:
                     if isinstance(declared.key, Key) and isinstance(declared.key.widget, Switch)
                 }
             self._title = ui.input("title").props("dense").classes("w-full")
+            self._labels = ui.textarea("labels, each TEXT@I,J,K").props("dense autogrow rows=1").classes("w-full")
             with ui.row():
                 self._width = ui.number("width, cm", value=WIDTH).props("dense")
                 self._dpi = ui.number("pixels per inch", value=usual.dpi).props("dense")
@@ -75,5 +76,9 @@ class FigureDialog:
             "dpi": self._dpi.value,
             "text_size": self._text_size.value,
         }
+        try:
+            given["labels"] = [label_from_text(line) for line in self._labels.value.splitlines() if line.strip()]
+        except ValueError as error:
+            raise BadInput("labels: give TEXT@I,J,K in each line, as in nose@128,8,60 for a voxel") from error
         given |= {name: switch.value for name, switch in self._switches.items()}
         return figure_with(Figure(), {name: value for name, value in given.items() if value is not None})
