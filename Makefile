@@ -32,7 +32,7 @@ COMPILING := 3 of 3: volsplat and what it needs; compiling its kernels takes a m
 
 $(INSTALLED): $(BUILD_INPUTS) $(TORCH)
 	@echo "$(COMPILING)"
-	$(PIP) install -c constraints.txt '.[torch,ui,formats]'
+	$(PIP) install -c constraints.txt '.[torch,ui,formats,pdf]'
 	@touch $@
 
 # With build tools that stay where they are, only what has changed is compiled again: pip would load them into a new

@@ -142,7 +142,7 @@ def figure_with(figure: Figure, options: Mapping[str, Any]) -> Figure:
             given["ink"] = colour_from_text(ink)
         return msgspec.convert({name: getattr(figure, name) for name in names} | given, Figure)
     except ValueError as error:
-        raise BadInput(f"the figure's {printable(str(error))}") from error
+        raise BadInput(f"figure: {printable(str(error))}") from error
 
 
 BARE = Figure(scale_bar=False, colour_bar=False, sides=False)

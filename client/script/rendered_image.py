@@ -99,6 +99,9 @@ class RenderedFigure:
         """For notebooks."""
         return bytes_of(".png", self.save)
 
+    def __repr__(self) -> str:
+        return f"<volsplat figure of {self.image!r}>"
+
 
 def _save(
     path: Path, picture: NDArray[np.float32], scene: Scene, volume: SurveyedVolume, figure: Figure | None

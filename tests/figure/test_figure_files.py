@@ -140,7 +140,7 @@ def test_the_fonts_have_what_is_said_of_them() -> None:
 @pytest.mark.parametrize(
     ("options", "line"),
     [
-        ({"dpi": 3}, "the figure's dpi must be 20 to 2400 pixels per inch, not 3"),
+        ({"dpi": 3}, "figure: dpi must be 20 to 2400 pixels per inch, not 3"),
         ({"ink": "inkish"}, "inkish"),
         ({"labels": [("nose", (1, 2))]}, "labels"),
         ({"size": 4}, "a figure has no size; it has scale_bar, colour_bar"),

@@ -37,7 +37,7 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     make = page.get_by_role("button", name="make the figure")
     page.get_by_label("pixels per inch").fill("5")
     make.click()
-    page.get_by_text("the figure's dpi must be 20 to 2400 pixels per inch").wait_for()
+    page.get_by_text("figure: dpi must be 20 to 2400 pixels per inch").wait_for()
     page.get_by_label("pixels per inch").fill("100")
     page.get_by_label("labels, each TEXT@I,J,K").fill("nose")
     make.click()
@@ -54,7 +54,7 @@ def test_a_figure_is_made_of_the_picture_as_it_stands(page: Page) -> None:
     assert root.attrib["width"] == "1in"
     texts = [element.text for element in root.iter() if element.text]
     assert {"A small head", "nose", "all", "R", "L", "S", "I"} <= set(texts)
-    assert page.get_by_text("the figure's dpi").count() == 0
+    assert page.get_by_text("figure: dpi").count() == 0
 
 
 def test_colours_are_shown_over_the_picture_and_stay_so(page: Page) -> None:
