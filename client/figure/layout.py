@@ -29,6 +29,7 @@ def sized(figure: Figure, scene: Scene, volume: SurveyedVolume) -> Scene:
     if figure.width == "auto":
         if figure.height != "auto":
             raise BadInput("a figure's height needs its width; give both, in cm")
+        _title_size(figure, scene.image.width)
         return scene
     width = figure.pixels(figure.width)
     _title_size(figure, width)

@@ -213,6 +213,18 @@ def test_a_job_tells_how_far_it_is_and_ends_whole(gated: Gated, tmp_path: Path) 
     assert len(list((tmp_path / "turn").iterdir())) == 3
 
 
+def test_a_movie_of_figures_has_the_plain_pictures_in_it(single: SingleProcess, tmp_path: Path) -> None:
+    about = Figure(scale_bar=False, sides=False, title="h", dpi=60)
+    for folder, figure in (("plain", None), ("figures", about)):
+        job = MovieJob(single, turn(single, 2), tmp_path / folder, figure=figure)
+        job.join()
+        assert job.whole, job.error
+    plain, figures = (read_image(tmp_path / folder / "frame-00002.png") for folder in ("plain", "figures"))
+    height, width, _ = plain.shape
+    below = next(n for n in range(figures.shape[0]) if torch.equal(figures[n : n + height], plain))
+    assert figures.shape[1] == width and 0 < below < figures.shape[0] - height
+
+
 def test_a_cancelled_job_ends_with_the_frame_and_leaves_nothing(gated: Gated, tmp_path: Path) -> None:
     job = MovieJob(gated, turn(gated, 50), tmp_path / "turn")
     for _ in range(2):

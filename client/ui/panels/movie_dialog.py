@@ -10,6 +10,7 @@ from pathlib import Path
 
 from nicegui import background_tasks, context, ui
 
+from volsplat.client.figure.figure import Figure
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
@@ -50,6 +51,7 @@ class MovieDialog:
             with ui.row():
                 self._name = ui.input("name", value=name).props("dense")
                 self._kind = ui.select(list(KINDS), value=KINDS[0], label="kind").props("dense")
+            self._as_figures = ui.switch("with scale bar, colours and sides")
             self._trouble = ui.label("").classes("vs-bad").props("role=alert")
             self._bar = ui.linear_progress(0.0, show_value=False).props("rounded")
             self._line = ui.label("").classes("vs-muted")
@@ -93,7 +95,9 @@ class MovieDialog:
         drawing = IdleDrawing(self._viewing.session, self._viewing.loop)
         try:
             path = folder / f"{_file_name(self._name.value)}{self._kind.value}"
-            self._job = MovieJob(drawing, self._scenes(), path, _whole(self._rate, IMAGES_A_SECOND))
+            figure = Figure() if self._as_figures.value else None
+            rate = _whole(self._rate, IMAGES_A_SECOND)
+            self._job = MovieJob(drawing, self._scenes(), path, rate, figure=figure)
         except VolsplatError as error:
             self._trouble.text = _told(error, folder)
             shutil.rmtree(folder)

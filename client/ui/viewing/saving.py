@@ -133,7 +133,13 @@ class MovieJob:
     """
 
     def __init__(
-        self, renderer: Finisher, scenes: Sequence[Scene], path: Path, rate: int = 30, step: Step = Step.F
+        self,
+        renderer: Finisher,
+        scenes: Sequence[Scene],
+        path: Path,
+        rate: int = 30,
+        step: Step = Step.F,
+        figure: Figure | None = None,
     ) -> None:
         """Start making it. Raises BadInput if it could not be written to `path`."""
         check_movie_writable(path)
@@ -147,7 +153,7 @@ class MovieJob:
         self._cancelled = threading.Event()
         self._done = threading.Event()
         self._thread = threading.Thread(
-            target=self._run, args=(renderer, scenes, rate, step), name="movie", daemon=True
+            target=self._run, args=(renderer, scenes, rate, step, figure), name="movie", daemon=True
         )
         self._thread.start()
 
@@ -169,11 +175,11 @@ class MovieJob:
         """Wait until it is done."""
         self._thread.join()
 
-    def _run(self, renderer: Finisher, scenes: Sequence[Scene], rate: int, step: Step) -> None:
+    def _run(self, renderer: Finisher, scenes: Sequence[Scene], rate: int, step: Step, figure: Figure | None) -> None:
         from volsplat.client.movie.movie import MovieCancelled, write_movie
 
         try:
-            write_movie(renderer, scenes, self.path, rate, self._on_progress, self._cancelled.is_set, step)
+            write_movie(renderer, scenes, self.path, rate, self._on_progress, self._cancelled.is_set, step, figure)
             self.whole = True
             self.line = f"{self._frames} images"
         except MovieCancelled:
