@@ -29,6 +29,7 @@ BLACK: Colour = (0.0, 0.0, 0.0)
 WHITE: Colour = (1.0, 1.0, 1.0)
 CM_PER_INCH = 2.54
 POINTS_PER_INCH = 72
+DPI = Limits(20.0, 2400.0)
 
 
 class Figure(Part, frozen=True):
@@ -72,9 +73,7 @@ class Figure(Part, frozen=True):
             "cm",
         ),
     ] = "auto"
-    dpi: Annotated[
-        float, Key("Pixels of the picture per inch.", PartOf("dpi"), Limits(20.0, 2400.0), "pixels per inch")
-    ] = 300.0
+    dpi: Annotated[float, Key("Pixels of the picture per inch.", PartOf("dpi"), DPI, "pixels per inch")] = 300.0
     text_size: Annotated[
         float, Key("How large the words are.", Slide("text", step=0.5), Limits(3.0, 72.0), "points")
     ] = 7.0

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from nicegui import background_tasks, context, ui
 
-from volsplat.client.figure.figure import Figure
+from volsplat.client.figure.figure import DPI, POINTS_PER_INCH, Figure
 from volsplat.client.movie.key_frames import key_framed, turntable
 from volsplat.client.scene.resized import sized
 from volsplat.client.ui.viewing.idle_drawing import IdleDrawing
@@ -25,6 +25,7 @@ IMAGES = (2, 10_000)  # least and most
 IMAGES_A_SECOND = (1, 120)
 PIXELS = (16, LARGEST_EXTENT)
 LONGEST_NAME = 100
+LINES = 32  # of words as high as the picture
 SECONDS_BETWEEN_LOOKS = 0.2
 
 
@@ -95,9 +96,9 @@ class MovieDialog:
         drawing = IdleDrawing(self._viewing.session, self._viewing.loop)
         try:
             path = folder / f"{_file_name(self._name.value)}{self._kind.value}"
-            figure = Figure() if self._as_figures.value else None
-            rate = _whole(self._rate, IMAGES_A_SECOND)
-            self._job = MovieJob(drawing, self._scenes(), path, rate, figure=figure)
+            scenes, rate = self._scenes(), _whole(self._rate, IMAGES_A_SECOND)
+            figure = _figure(scenes[0]) if self._as_figures.value else None
+            self._job = MovieJob(drawing, scenes, path, rate, figure=figure)
         except VolsplatError as error:
             self._trouble.text = _told(error, folder)
             shutil.rmtree(folder)
@@ -149,6 +150,13 @@ class MovieDialog:
 
 def _number(label: str, value: int | None) -> ui.number:
     return ui.number(label, value=value, precision=0).props("dense")
+
+
+def _figure(scene: Scene) -> Figure:
+    """Whose words are in proportion to the picture: nobody prints it."""
+    words = min(scene.image.width, scene.image.height) / LINES
+    dpi = words * POINTS_PER_INCH / Figure().text_size
+    return Figure(dpi=min(max(dpi, DPI.least), DPI.most))
 
 
 def _whole(field: ui.number, limits: tuple[int, int]) -> int:
