@@ -39,6 +39,7 @@ ALIVE_PATH = "/alive"  # where a page asks whether anybody is there
 STATIC_PATH = "/volsplat/static"
 MODULES_PATH = f"/_nicegui/{nicegui.__version__}/esm"  # the same, as components import it
 CHECK_SECONDS = 1.0  # between looks at whether a page is open
+LOADING_SECONDS = 30.0  # that a browser may take from the page to its viewport
 
 
 class _Server(uvicorn.Server):
@@ -60,11 +61,15 @@ class _Server(uvicorn.Server):
 
 
 class OpenPages:
-    """How many viewports are open, and since when none is."""
+    """How many viewports are open, and since when none is or is on its way."""
 
     def __init__(self) -> None:
         self._open = 0
         self._none_since = time.monotonic()
+
+    def coming(self) -> None:
+        """Somebody has asked for the page. Its viewport opens once the browser has all that the page is made of."""
+        self._none_since = max(self._none_since, time.monotonic() + LOADING_SECONDS)
 
     @asynccontextmanager
     async def one_more(self) -> AsyncIterator[None]:
@@ -169,6 +174,7 @@ class Application:
                 return RedirectResponse(".", status_code=303)
             except (BadInput, ValueError) as error:
                 ui.notify(str(error), type="warning", timeout=0, close_button=True)
+        self._pages.coming()
         self._build_page(self._viewing)
         return None
 

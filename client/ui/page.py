@@ -6,6 +6,7 @@ from nicegui import ui
 
 from volsplat.client.ui.panels.colour_bar import ColourBar
 from volsplat.client.ui.panels.drawers import Drawers
+from volsplat.client.ui.panels.folding import Folding
 from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
@@ -49,6 +50,7 @@ def page(viewing: Viewing) -> None:
             tables_panel(viewing)
         with ui.element("footer").classes("vs-foot").props("role=contentinfo"):
             servers_panel(viewing)
+        Folding()
 
 
 def _theme_button() -> None:

@@ -91,6 +91,8 @@ TABLES: dict[str, str] = {
     declared.name: declared.key.title for declared in declarations(Tables) if isinstance(declared.key, Section)
 }
 """What a person calls each table, by its name in the scene."""
+TABLE_WORDS = {table: called.split()[0].capitalize() for table, called in TABLES.items()}
+"""The same in one word."""
 
 
 def why_unused(table: str, scene: Scene) -> str:

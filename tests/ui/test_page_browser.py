@@ -86,8 +86,8 @@ def test_the_bars_under_the_opacity_are_tinted_where_reflected_light_is_by_the_s
     tinted = page.locator('section[aria-label="Opacity"] .vs-tinted')
     expect(tinted).to_have_count(1)
     for control, count in (
-        (page.get_by_role("radio", name="refl by gradient strength"), 0),
-        (page.get_by_role("radio", name="refl by density"), 1),
+        (page.get_by_role("radio", name="Reflected by gradient strength"), 0),
+        (page.get_by_role("radio", name="Reflected by density"), 1),
         (page.get_by_role("switch", name="diffuse"), 1),
         (page.get_by_role("switch", name="specular"), 0),  # now nothing is reflected
         (page.get_by_role("switch", name="diffuse"), 1),

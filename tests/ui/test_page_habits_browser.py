@@ -157,3 +157,24 @@ def test_a_stalled_line_is_told_by_one_voice_and_what_the_hand_did_meanwhile_is_
         expect(status).to_be_hidden()
 
     assert not torch.equal(after(page, drag_while_it_stands_still), before)
+
+
+# -- panels that are folded
+
+
+def test_a_panel_is_folded_by_its_heading_also_by_keys_and_after_loading_anew(page: Page) -> None:
+    heading = page.get_by_role("button", name="Shading", exact=True)
+    wire = page.get_by_role("radio", name="Opacity by density")
+    assert wire.is_visible() and heading.get_attribute("aria-expanded") == "true"
+    heading.click()
+    wire.wait_for(state="hidden")
+    opened(page, page.url)
+    wire.wait_for(state="hidden")
+    heading.focus()
+    page.keyboard.press("Enter")
+    wire.wait_for(state="visible")
+
+
+def test_cells_of_the_cross_bar_are_large_enough_for_a_finger(page: Page) -> None:
+    sizes = [box(cell) for cell in page.locator(".vs-wires input").all()]
+    assert len(sizes) == 44 and all(size["width"] >= 24 and size["height"] >= 24 for size in sizes)

@@ -32,9 +32,11 @@ def panel_style() -> None:
         ui.add_css(STYLE)
 
 
-def title(text: str) -> ui.label:
-    """The heading of a panel."""
-    return ui.label(text).classes("vs-title").props("role=heading aria-level=2")
+def title(text: str) -> None:
+    """The heading of a panel, which folds and unfolds it (see folding.js)."""
+    with ui.element("div").classes("vs-title").props("role=heading aria-level=2"):
+        with ui.element("button").classes("vs-fold").props("type=button aria-expanded=true"):
+            ui.label(text)
 
 
 def show_prop(element: Element, name: str, value: Any) -> None:

@@ -24,10 +24,11 @@ from volsplat.protocol.description.scene_keys import KEYS, SceneKey
 class ScenePanel(NamedTuple):
     name: str
     title: str  # "" if a control brings its own
-    sections: tuple[str, ...]
+    sections: tuple[str, ...]  # of the scene's keys, or single keys, which then stand nowhere else
 
 
 PANELS = (
+    ScenePanel("window", "Window", ("quantise.window",)),
     ScenePanel("shading", "Shading", ("cross_bar", "shading", "light")),
     ScenePanel("view", "View", ("view",)),
     ScenePanel("bounds", "", ("bounds",)),
@@ -63,7 +64,7 @@ def _section(editor: SceneEditor, viewing: Viewing, section: str) -> None:
     """Switches share a row, as do keys their control; the first of them has its place."""
     groups: dict[str, list[SceneKey]] = {}
     for key in KEYS.values():
-        if key.section == section and _has_effect(key, viewing):
+        if section == _place_of(key) and _has_effect(key, viewing):
             groups.setdefault(_group_of(key), []).append(key)
     for name, keys in groups.items():
         if name in CONTROLS:
@@ -72,6 +73,12 @@ def _section(editor: SceneEditor, viewing: Viewing, section: str) -> None:
             with ui.element("div").classes("vs-switches") if len(keys) > 1 else nullcontext():
                 for key in keys:
                     key_control(editor, key)
+
+
+def _place_of(key: SceneKey) -> str:
+    """What a panel names to have it: the key itself if one does, else its section."""
+    alone = any(key.place in panel.sections for panel in PANELS)
+    return key.place if alone else key.section
 
 
 def _group_of(key: SceneKey) -> str:

@@ -52,7 +52,7 @@ class ChipState:
 
 
 class StepChips(Element, component="step_chips_component.js", esm=MODULES):
-    """One chip a step: its letter, the milliseconds that it took, and a bar that fills while it is drawn.
+    """One chip a step: its letter, a bar that fills while it is drawn, and to who points at it what it took.
 
     It changes with every picture; NiceGUI would go over the whole page for that, so the browser is told by a call.
     """
@@ -104,7 +104,7 @@ class StepsState:
 
 
 def milliseconds(seconds: float) -> str:
-    """Short enough to stand beneath a letter."""
+    """As short as can be."""
     if seconds >= 9.95:
         return f"{seconds:.0f} s"
     return f"{seconds:.1f} s" if seconds >= 0.9995 else f"{1000 * seconds:.0f} ms"

@@ -33,10 +33,9 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.volume.field_axis import field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene
-from volsplat.protocol.description.scene_keys import TABLES, why_unused
+from volsplat.protocol.description.scene_keys import TABLE_WORDS, why_unused
 
 STYLE = STATIC / "tables" / "table_editor.css"
-TITLES = {table: called.split()[0].capitalize() for table, called in TABLES.items()}
 LEAST_OPACITY = 0.001  # of the slider for all opacities, whose scale is logarithmic: fog needs the small ones
 STEPS = 5
 
@@ -61,7 +60,7 @@ class TablesPanel:
         self._histogram = lru_cache(maxsize=8)(partial(field_histogram, volume))
         with ui.element("section").classes("vs-panel vs-tables").props('aria-label="tables"'):
             self._build_head()
-            self._editors = {which: self._build_table(which) for which in TITLES}
+            self._editors = {which: self._build_table(which) for which in TABLE_WORDS}
         context.client.on_delete(model.subscribe(self._follow))
 
     # -- building
@@ -98,13 +97,13 @@ class TablesPanel:
     def _build_table(self, which: str) -> TableEditor:
         scene = self._model.scene
         editor = TableEditor(
-            TITLES[which],
+            TABLE_WORDS[which],
             _table_of(scene, which),
             self._field(scene, which),
             on_change=lambda table, settled: self._change(which, lambda _: table, settled),
             on_file=lambda name, text: self._load(which, name, text),
         )
-        with editor, _icon_button("more_vert", f"{TITLES[which]}: more"), ui.menu().classes("vs-menu") as menu:
+        with editor, _icon_button("more_vert", f"{TABLE_WORDS[which]}: more"), ui.menu().classes("vs-menu") as menu:
             edits: dict[str, Callable[[Table], Table]] = {
                 "Ramp up": ramp,
                 "Ramp down": partial(ramp, rising=False),
@@ -131,7 +130,7 @@ class TablesPanel:
     def _build_steps(self, which: str) -> None:
         with ui.element("div").classes("vs-menu-row"):
             bands = ui.input(value=str(STEPS)).props("dense outlined hide-bottom-space inputmode=numeric")
-            bands.classes("vs-field vs-short").props["aria-label"] = f"{TITLES[which]}: number of steps"
+            bands.classes("vs-field vs-short").props["aria-label"] = f"{TABLE_WORDS[which]}: number of steps"
 
             def make() -> None:
                 try:
@@ -242,7 +241,7 @@ def _chosen_value(table: Table, selected: int) -> tuple[float, ...]:
 def _tint(scene: Scene, which: str) -> str:
     """Opacity tells how much is seen of which colour, if both are by the same field."""
     alike = which == "opac" and scene.cross_bar.opac is scene.cross_bar.refl
-    return TITLES["refl"] if alike and not why_unused("refl", scene) else ""
+    return TABLE_WORDS["refl"] if alike and not why_unused("refl", scene) else ""
 
 
 def _icon_button(icon: str, label: str, on_click: Callable[[], object] | None = None) -> ui.button:

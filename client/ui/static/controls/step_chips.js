@@ -30,12 +30,11 @@ class Chip {
   constructor(letter, title) {
     this.element = part("vs-step");
     this.element.dataset.step = letter;
-    this.element.title = title;
-    this.time = part("vs-step-time");
+    this.title = title;
     this.bar = part("vs-step-bar");
     const track = part("vs-step-track");
     track.append(this.bar);
-    this.element.append(part("vs-step-letter", letter), this.time, track);
+    this.element.append(part("vs-step-letter", letter), track);
   }
 
   /** @param {ChipState} state */
@@ -43,7 +42,8 @@ class Chip {
     this.element.classList.toggle("vs-now", current);
     this.element.classList.toggle("vs-done", finished);
     this.element.setAttribute("aria-current", current ? "step" : "false");
-    if (this.time.textContent !== time) this.time.textContent = time;
+    const title = time ? `${this.title} (${time})` : this.title;
+    if (this.element.title !== title) this.element.title = title;
     this.#fill(fill);
   }
 
