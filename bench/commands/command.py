@@ -10,6 +10,7 @@ SUMMARIES = {
     "paper": "The paper's timing table beside this machine's.",
     "scaling": "How a frame's time grows with voxels, pixels and servers, and what limits it.",
     "hosts": "Splat servers on hosts of their own, over links of a given rate.",
+    "links": "What a link carries, by each way that links go, and what TLS costs.",
     "kernels": "Voxels, splats and pixels a second on one core, beside the machine's floors.",
     "peers": "volsplat and VTK's CPU ray caster draw the same pictures.",
     "quality": "How good the pictures are: against rays cast in float64, from many sides, beside what they cost.",

@@ -133,6 +133,12 @@ def test_aborts_are_timed(person: Person) -> None:
     assert len(found.figures) == 4
 
 
+def test_links_are_measured_by_each_way(person: Person) -> None:
+    found, markdown, _ = measured(person, "links", "--rounds", "2")
+    assert len(found.figures) == 3 * 5 and "TLS 1.3" in markdown
+    assert all(one.median > 0 for one in found.figures if one.unit == "s" and "processor" not in one.name)
+
+
 def test_images_are_weighed(person: Person) -> None:
     found, _, _ = measured(person, "images", *PHANTOM, "--images", "3", "--image", "100")
     size = {one.name: one.median for one in found.figures if one.unit == "B"}
