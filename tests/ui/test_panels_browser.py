@@ -27,6 +27,7 @@ from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.panels.light_controls import screen_direction
 from volsplat.protocol.description.scene import Bounds, Field, FinestStep, Kernel, Order, Scene, Step
+from volsplat.protocol.description.scene_keys import TABLE_WORDS
 from volsplat.protocol.description.view_rotation import VIEW_NAMES, named_view
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.refinement import PAPER_STEPS
@@ -147,7 +148,7 @@ def tab(browser_page: Page, url: str) -> Tab:
     ("table", "field"), [("opac", Field.GRID_K), ("emit", Field.SCREEN_Z), ("modu", Field.DENSITY)]
 )
 def test_one_click_wires_a_table_to_a_field(tab: Tab, table: str, field: Field) -> None:
-    wire = tab.page.get_by_role("radio", name=f"{table} by {field.value.replace('-', ' ')}")
+    wire = tab.page.get_by_role("radio", name=f"{TABLE_WORDS[table]} by {field.value.replace('-', ' ')}")
     before = tab.scene.cross_bar
     wire.click()
     after = tab.becomes(lambda scene: getattr(scene.cross_bar, table), field).cross_bar
@@ -409,7 +410,7 @@ def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:
     tab.types("highest density", "123.5")
     window = tab.until(lambda state: state.scene.quantise.window != "auto").quantise.window
     assert window[1] == 123.5 and f"{float(window[0]):.5g}" == automatic[0]
-    tab.button("automatic", "image").click()
+    tab.button("automatic", "window").click()
     tab.becomes(lambda scene: scene.quantise.window, "auto")
     tab.page.wait_for_function(
         "value => document.querySelector('[aria-label=\"highest density\"]').value === value", arg=automatic[1]
@@ -419,7 +420,7 @@ def test_the_density_window_is_typed_and_automatic_again(tab: Tab) -> None:
 def test_the_density_window_holds_as_many_voxels_as_asked(tab: Tab) -> None:
     windows: dict[str, tuple[float, float]] = {}
     for button in ("all", "1–99 %", "5–95 %"):
-        tab.button(button, "image").click()
+        tab.button(button, "window").click()
         tab.page.wait_for_selector(f'[aria-pressed="true"]:has-text("{button}")')
         chosen = tab.until(lambda state: state.scene.quantise.window not in ("auto", *windows.values())).quantise.window
         assert chosen != "auto"
@@ -428,7 +429,7 @@ def test_the_density_window_holds_as_many_voxels_as_asked(tab: Tab) -> None:
     assert windows["all"][0] <= windows["1–99 %"][0] <= windows["5–95 %"][0]
     assert windows["5–95 %"][1] <= windows["1–99 %"][1] <= windows["all"][1]
     assert tab.page.locator('[aria-pressed="true"]:has-text("all")').count() == 0
-    tab.button("automatic", "image").click()
+    tab.button("automatic", "window").click()
     tab.becomes(lambda scene: scene.quantise.window, "auto")
 
 

@@ -1,7 +1,7 @@
 """The panels of the scene's keys: no key without a control, no control without a key."""
 
 from volsplat.client.ui.controls.key_controls import MEANT_NUMBERS
-from volsplat.client.ui.panels.scene_panels import CONTROLS, PANELS
+from volsplat.client.ui.panels.scene_panels import CONTROLS, PANELS, place_of
 from volsplat.protocol.description.scene_key import PartOf, Slide
 from volsplat.protocol.description.scene_keys import KEYS
 
@@ -9,9 +9,9 @@ TABLES = PartOf("tables")  # which tables_panel.py builds
 
 
 def test_every_key_is_in_one_panel() -> None:
-    sections = [section for panel in PANELS for section in panel.sections]
-    assert len(sections) == len(set(sections))
-    assert {key.section for key in KEYS.values() if key.widget != TABLES} == set(sections)
+    parts = [part for panel in PANELS for part in panel.sections]
+    assert len(parts) == len(set(parts))
+    assert {place_of(key) for key in KEYS.values() if key.widget != TABLES} == set(parts)
 
 
 def test_every_control_that_a_key_names_is_there_and_nothing_else() -> None:

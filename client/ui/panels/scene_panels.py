@@ -64,7 +64,7 @@ def _section(editor: SceneEditor, viewing: Viewing, section: str) -> None:
     """Switches share a row, as do keys their control; the first of them has its place."""
     groups: dict[str, list[SceneKey]] = {}
     for key in KEYS.values():
-        if section == _place_of(key) and _has_effect(key, viewing):
+        if section == place_of(key) and _has_effect(key, viewing):
             groups.setdefault(_group_of(key), []).append(key)
     for name, keys in groups.items():
         if name in CONTROLS:
@@ -75,7 +75,7 @@ def _section(editor: SceneEditor, viewing: Viewing, section: str) -> None:
                     key_control(editor, key)
 
 
-def _place_of(key: SceneKey) -> str:
+def place_of(key: SceneKey) -> str:
     """What a panel names to have it: the key itself if one does, else its section."""
     alone = any(key.place in panel.sections for panel in PANELS)
     return key.place if alone else key.section
