@@ -22,12 +22,22 @@ def given(module: ast.Module) -> Counter[str]:
             case ast.Assign(targets=targets):
                 parts = [part for target in targets for part in ast.walk(target) if isinstance(part, ast.Name)]
                 names += [part.id for part in parts if isinstance(part.ctx, ast.Store)]
+            case ast.FunctionDef(decorator_list=[ast.Name(id="overload")]):
+                pass  # one more signature of a function that follows
             case ast.AnnAssign(target=ast.Name(id=name)) | ast.FunctionDef(name=name) | ast.ClassDef(name=name):
                 names.append(name)
     return Counter(names)
 
 
-@pytest.mark.parametrize(("text", "times"), [("A = 1\nA = 2", 2), ("A: int = 1\ndef A(): ...", 2), ("A, B = 1, 2", 1)])
+@pytest.mark.parametrize(
+    ("text", "times"),
+    [
+        ("A = 1\nA = 2", 2),
+        ("A: int = 1\ndef A(): ...", 2),
+        ("A, B = 1, 2", 1),
+        ("@overload\ndef A(): ...\ndef A(): ...", 1),
+    ],
+)
 def test_a_name_is_counted_however_it_is_given(text: str, times: int) -> None:
     assert given(ast.parse(text))["A"] == times
 

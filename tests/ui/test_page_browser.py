@@ -114,7 +114,7 @@ def test_the_shift_moves_what_is_seen_where_a_table_is_by_density(page: Page) ->
     undo = page.get_by_label("undo", exact=True)
     undo.click()
     until(page, lambda: torch.equal(canvas(page), before))
-    for table in ("emit", "refl", "opac"):
+    for table in ("Emitted", "Reflected", "Opacity"):
         expect(shift).to_be_enabled()
         page.get_by_role("radio", name=f"{table} by gradient strength").click()
     expect(shift).to_be_disabled()
