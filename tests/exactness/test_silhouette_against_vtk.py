@@ -6,9 +6,9 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import SimpleITK
 import torch
 from torch import Tensor
-from torch.nn.functional import conv2d
 
 from support.scenes.arbitrary import plain_scene
 from tolerances import MIRRORED_SILHOUETTE, SAME_SILHOUETTE
@@ -133,11 +133,9 @@ def silhouette(alpha: Tensor) -> Tensor:
 
 def dilated(mask: Tensor, radius: float) -> Tensor:
     """All pixels at most `radius` pixels from a mask's."""
-    n = int(radius)
-    y, x = torch.meshgrid(torch.arange(-n, n + 1), torch.arange(-n, n + 1), indexing="ij")
-    disk = (x * x + y * y <= radius * radius).float()
-    reached: Tensor = conv2d(mask[None, None].float(), disk[None, None], padding=n)[0, 0] > 0.5
-    return reached
+    image = SimpleITK.GetImageFromArray(mask.byte().numpy())
+    squared = SimpleITK.SignedMaurerDistanceMap(image, squaredDistance=True, useImageSpacing=False)
+    return torch.from_numpy(SimpleITK.GetArrayFromImage(squared)) <= radius * radius
 
 
 def opened(mask: Tensor, radius: float) -> Tensor:
