@@ -52,6 +52,7 @@ class Besieged:
             self._right = [(scene, bits(single, scene)) for scene in scenes]
         with ExitStack() as unless_up:
             unless_up.enter_context(self._ended)
+            self._servers = self._ended.enter_context(ExitStack())  # which end when no session needs them any more
             tls = encryption is Encryption.ALWAYS
             self.session = self._ended.enter_context(
                 Session(head, workers=2, listen=Address(HOST, 0), spawn=False, token=self.token, tls=tls)
@@ -87,8 +88,8 @@ class Besieged:
     def start(self, name: str, program: Program, *arguments: str, token: Token | None = None) -> None:
         command = [*server_command(program, *arguments), "--threads", "1", *self.encryption.options]
         process = subprocess.Popen(command, env=(token or self.token).added_to(os.environ))
-        self._ended.callback(process.wait, PATIENCE)
-        self._ended.callback(process.terminate)
+        self._servers.callback(process.wait, PATIENCE)
+        self._servers.callback(process.terminate)
         self.processes[name] = psutil.Process(process.pid)
 
     def _start_waiting(self, token: Token) -> None:
