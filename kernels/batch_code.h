@@ -1,4 +1,4 @@
-// How a coded batch says what its runs and packets are: docs/protocol.md, "Coded batches".
+// How a coded batch says what its runs and packets are: docs/how_it_works/protocol.md, "Coded batches".
 #pragma once
 
 #include <array>

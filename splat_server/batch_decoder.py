@@ -1,4 +1,4 @@
-"""Gives coded batches their bytes back (see docs/protocol.md)."""
+"""Gives coded batches their bytes back (see docs/how_it_works/protocol.md)."""
 
 from collections.abc import Sequence
 

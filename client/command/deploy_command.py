@@ -28,8 +28,8 @@ cluster_argument = click.argument("cluster", type=click.Path(path_type=Path))
 def deploy() -> None:
     """Bring up the servers of a cluster file, on one machine or many, and end them.
 
-    What stands in a cluster file is in docs/cluster_file.md. Servers that are up are used by every command that takes
-    --cluster, one after the other.
+    What stands in a cluster file is in docs/reference/cluster_file.md. Servers that are up are used by every command
+    that takes --cluster, one after the other.
     """
 
 

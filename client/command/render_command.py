@@ -84,8 +84,8 @@ def render(
 ) -> None:
     """Draw VOLUME into an image.
 
-    VOLUME is a file or folder in any of the formats of docs/formats.md; what follows a # names a part of it, as in
-    run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
+    VOLUME is a file or folder in any of the formats of docs/reference/formats.md; what follows a # names a part of it,
+    as in run.h5#/entry/density. Without --scene and --preset the scene is chosen from the data.
     """
     figure = figure_of(settings)
     scene_options = SceneOptions.of(settings)

@@ -186,7 +186,9 @@ def _line_of(text: str) -> str:
     """A line of TOML from KEY=VALUE, whose text needs no quotes. Raises BadInput."""
     place, found, value = (part.strip() for part in text.partition("="))
     if not found or not re.fullmatch(r"[a-z_]+(\.[a-z_]+)*", place):
-        raise BadInput(f"--set {text}: give KEY=VALUE, as in shading.specular_power=20; docs/scene.md lists the keys")
+        raise BadInput(
+            f"--set {text}: give KEY=VALUE, as in shading.specular_power=20; docs/reference/scene.md lists the keys"
+        )
     try:
         tomllib.loads(f"{place} = {value}")
     except tomllib.TOMLDecodeError:

@@ -3,9 +3,9 @@
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
 list of instructions that the session carries out. This file holds the servers and the volume that they share, `frames`
 and `probes` what is asked of it; each method says which event or message it takes, and in which phase that may come
-(see handlers; the table is printed in docs/protocol.md). Servers may join and be lost at any time: between two frames
-those that join get a share of the volume, or of the image, and what was lost with a server is taken over by others. A
-server that says what cannot be, or says it in the wrong phase, is cut off.
+(see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join and be lost at any time: between
+two frames those that join get a share of the volume, or of the image, and what was lost with a server is taken over by
+others. A server that says what cannot be, or says it in the wrong phase, is cut off.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,4 +1,4 @@
-"""How many images a second a cluster will draw of a volume, by the model of docs/performance.md."""
+"""How many images a second a cluster will draw of a volume, by the model of docs/how_it_works/performance.md."""
 
 import math
 from collections.abc import Sequence
@@ -10,7 +10,9 @@ from volsplat.deploy.server_command import Program
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume import Index
 
-RATES = Rates(voxel=0.1e-9, packet=10e-9, splat=4e-9, pixel=0.4e-9, frame=5e-3)  # docs/performance.md: the model
+RATES = Rates(
+    voxel=0.1e-9, packet=10e-9, splat=4e-9, pixel=0.4e-9, frame=5e-3
+)  # docs/how_it_works/performance.md: the model
 SHARES = {"a tenth": 0.1, "a hundredth": 0.01}  # of the voxels that show: nested shells, a thin surface
 FILLED = 0.98  # of the image's shorter side, by the ball about the volume
 FOOTPRINT_SIDE = 4.0  # voxels, and pixels at least

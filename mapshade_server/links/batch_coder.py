@@ -1,4 +1,4 @@
-"""Coded batches: what does not follow from the frame's plan, compressed (see docs/protocol.md)."""
+"""Coded batches: what does not follow from the frame's plan, compressed (see docs/how_it_works/protocol.md)."""
 
 from collections.abc import Sequence
 

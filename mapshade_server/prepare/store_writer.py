@@ -25,7 +25,7 @@ from volsplat.mapshade_server.readers.reading.extra import library
 from volsplat.protocol.description.block_extremes import block_dims
 from volsplat.protocol.description.volume import Box, Index
 
-ZSTD_LEVEL = 1  # chosen for speed: docs/prepare.md has the others' rates
+ZSTD_LEVEL = 1  # chosen for speed: docs/howto/prepare.md has the others' rates
 AXES = ("k", "j", "i")
 
 

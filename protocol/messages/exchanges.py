@@ -1,9 +1,9 @@
 """What may be said in an open connection between the client and a server, and when.
 
 The client asks, a server answers: each request opens an exchange, and outside of one a server says no more than that it
-is there, or leaves. Requests declare theirs (see message); the table in docs/protocol.md is drawn from that. Both ends
-keep the exchanges of their connection, so that a message out of turn ends that connection (see connection) and reaches
-nobody.
+is there, or leaves. Requests declare theirs (see message); the table in docs/how_it_works/protocol.md is drawn from
+that. Both ends keep the exchanges of their connection, so that a message out of turn ends that connection (see
+connection) and reaches nobody.
 
 A server works through its requests in order (probes aside). So what it answers of one frame, or of one assignment of
 sub-cubes, ends all exchanges about older ones.

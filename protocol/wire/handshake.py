@@ -1,7 +1,7 @@
 """The handshake: both sides prove that they know the session token without sending it. No socket inside.
 
-The transitions are the table below; the picture in docs/protocol.md is drawn from it. What no table can hold is
-checked before a transition: versions, roles and proofs. An event that is illegal or fails its check raises and
+The transitions are the table below; the picture in docs/how_it_works/protocol.md is drawn from it. What no table can
+hold is checked before a transition: versions, roles and proofs. An event that is illegal or fails its check raises and
 leaves the state as it was.
 
 Each proof is HMAC-SHA256 with the token as key, over the prover's side, both greetings (so both nonces, roles and

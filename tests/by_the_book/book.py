@@ -1,4 +1,4 @@
-"""What docs/image.md makes a picture of, in plain numbers."""
+"""What docs/how_it_works/image.md makes a picture of, in plain numbers."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""A renderer written from docs/image.md alone: if the page does not suffice, its pictures are not the programs'.
+"""A renderer written from docs/how_it_works/image.md alone: if that does not suffice, its pictures are not ours.
 
 It imports nothing of ours, and knows no trick: float64, one sample after the other. Section numbers are the page's.
 """

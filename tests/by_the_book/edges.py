@@ -1,4 +1,4 @@
-"""Section 10 of docs/image.md: what a white edge covers."""
+"""Section 10 of docs/how_it_works/image.md: what a white edge covers."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Section 7 of docs/image.md: kernels, and what of them a ray runs through."""
+"""Section 7 of docs/how_it_works/image.md: kernels, and what of them a ray runs through."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Section 5 of docs/image.md: tables of 256 entries, and the 4096 opacities that there are."""
+"""Section 5 of docs/how_it_works/image.md: tables of 256 entries, and the 4096 opacities that there are."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,4 +1,4 @@
-"""Section 2 of docs/image.md: voxels become 32 bits, and directions come back from them."""
+"""Section 2 of docs/how_it_works/image.md: voxels become 32 bits, and directions come back from them."""
 
 import numpy as np
 from numpy.typing import NDArray

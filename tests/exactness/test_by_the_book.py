@@ -1,4 +1,4 @@
-"""docs/image.md suffices to draw the image: a renderer that was written from it alone draws the programs'."""
+"""docs/how_it_works/image.md suffices to draw the image: what was written from it alone draws the programs'."""
 
 import numpy as np
 import pytest

@@ -2,7 +2,7 @@
 
     cd tests && ../.venv/bin/python -m faults.disk_runs --count 200 --seed 1 --write
 
-prints a line for each time, and with --write puts the table into docs/reliability.md.
+prints a line for each time, and with --write puts the table into docs/how_it_works/reliability.md.
 """
 
 import random
@@ -130,7 +130,7 @@ def _row(kind: str, seen: Sequence[Aftermath]) -> str:
 @click.command()
 @click.option("--count", default=100, help="Times that it fills up (100).")
 @click.option("--seed", type=int, help="What decides the moments (drawn, and printed).")
-@click.option("--write", is_flag=True, help="Put the table into docs/reliability.md.")
+@click.option("--write", is_flag=True, help="Put the table into docs/how_it_works/reliability.md.")
 def main(count: int, seed: int | None, write: bool) -> None:
     seed = random.randrange(1 << 30) if seed is None else seed
     print(f"seed {seed}", flush=True)

@@ -2,7 +2,7 @@
 
     cd tests && ../.venv/bin/python -m faults.fault_runs --count 500 --seed 1 --write [--box]
 
-prints a line for each fault, and with --write puts the table into docs/reliability.md.
+prints a line for each fault, and with --write puts the table into docs/how_it_works/reliability.md.
 """
 
 import contextlib
@@ -239,7 +239,7 @@ def summary(seen: list[Aftermath]) -> str:
 @click.option("--minutes", type=float, default=math.inf, help="But no longer than this.")
 @click.option("--seed", type=int, help="What decides them (drawn, and printed).")
 @click.option("--box", "boxed", is_flag=True, help="In a lab in a box, by the launcher ssh (Linux, root).")
-@click.option("--write", is_flag=True, help="Put the table into docs/reliability.md.")
+@click.option("--write", is_flag=True, help="Put the table into docs/how_it_works/reliability.md.")
 def main(count: int, minutes: float, seed: int | None, boxed: bool, write: bool) -> None:
     seed = random.randrange(1 << 30) if seed is None else seed
     print(f"seed {seed}", flush=True)

@@ -1,4 +1,4 @@
-"""The tables of docs/reliability.md."""
+"""The tables of docs/how_it_works/reliability.md."""
 
 import re
 import statistics
@@ -10,7 +10,7 @@ from support.checkout import ROOT
 if TYPE_CHECKING:
     from faults.fault_runs import Aftermath
 
-PAGE = ROOT / "docs" / "reliability.md"
+PAGE = ROOT / "docs" / "how_it_works" / "reliability.md"
 HEAD = (
     "| what happens | to | faults | whole frames | marked incomplete | wrong | hangs | sessions ended "
     "| median until whole | longest |\n|---|---|---|---|---|---|---|---|---|---|\n"

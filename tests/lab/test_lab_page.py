@@ -1,4 +1,4 @@
-"""docs/lab.md, typed from top to bottom at a desk in a lab of four hosts in a box."""
+"""docs/howto/lab.md, typed from top to bottom at a desk in a lab of four hosts in a box."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from volsplat.program.exit_status import EXIT_INTERRUPTED
 WHY_NOT = why_no_box()
 pytestmark = pytest.mark.skipif(bool(WHY_NOT), reason=WHY_NOT)
 
-PAGE = (ROOT / "docs" / "lab.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "howto" / "lab.md").read_text(encoding="utf-8")
 NODES = ("node1", "node2", "node3")
 NOT_RUN = ("make install", "pip wheel", "for node in")  # test_installation.py installs wheels
 

@@ -44,7 +44,11 @@ def test_half_a_file_is_refused_in_one_line(name: str, tmp_path: Path, capfd: py
 
 @pytest.mark.parametrize("one", FORMATS, ids=lambda one: one.name)
 def test_the_docs_name_the_format(one: VolumeFormat) -> None:
-    tables = [line for line in (ROOT / "docs/formats.md").read_text(encoding="utf-8").splitlines() if line[:2] == "| "]
+    tables = [
+        line
+        for line in (ROOT / "docs/reference/formats.md").read_text(encoding="utf-8").splitlines()
+        if line[:2] == "| "
+    ]
     formats = "\n".join(line.split("|")[1] for line in tables)
     for extension in re.findall(r"\.[\w.]+(?=[,)])", one.name):
-        assert extension in formats, f"docs/formats.md has no {extension} in the first column of its tables"
+        assert extension in formats, f"docs/reference/formats.md has no {extension} in the first column of its tables"

@@ -275,7 +275,9 @@ def test_what_one_side_sends_the_other_receives() -> None:
 
 
 def test_the_page_shows_the_tables_as_they_are() -> None:
-    page = (ROOT / "docs" / "protocol.md").read_text(encoding="utf-8")
-    assert remade(page, PICTURES) == page, "run: python -m support.messages.protocol_pictures ../docs/protocol.md"
+    page = (ROOT / "docs" / "how_it_works" / "protocol.md").read_text(encoding="utf-8")
+    assert remade(page, PICTURES) == page, (
+        "run: python -m support.messages.protocol_pictures ../docs/how_it_works/protocol.md"
+    )
     for picture in PICTURES.values():
         assert picture() in page

@@ -1,7 +1,7 @@
 """What to draw while things move: the best picture that holds the wanted rate, from measured times.
 
 Best is the finest of the paper's steps, lit and with footprints, in as large an image as can be: in half the width and
-height it is still far more like the finished picture than a coarser step of the whole size is (docs/performance.md).
+height it is more like the finished picture than a coarser step of the whole size (docs/how_it_works/performance.md).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a viewport and the client's process say to each other, as JSON (docs/page.md).
+"""What a viewport and the client's process say to each other, as JSON (docs/how_it_works/page.md).
 
 static/viewport/viewport_messages.d.ts has the same for the page, made from this file.
 """

@@ -1,6 +1,6 @@
-"""The pictures of docs/protocol.md, drawn from the tables; in tests/:
+"""The pictures of docs/how_it_works/protocol.md, drawn from the tables; in tests/:
 
-    python -m support.messages.protocol_pictures ../docs/protocol.md
+    python -m support.messages.protocol_pictures ../docs/how_it_works/protocol.md
 
 They stand in the page between "<!-- picture: name -->" and "<!-- end -->", so that page and code cannot drift.
 """

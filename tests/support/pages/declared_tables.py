@@ -1,4 +1,4 @@
-"""The tables of docs/scene.md, page.md and figures, made from what is declared; in tests/:
+"""The tables of docs: the scene, the page and figures, made from what is declared; in tests/:
 
     python -m support.pages.declared_tables
 
@@ -18,7 +18,7 @@ from volsplat.client.ui.viewport.viewport_messages import PageMessage, ProcessMe
 from volsplat.protocol.description.scene_key import Key, declarations
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
 
-PAGES = tuple(ROOT / "docs" / page for page in ("scene.md", "page.md", "figures/figures.md"))
+PAGES = tuple(ROOT / "docs" / page for page in ("reference/scene.md", "how_it_works/page.md", "howto/figures.md"))
 
 
 def scene_tables() -> str:

@@ -1,6 +1,6 @@
 """How far a slab of voxels is equally opaque from every side: thick opacities, and unequal spacings.
 
-Prints the tables of docs/properties.md. Run it in tests/: `python -m support.scenes.opacity_by_direction`.
+Prints the tables of docs/how_it_works/properties.md. Run it in tests/: `python -m support.scenes.opacity_by_direction`.
 """
 
 import itertools
