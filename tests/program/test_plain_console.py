@@ -95,7 +95,7 @@ COMMANDS = {
     "phantom": ("phantom", "shells", "-o", f"{NAME}.nrrd", "--size", "8"),
     "prepare": ("prepare", "a[/b]x.nrrd", f"{NAME}.zarr"),
     "info": ("info", f"{MARKED}.nrrd"),
-    "gallery": ("gallery", f"{NAME}/no/folder"),
+    "gallery": ("gallery", f"{MARKED}.nrrd"),  # which is no folder
     "no volume": ("render", f"{NAME}[/b]", "-o", "x.png"),
     "no such preset": ("view", "a[/b]x.nrrd", "--preset", NAME),
     "no such step": ("render", "a[/b]x.nrrd", "-o", "x.png", "--step", NAME),
