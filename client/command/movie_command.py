@@ -145,7 +145,10 @@ def movie(
                 from volsplat.client.figure.layout import sized
                 from volsplat.client.movie.movie import write_movie
             scenes = scenes_of(renderer.volume)
+            unsuited = options.why_unsuited(renderer.volume)
             write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step), figure)
             width, height = FrameFigure(figure or BARE, scenes, renderer.volume).extent
     seconds = time.perf_counter() - began
+    if unsuited:
+        console.say(f"note: {unsuited}")
     console.say(f"{output}: {frames} images of {width}x{height}, {seconds:.1f} s")

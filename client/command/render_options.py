@@ -20,6 +20,7 @@ from volsplat.client.scene.colour_maps import colormap
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.presets import PRESETS, preset_scene
 from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
+from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.colours import colour_from_text
@@ -90,6 +91,10 @@ class SceneOptions:
         scene file before anything is started.
         """
         return self._changed(self._under_options(volume))
+
+    def why_unsuited(self, volume: SurveyedVolume) -> str | None:
+        """A line for a person whose preset does not suit the volume."""
+        return None if self.preset is None else why_unsuited(self.preset, volume.subject())
 
     def key_scenes(self, volume: SurveyedVolume | None, keys: Sequence[Path]) -> list[Scene]:
         """As `scene_of`, with each of these scene files in its turn over the scene, and under the options."""

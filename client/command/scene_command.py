@@ -43,6 +43,8 @@ def scene(source: str | None, **settings: Any) -> None:
     volume = None
     if not _shows_a_scene(source):
         volume = _surveyed(source)
+        if why := options.why_unsuited(volume):
+            PlainConsole(stderr=True).say(f"note: {why}")
     elif options.scene is None:
         options = SceneOptions(Path(source), options.preset, options.changes, options.more)
     else:

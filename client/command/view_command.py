@@ -147,6 +147,8 @@ def _serve(
         from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 
     first = options.scene_of(session.volume)
+    if why := options.why_unsuited(session.volume):
+        console.say(f"note: {why}")
     if options.scene is None:
         first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
     viewing = opened_viewing(session, first)

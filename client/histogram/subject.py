@@ -54,6 +54,10 @@ class Subject:
         return recognised_ct(self.histogram) if self.kind in (Kind.CT, Kind.UNKNOWN) else None
 
 
+def histogram_of(subject: Subject | None) -> DensityHistogram | None:
+    return subject.histogram if subject else None
+
+
 def subject_of(
     description: VolumeDescription,
     survey: Survey,

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import Any, overload
 
 from volsplat.client.caller.arguments import checked_scene, checked_step
 from volsplat.client.figure.figure import Figure
 from volsplat.client.scene.presets import preset_scene
+from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.script.rendered_image import RenderedFigure, RenderedImage
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import Session
@@ -22,6 +24,10 @@ from volsplat.protocol.description.scene import Scene, Step
 GRACE_SECONDS = 600.0
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 NOTEBOOK_SHELL = "ZMQInteractiveShell"  # IPython's, of a kernel; a terminal's cannot show pictures
+
+
+class UnsuitedPreset(UserWarning):
+    """The preset is made for another kind of data than the volume says that it is."""
 
 
 @overload
@@ -132,8 +138,16 @@ def _scene(volume: SurveyedVolume, scene: Scene | str | None, changes: dict[str,
     if scene is None:
         base = volume.default_scene()
     else:
-        base = preset_scene(scene, volume.subject()) if isinstance(scene, str) else checked_scene(scene)
+        base = _preset(volume, scene) if isinstance(scene, str) else checked_scene(scene)
     return base.with_(**changes)
+
+
+def _preset(volume: SurveyedVolume, name: str) -> Scene:
+    subject = volume.subject()
+    scene = preset_scene(name, subject)
+    if why := why_unsuited(name, subject):
+        warnings.warn(why, UnsuitedPreset, stacklevel=5)
+    return scene
 
 
 def _has_display() -> bool:

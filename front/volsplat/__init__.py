@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from volsplat.client.memory.array_volume import Volume as Volume
     from volsplat.client.scene.colour_maps import colormap as colormap
     from volsplat.client.scene.presets import PRESETS as presets
+    from volsplat.client.script.plotting import UnsuitedPreset as UnsuitedPreset
     from volsplat.client.script.plotting import plot as plot
     from volsplat.client.script.plotting import render as render
     from volsplat.client.script.plotting import view as view
@@ -37,6 +38,7 @@ _ROOMS = {
     "Scene": "volsplat.protocol.description.scene",
     "Session": "volsplat.client.session.session",
     "Step": "volsplat.protocol.description.scene",
+    "UnsuitedPreset": "volsplat.client.script.plotting",
     "Volume": "volsplat.client.memory.array_volume",
     "VolsplatError": "volsplat.protocol.text.errors",
     "colormap": "volsplat.client.scene.colour_maps",
@@ -58,6 +60,7 @@ __all__ = [
     "Scene",
     "Session",
     "Step",
+    "UnsuitedPreset",
     "VolsplatError",
     "Volume",
     "colormap",

@@ -68,5 +68,7 @@ def completed(typed: str) -> list[str]:
 
 def test_a_shell_completes_commands_presets_and_files() -> None:
     assert completed("volsplat m") == ["plain,movie", "plain,mapshade-server"]
-    assert completed("volsplat render head.nrrd --preset ct-") == ["plain,ct-bone", "plain,ct-skin"]
+    assert completed("volsplat render head.nrrd --preset ct-") == [
+        f"plain,ct-{word}" for word in ("angio", "bone", "lung", "skin", "soft-tissue")
+    ]
     assert completed("volsplat render he") == ["file,he"]

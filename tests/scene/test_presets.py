@@ -25,6 +25,7 @@ from volsplat.client.histogram.density_histogram import (
 )
 from volsplat.client.histogram.subject import Subject
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
+from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, View
@@ -57,6 +58,10 @@ SCANS: dict[str, tuple[DensityHistogram, Callable[[float], float]]] = {
 }
 
 
+CT_PRESETS = ["ct-skin", "ct-bone", "surfaces", "ct-soft-tissue", "ct-lung", "ct-angio"]
+SHOWS_BELOW_ZERO = ("seismic", "difference-map", "labels")  # or each value but 0: air, too
+
+
 def opacity_at(scene: Scene, position: float) -> float:
     return scene.tables.opac.entries()[round(min(max(position, 0.0), 1.0) * LAST)]
 
@@ -81,14 +86,14 @@ def test_the_skin_preset_shows_the_boundary_of_air_and_tissue_and_no_air(scan: s
 
 
 @pytest.mark.parametrize("scan", SCANS)
-def test_the_bone_preset_shows_bone_and_no_soft_tissue_in_green_reflected_light(scan: str) -> None:
+def test_the_bone_preset_shows_bone_and_no_soft_tissue_in_ivory(scan: str) -> None:
     histogram, position = SCANS[scan]
     scene = preset_scene("ct-bone", Subject(histogram))
     for clear in (AIR, -500, FAT, TISSUE, 100):
         assert opacity_at(scene, position(clear)) == 0
     assert opacity_at(scene, position(400)) > 0.5
     for red, green, blue in scene.tables.refl.entries():
-        assert green > 1.5 * max(red, blue)
+        assert 0.5 < blue < green < red
 
 
 @pytest.mark.parametrize("name", PRESETS)
@@ -98,7 +103,7 @@ def test_every_preset_shows_some_of_a_scan_but_not_its_air(name: str, scan: str 
     scene = preset_scene(name, Subject(histogram) if histogram else None)
     opacity = scene.tables.opac.entries()
     assert max(opacity) > 0
-    if histogram is not None and name != "seismic" and not (name == "orbital" and zero_position(histogram)):
+    if histogram is not None and name not in SHOWS_BELOW_ZERO and not (name == "orbital" and zero_position(histogram)):
         assert opacity[round(ct_scale(histogram).air * LAST)] == 0
 
 
@@ -193,7 +198,61 @@ def test_the_real_heads_show_their_skin_and_their_bone(shared_data: Path, file: 
 
 @pytest.mark.parametrize("scan", SCANS)
 def test_a_ct_is_suited_by_what_is_made_for_it(scan: str) -> None:
-    assert [name for name in PRESETS if fits(name, Subject(SCANS[scan][0]))] == ["ct-skin", "ct-bone", "surfaces"]
+    assert [name for name in PRESETS if fits(name, Subject(SCANS[scan][0]))] == CT_PRESETS
+
+
+@pytest.mark.parametrize("scan", SCANS)
+@pytest.mark.parametrize(
+    ("name", "seen", "clear"),
+    [
+        ("ct-soft-tissue", (60, 400), (AIR, -500)),
+        ("ct-lung", (-850, -600, -400), (AIR, TISSUE, BONE)),
+        ("ct-angio", (250, 400), (AIR, FAT, TISSUE, 100)),
+    ],
+)
+def test_each_preset_of_a_ct_shows_its_own_hounsfield_units(
+    name: str, seen: tuple[int, ...], clear: tuple[int, ...], scan: str
+) -> None:
+    histogram, position = SCANS[scan]
+    scene = preset_scene(name, Subject(histogram))
+    assert all(opacity_at(scene, position(units)) > 0 for units in seen)
+    assert all(opacity_at(scene, position(units)) == 0 for units in clear)
+
+
+def test_the_presets_of_mr_show_tissue_or_vessels_and_no_background() -> None:
+    """A head: half of it background, tissue about 110 and 170, a hundredth of it vessels."""
+    peaks = ((12, 5, 9000), (110, 10, 3000), (170, 10, 1500))
+    shares = (sum(w * math.exp(-0.5 * ((n - at) / width) ** 2) for at, width, w in peaks) for n in range(LAST + 1))
+    counts = tuple(int(share) + (60 if n > 225 else 0) for n, share in enumerate(shares))
+    known = Subject(DensityHistogram((0.0, 510.0), counts), Kind.MR)
+    t1, t2, vessels = (preset_scene(name, known) for name in ("mr-t1", "mr-t2", "mr-angio"))
+    assert all(opacity_at(scene, 30 / LAST) == 0 for scene in (t1, t2, vessels))
+    assert opacity_at(t1, 110 / LAST) > 0.2 and opacity_at(vessels, 110 / LAST) == 0
+    assert 0 < opacity_at(t2, 110 / LAST) < 0.1 and min(opacity_at(s, 1.0) for s in (t1, t2, vessels)) > 0.7
+
+
+SIGNED = DensityHistogram((-1.0, 1.0), tuple(range(1, 129)) + tuple(range(128, 0, -1)))
+POSITIVE = DensityHistogram((0.0, 4000.0), SIGNED.counts)
+
+
+@pytest.mark.parametrize(
+    ("name", "known", "why"),
+    [
+        ("ct-bone", Subject(POSITIVE, Kind.MR), "is made for CT, and the volume says it is: MR"),
+        ("molecules", Subject(POSITIVE, Kind.CT), "crystallographic map or electron microscopy map or atom density"),
+        ("ct-lung", Subject(SIGNED), "values of -1 to 1 cannot be Hounsfield units"),
+        ("difference-map", Subject(POSITIVE), "values on both sides of 0, and the least here is 0"),
+        ("labels", Subject(POSITIVE), "labels up to 255 apart, and the values here reach 4000"),
+        ("ct-bone", Subject(POSITIVE), None),
+        ("ct-bone", Subject(POSITIVE, Kind.CT), None),
+        ("mr-t1", Subject(POSITIVE), None),
+        ("difference-map", Subject(SIGNED), None),
+        ("depth-cue", Subject(POSITIVE, Kind.MR), None),
+    ],
+)
+def test_a_preset_warns_if_the_file_or_its_values_speak_against_it(name: str, known: Subject, why: str | None) -> None:
+    line = why_unsuited(name, known)
+    assert line is None if why is None else line is not None and why in line and "\n" not in line
 
 
 def test_data_of_both_signs_is_suited_by_what_tells_them_apart() -> None:

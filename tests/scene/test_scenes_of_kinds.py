@@ -319,10 +319,13 @@ def test_any_kind_of_anything_makes_a_scene_that_shows_something(kind: Kind, val
 @pytest.mark.parametrize(
     ("kind", "names"),
     [
-        (Kind.CT, ["ct-skin", "ct-bone", "surfaces"]),
-        (Kind.MR, []),
+        (Kind.CT, ["ct-skin", "ct-bone", "surfaces", "ct-soft-tissue", "ct-lung", "ct-angio"]),
+        (Kind.MR, ["mr-t1", "mr-t2", "mr-angio"]),
+        (Kind.LABELS, ["labels"]),
+        (Kind.DIFFERENCE_MAP, ["difference-map"]),
+        (Kind.CRYSTAL_MAP, ["xray-map", "molecules"]),
         (Kind.ELEMENTS, ["atoms"]),
-        (Kind.EM_MAP, ["molecules"]),
+        (Kind.EM_MAP, ["em-map", "molecules"]),
         (Kind.WAVE_FUNCTION, ["orbital"]),
         (Kind.STRUCTURE_FACTORS, ["structure-factors"]),
         (Kind.SPECTRAL_CUBE, ["galaxy"]),

@@ -57,6 +57,12 @@ def test_presets_are_there_by_name() -> None:
         vs.render(BALL, "ct-bones")
 
 
+def test_a_preset_that_does_not_suit_the_values_is_drawn_with_a_warning_at_the_call() -> None:
+    with pytest.warns(vs.UnsuitedPreset, match="both sides of 0") as told:
+        vs.render(BALL, "difference-map", size=16)
+    assert [warning.filename for warning in told] == [__file__]
+
+
 def test_a_session_that_is_open_is_drawn_by(image: vs.RenderedImage) -> None:
     with vs.open(BALL, workers=1, threads=1) as session:
         drawn = vs.render(session, image.scene)

@@ -36,10 +36,18 @@ def test_the_preset_in_force_is_marked_until_a_table_is_changed(tab: Tab) -> Non
     until(tab.page, lambda: marked(tab) == ["ct-skin"])
 
 
+def test_a_preset_that_does_not_suit_the_values_says_why(tab: Tab) -> None:
+    choose(tab, "ct-skin")
+    tab.waits_for(lambda scene: scene.tables != SCENE.tables)
+    assert tab.page.locator(".q-notification").count() == 0
+    choose(tab, "labels")
+    tab.page.get_by_text("the values here reach 2000").wait_for()
+
+
 def test_each_preset_shows_its_colours_where_they_are_opaque(tab: Tab) -> None:
     open_menu(tab)
     clear, bone = strip(tab, "ct-bone", 0.05), strip(tab, "ct-bone", 0.9)
-    assert is_green(bone) and not is_green(clear)
+    assert is_ivory(bone) and not is_ivory(clear)
     assert clear == strip(tab, "ct-skin", 0.95)  # of the menu itself: nothing is seen there
     spectrum = [strip(tab, "galaxy", position) for position in (0.05, 0.95)]
     assert [colour.index(max(colour)) for colour in spectrum] == [2, 0]
@@ -77,6 +85,6 @@ def strip(tab: Tab, name: str, position: float) -> Colour:
     return (r, g, b)
 
 
-def is_green(colour: Colour) -> bool:
+def is_ivory(colour: Colour) -> bool:
     r, g, b = colour
-    return g > 1.4 * max(r, b)
+    return r > g > b > 120

@@ -8,6 +8,7 @@ from functools import lru_cache, partial
 from nicegui import ui
 
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
+from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.ui.controls.controls import show_prop
 from volsplat.client.ui.tables.table_edits import value_at
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -36,6 +37,10 @@ class OfferedPresets:
     def description(self, name: str) -> str:
         """One line."""
         return "what the volume is first seen with" if name == FROM_DATA else PRESETS[name].description
+
+    def why_unsuited(self, name: str) -> str | None:
+        """A line for a person if it does not suit the volume."""
+        return None if name == FROM_DATA else why_unsuited(name, self._volume.subject())
 
     def scene(self, name: str, quantise: Quantise) -> Scene:
         """What it is under the scene's window of densities. Raises BadInput for one without a scale."""

@@ -179,6 +179,8 @@ class TablesPanel:
 
     def _take_whole(self, name: str) -> None:
         """All that a preset sets, which is neither view, bounds nor picture."""
+        if why := self._presets.why_unsuited(name):
+            ui.notify(why, type="warning", close_button=True)
         preset = self._presets.scene(name, self._model.scene.quantise)
         self._model.change(
             lambda scene: replace(
