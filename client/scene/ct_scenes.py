@@ -30,8 +30,8 @@ def ct_bone_scene(subject: Subject | None) -> Scene:
     at = _ct(subject).position
     return Scene(
         tables=Tables(
-            emit=colours((at(150), "#241f17"), (at(1500), "#7d7660")),
-            refl=colours((at(150), "#b8a888"), (at(1500), "#efe6d0")),
+            emit=colours((at(150), "#241f17"), (at(1500), "#3a3528")),
+            refl=colours((at(150), "#b09f80"), (at(1500), "#c4b898")),
             opac=scalars((at(150), 0.0), (at(450), 0.7), (at(1000), 0.9)),
         ),
         shading=Shading(modulation=False, specular_power=20.0),
@@ -90,8 +90,8 @@ def ct_angio_scene(subject: Subject | None) -> Scene:
     at = _ct(subject).position
     return Scene(
         tables=Tables(
-            emit=colours((at(150), "#3a0806"), (at(350), "#4a1008"), (at(550), "#3a3426"), (at(1200), "#5a5444")),
-            refl=colours((at(150), "#b02018"), (at(350), "#e04830"), (at(550), "#cfc09c"), (at(1200), "#efe6d0")),
+            emit=colours((at(150), "#3a0806"), (at(350), "#4a1008"), (at(550), "#2e291e"), (at(1200), "#3a3528")),
+            refl=colours((at(150), "#b02018"), (at(350), "#e04830"), (at(550), "#b8aa88"), (at(1200), "#c4b898")),
             opac=scalars((at(130), 0.0), (at(220), 0.7), (at(350), 0.9)),
         ),
         shading=Shading(modulation=False, specular_power=30.0),
