@@ -12,7 +12,7 @@ BUILD_INPUTS := pyproject.toml constraints.txt CMakeLists.txt $(SHARED_NUMBERS) 
 	$(wildcard kernels/* */kernels/*.cpp */kernels/*.h */kernels/*/*)
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test clang aarch64 bench clean
+.PHONY: help install demo test docs clang aarch64 bench clean
 
 help: ## list the targets
 	@grep -E '^[a-z0-9]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -125,5 +125,8 @@ bench: $(READY) ## print the kernels' speeds beside their floors, the paper's ta
 	$(BIN)/volsplat bench peers --phantom shells:256
 	$(BIN)/volsplat bench aborts
 
-clean: ## remove the virtual environment, builds and demo images
-	rm -rf $(VENV) build demo
+docs: $(READY) ## build the site of docs/ into build/site, with pictures by the commands that it prints
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet --builder html docs build/site
+
+clean: ## remove the virtual environment, builds, and demo and docs images
+	rm -rf $(VENV) build demo docs/made

@@ -39,7 +39,7 @@ MAY_USE = {
     "bench": {ALWAYS, "bench", "torch"},
 }
 """Which libraries a place may import, by their names or those of extras. The closest place counts."""
-BESIDE = {"dev", "build", "fuzz"}  # extras for work on volsplat, which it does not import
+BESIDE = {"docs", "dev", "build", "fuzz"}  # extras for work on volsplat, which it does not import
 DISTRIBUTIONS = {  # of modules: fsspec[http] brings aiohttp
     "PIL": "pillow",
     "vtkmodules": "vtk",

@@ -2,12 +2,14 @@
 
 import re
 from dataclasses import dataclass
+from textwrap import dedent
 
 from support.checkout import ROOT
 
 PAGES = ("README.md", "CONTRIBUTING.md", *sorted(str(page.relative_to(ROOT)) for page in (ROOT / "docs").rglob("*.md")))
 
 _COMMAND = re.compile(r"^ {4}(volsplat .*?)(?:\s+# .*)?$", re.MULTILINE)
+_BLOCK = re.compile(r"(?<=^\n)(?:^ {4}.*\n)+", re.MULTILINE)
 _PYTHON = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
@@ -25,6 +27,11 @@ class Documented:
 def commands() -> list[Documented]:
     """The lines that begin with `volsplat`, in the order of the pages, without the words behind them."""
     return [Documented(page, text) for page in PAGES for text in _COMMAND.findall(_read(page))]
+
+
+def blocks(page: str) -> list[Documented]:
+    """The indented blocks of a page, which a reader pastes into a shell."""
+    return [Documented(page, dedent(text)) for text in _BLOCK.findall(_read(page))]
 
 
 def snippets() -> list[Documented]:
