@@ -220,3 +220,6 @@ EXACT_RAYS = 1e-6
 
 SLOPE_BY_DIFFERENCES = 1e-6
 """Of central differences over 1e-5 voxel, of densities near 1 in float64."""
+
+CLOUD_LEVELS = 0.02  # mean over a picture: an exported Gaussian has no rim, and is sorted by depth, not by sheets
+MESH_VOLUME = 0.02  # of a ball's volume: a mesh's faces cut corners, and its densities have 256 steps

@@ -36,6 +36,7 @@ ENTRIES = {
     "view": Entry(DRAW, "Show a volume in the browser, with every control."),
     "render": Entry(DRAW, "Draw a volume into an image."),
     "movie": Entry(DRAW, "Turn a volume around, or fly through it, into a movie."),
+    "export": Entry(DRAW, "Write what is visible as 3-D Gaussians, or a surface as a mesh."),
     "demo": Entry(DRAW, "Draw the head phantom, step by step, into a folder.", torch=True),
     "gallery": Entry(DRAW, "Draw the paper's sixteen images on four plates.", torch=True),
     "info": Entry(VOLUMES, "Tell what a volume is, with its histogram."),

@@ -39,6 +39,7 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
+from volsplat.mapshade_server.visible_voxels import VoxelSheets
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.program.available_memory import available_memory
 from volsplat.program.frame_spans import FrameSpans
@@ -47,6 +48,7 @@ from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
+from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
@@ -161,6 +163,19 @@ class SingleProcess:
             raise BadInput(str(error)) from error
         sub_cubes = self._held.sub_cubes(resolution.level)
         return front_most(sub_cubes, geometry, packing.quantisation, shading_rule(scene, Step.F), line)
+
+    def voxels(self, scene: Scene, every: int = 1, evenly_lit: bool = False) -> VoxelSheets:
+        """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""
+        scene, every = checked_scene(scene), checked_count(every, "every")
+        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
+        packing, resolution = self._packed(scene, Step.F), self._holding.finest()
+        try:
+            plan = plan_frame(scene, geometry, Step.F, resolution)
+        except ValueError as error:
+            raise BadInput(str(error)) from error
+        sub_cubes, rule = self._held.sub_cubes(resolution.level), shading_rule(scene, Step.F)
+        rules = packing.quantisation, rule, plan
+        return VoxelSheets(sub_cubes, geometry, resolution.geometry, *rules, every, evenly_lit)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""

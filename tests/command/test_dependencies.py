@@ -28,6 +28,7 @@ MAY_USE = {
     "splat_server": {"click", "zstandard"},
     "mapshade_server": {ALWAYS, "formats"},
     "client": {ALWAYS},
+    "client/export/mesh.py": {ALWAYS, "export"},
     "client/figure/pdf_file.py": {ALWAYS, "pdf", "pillow"},  # which reportlab brings
     "client/memory/known_arrays.py": {ALWAYS, "itk", "vtk"},  # of an image that is theirs, so that they are there
     "client/phantoms": {ALWAYS, "torch"},
@@ -42,6 +43,7 @@ MAY_USE = {
 BESIDE = {"docs", "dev", "build", "fuzz"}  # extras for work on volsplat, which it does not import
 DISTRIBUTIONS = {  # of modules: fsspec[http] brings aiohttp
     "PIL": "pillow",
+    "skimage": "scikit-image",
     "vtkmodules": "vtk",
     "aiohttp": "fsspec",
     "kubernetes_validate": "kubernetes-validate",

@@ -16,7 +16,7 @@ HELPED = [
     for name, entry in ENTRIES.items()
     if not entry.program and isinstance(volsplat.get_command(click.Context(volsplat), name), HelpedCommand)
 ]
-WITH_HEADINGS = ("view", "render", "movie")
+WITH_HEADINGS = ("view", "render", "movie", "export")
 
 
 def command(name: str) -> click.Command:

@@ -40,7 +40,7 @@ FLOORS = {
         "coordinator/shares figure",
         "coordinator",
         "session",
-        "movie gallery",
+        "movie gallery export",
         "ui/viewing",
         "ui/viewport ui/controls",
         "ui/panels ui/tables",

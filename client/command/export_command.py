@@ -1,0 +1,93 @@
+"""`volsplat export`: what is visible as 3-D Gaussians, or a surface as a mesh, for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from volsplat.client.command.choices import Words, meant
+from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, volume_argument
+from volsplat.client.command.opened_volume import check_found, memory_option
+from volsplat.client.command.progress_bar import shown_progress
+from volsplat.client.command.render_options import SceneOptions, scene_options
+from volsplat.client.export.export import SUFFIXES, check_export, write_export
+from volsplat.client.session.single import SingleProcess
+from volsplat.program.plain_console import PlainConsole
+from volsplat.program.server_process import THREADS
+from volsplat.program.this_machine import usable_cores
+from volsplat.protocol.description.volume_name import volume_name
+from volsplat.protocol.text.byte_sizes import bytes_from_option
+from volsplat.protocol.text.errors import BadInput
+
+PROGRESS_STEPS = 100
+
+
+@helped(
+    "volsplat export head.nrrd -o head.ply --preset ct-skin --rotate front",
+    "volsplat export head.nrrd -o skull.stl --level 1200",
+)
+@volume_argument
+@headed(
+    FILES,
+    click.option(
+        "-o",
+        "--output",
+        type=click.Path(path_type=Path),
+        required=True,
+        help="Gaussians (.ply), or a mesh (.stl, .glb or .obj; extra [export]).",
+    ),
+)
+@headed(
+    "What is exported",
+    click.option("--level", type=float, help="A mesh's value, in the volume's own units (the opacity table's edge)."),
+    click.option("--every", type=click.IntRange(min=1), default=1, help="Take every so many voxels on each axis (1)."),
+    click.option(
+        "--light",
+        type=Words(("scene", "even")),
+        default="scene",
+        help="Gaussians as lit for the scene's view, or evenly, the same from all sides (scene).",
+    ),
+)
+@scene_options
+@headed(SERVERS, click.option("--threads", type=THREADS, default=usable_cores(), help="Threads (cores)."))
+@memory_option
+def export(
+    volume: str,
+    output: Path,
+    level: float | None,
+    every: int,
+    light: str,
+    threads: int,
+    memory: str | None,
+    **settings: Any,
+) -> None:
+    """Write what is visible of VOLUME for other programs.
+
+    A .ply file holds the visible voxels as 3-D Gaussians, for viewers of Gaussian splats; .stl, .glb and .obj files a
+    surface of one value. Positions are the volume's own, as in mm. The scene decides what is visible, as it does for
+    `volsplat render`. One process does it, without servers.
+    """
+    if output.suffix.lower() not in SUFFIXES:
+        near = meant(output.suffix, SUFFIXES)
+        raise BadInput(
+            f"{output}: .ply holds Gaussians, .stl, .glb and .obj a mesh; {output.suffix or 'no ending'}: {near}"
+        )
+    options = SceneOptions.of(settings)
+    options.scene_of(None)
+    check_found(volume, True, None)
+    if output.exists() and output.samefile(volume_name(volume).place):
+        raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
+    check_export(output, level, light == "even")
+    may_hold = bytes_from_option("--memory", memory) if memory else None
+    console = PlainConsole(stderr=True)
+    with shown_progress(PROGRESS_STEPS, console) as (say, done):
+        with SingleProcess(volume, threads=threads, memory=may_hold, on_progress=say) as single:
+            single.volume.check_has_values()
+            say(f"writing {output.name}")
+            scene = options.scene_of(single.volume)
+            held = write_export(
+                single, scene, output, level, every, light == "even", lambda share: done(int(PROGRESS_STEPS * share))
+            )
+    console.say(f"{output}: {held}")

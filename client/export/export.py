@@ -1,0 +1,51 @@
+"""Which kinds of file there are to export to, and which one a name asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from volsplat.client.export.gaussians import write_gaussians
+from volsplat.client.export.mesh import need_mesh, write_mesh
+from volsplat.client.image.image_formats import check_place
+from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import BadInput
+
+CLOUD = ".ply"
+MESHES = (".stl", ".glb", ".obj")
+SUFFIXES = (CLOUD, *MESHES)
+
+
+def check_export(path: Path, level: float | None = None, evenly_lit: bool = False) -> None:
+    """Raises BadInput before any work if no such file can be written."""
+    kind = path.suffix.lower()
+    if kind not in SUFFIXES:
+        raise BadInput(
+            f"{path}: no kind of file that can be exported; end the name in .ply (Gaussians), .stl, .glb or .obj"
+        )
+    if kind == CLOUD and level is not None:
+        raise BadInput(f"{path}: --level is for a mesh; end the name in {', '.join(MESHES)}, or leave it out")
+    if kind != CLOUD and evenly_lit:
+        raise BadInput(f"{path}: a mesh has no light of its own; leave out --light, or end the name in {CLOUD}")
+    check_place(path)
+    if kind != CLOUD:
+        need_mesh()
+
+
+def write_export(
+    single: SingleProcess,
+    scene: Scene,
+    path: Path,
+    level: float | None = None,
+    every: int = 1,
+    evenly_lit: bool = False,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> str:
+    """Write the file that the name's ending asks for; says what it holds. Raises BadInput."""
+    check_export(path, level, evenly_lit)
+    if path.suffix.lower() == CLOUD:
+        return f"{write_gaussians(single, scene, path, every, evenly_lit, on_progress)} Gaussians"
+    written = write_mesh(single, scene, path, level, every, on_progress)
+    unit = f" {single.volume.description.value_unit}".rstrip()
+    return f"{written.triangles} triangles at {written.level:.6g}{unit}"

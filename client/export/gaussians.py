@@ -1,0 +1,110 @@
+"""Visible voxels as the 3-D Gaussians of Kerbl et al. (2023), in the PLY file that viewers of Gaussian splats open.
+
+A voxel's footprint is a Gaussian of GAUSSIAN_SIGMA voxels, scaled by the spacing, whose integral over the image is the
+square of the reference spacing. Its greatest value is so 1 / (2 pi sigma^2), for unequal spacings on the geometric
+mean over the axes, and a Gaussian of the file has that times the voxel's opacity: viewers then combine what `volsplat
+render` combines.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.client.export.whole_file import whole_file
+from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA
+from volsplat.protocol.text.errors import BadInput
+
+PEAK = 1.0 / (2.0 * math.pi * GAUSSIAN_SIGMA**2)  # of a footprint
+LEAST_OPACITY = 1.0 / 255.0  # of a Gaussian: viewers leave out what is fainter
+MOST_GAUSSIANS = 20_000_000  # 1.4 GB; viewers draw some millions
+HARMONIC = 0.28209479177387814  # spherical harmonic of degree 0
+NAMES = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
+FEWER = "--every 2 takes each second voxel on each axis, --bounds a part, --window and --preset show less"
+
+
+def write_gaussians(
+    single: SingleProcess,
+    scene: Scene,
+    path: Path,
+    every: int = 1,
+    evenly_lit: bool = False,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> int:
+    """Write a .ply file; how many Gaussians it holds. Raises BadInput if there are none, or too many.
+
+    Without a light of its own a Gaussian keeps the colour that the voxel has from the scene's view, highlights
+    included; `evenly_lit` ones have the reflected colour as it is. `on_progress` hears of the share that is done.
+    """
+    voxels = single.voxels(scene, every, evenly_lit)
+    least, sheets = LEAST_OPACITY / PEAK, max(2 * voxels.sheets, 1)
+    count = 0
+    for done, found in enumerate(voxels.counts(least), 1):
+        count += found
+        on_progress(done / sheets)
+    _check_count(count)
+    to_physical = np.array(voxels.level.index_to_physical)
+    origin = np.array(voxels.level.origin)
+    scales, rotation = ellipsoid(every * to_physical)
+    with whole_file(path) as file:
+        file.write(_header(count, voxels.geometry.dims))
+        for done, some in enumerate(voxels.visible(least), 1):
+            rows = np.zeros((len(some.indices), len(NAMES)), dtype="<f4")
+            rows[:, 0:3] = some.indices @ to_physical.T + origin
+            rows[:, 6:9] = (some.colour - 0.5) / HARMONIC
+            alpha = PEAK * some.opacity.astype(np.float64)
+            rows[:, 9] = np.log(alpha / (1.0 - alpha))
+            rows[:, 10:13] = np.log(scales)
+            rows[:, 13:17] = rotation
+            file.write(rows.tobytes())
+            on_progress(0.5 + done / sheets)
+    return count
+
+
+def ellipsoid(index_to_physical: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The deviations along the axes of a voxel's Gaussian, and the quaternion (w, x, y, z) that turns them into place.
+
+    Its covariance is sigma^2 A A^T, A being the matrix: a sheared voxel has axes that are not the grid's.
+    """
+    axes, lengths, _ = np.linalg.svd(index_to_physical)
+    if np.linalg.det(axes) < 0.0:
+        axes[:, 2] = -axes[:, 2]  # an ellipsoid is its own mirror image
+    return GAUSSIAN_SIGMA * lengths, _quaternion(axes)
+
+
+def _quaternion(rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(w, x, y, z) of a rotation: the eigenvector of Bar-Itzhack's matrix for its greatest eigenvalue."""
+    r = rotation
+    symmetric = np.array(
+        [
+            [r.trace(), r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]],
+            [0.0, r[0, 0] - r[1, 1] - r[2, 2], r[0, 1] + r[1, 0], r[0, 2] + r[2, 0]],
+            [0.0, 0.0, r[1, 1] - r[0, 0] - r[2, 2], r[1, 2] + r[2, 1]],
+            [0.0, 0.0, 0.0, r[2, 2] - r[0, 0] - r[1, 1]],
+        ]
+    )
+    _, vectors = np.linalg.eigh(symmetric, UPLO="U")
+    greatest: NDArray[np.float64] = vectors[:, -1]
+    return greatest
+
+
+def _check_count(count: int) -> None:
+    if count == 0:
+        raise BadInput(
+            "nothing to export: every voxel of this scene is too faint for a viewer of Gaussians; give another "
+            "--preset or --window, or --every 2, which makes voxels larger and less faint"
+        )
+    if count > MOST_GAUSSIANS:
+        raise BadInput(f"{count} voxels are visible, more than the {MOST_GAUSSIANS} of a file; {FEWER}")
+
+
+def _header(count: int, dims: tuple[int, int, int]) -> bytes:
+    properties = "".join(f"property float {name}\n" for name in NAMES)
+    made = f"comment volsplat export of {dims[0]} x {dims[1]} x {dims[2]} voxels\n"
+    return f"ply\nformat binary_little_endian 1.0\n{made}element vertex {count}\n{properties}end_header\n".encode()

@@ -1,0 +1,29 @@
+"""A file that takes its name once it is whole."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import BinaryIO
+
+from volsplat.client.image.temporary_name import temporary_name
+from volsplat.protocol.text.errors import BadInput
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """What is written lies at `path` after the block, or if that fails, what was there before.
+
+    Raises BadInput if it cannot be written, as on a full disk.
+    """
+    temporary = temporary_name(path)
+    try:
+        with temporary.open("wb") as file:
+            yield file
+        os.replace(temporary, path)
+    except OSError as error:
+        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from error
+    finally:
+        temporary.unlink(missing_ok=True)

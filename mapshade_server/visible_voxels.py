@@ -1,0 +1,171 @@
+"""Voxels as they are drawn, in numbers: where they are, their opacity and colour. What leaves for other programs."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server import shading_tables
+from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT, OPACITY_CODES, opacity_of_code
+from volsplat.protocol.rules.shading_rule import ShadingRule
+
+GRADIENTS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
+SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
+GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+
+Bytes = NDArray[np.uint8]
+
+
+class Voxels(NamedTuple):
+    """Some visible ones of a sheet."""
+
+    indices: NDArray[np.int64]  # (n, 3) i, j, k
+    opacity: NDArray[np.float32]  # (n,)
+    colour: NDArray[np.float32]  # (n, 3), 0 to 1
+
+
+@dataclass(frozen=True)
+class VoxelSheets:
+    """Every `every`th voxel on each axis of some sub-cubes, within the bounds of a plan.
+
+    `geometry` is the volume's; the sub-cubes and all indices are of the level that the plan draws.
+    """
+
+    sub_cubes: Sequence[SubCube]
+    geometry: Geometry
+    level: Geometry
+    quantisation: Quantisation
+    shading: ShadingRule
+    plan: FramePlan
+    every: int
+    evenly_lit: bool  # the reflected colour as it is, from whichever side the light comes
+
+    @property
+    def sheets(self) -> int:
+        """How many `visible` and `counts` go through."""
+        return sum(len(self._indices(cube, 2)) for cube in self.sub_cubes)
+
+    def counts(self, least: float) -> Iterator[int]:
+        """How many voxels of each sheet have at least this opacity, above 0."""
+        for cube, k in self._all_sheets():
+            index, packets = self._sheet(cube, k)
+            yield int(np.count_nonzero(self._opacity(index, packets) >= least))
+
+    def visible(self, least: float) -> Iterator[Voxels]:
+        """Those voxels, sheet by sheet."""
+        refl, emit = (self._entries(shading_tables.colours(t)) for t in (self.shading.refl, self.shading.emit))
+        light = self._light()
+        for cube, k in self._all_sheets():
+            index, packets = self._sheet(cube, k)
+            opacity = self._opacity(index, packets)
+            seen = opacity >= least
+            index, packets = index[seen], packets[seen]
+            emitted = emit[self._bytes(self.shading.cross_bar.emit, index, packets), :3]
+            reflected = refl[self._bytes(self.shading.cross_bar.refl, index, packets), :3]
+            colour = emitted + reflected * light[packets >> DIRECTION_SHIFT & 0x7FFF, None]
+            yield Voxels(index, opacity[seen], np.clip(colour, 0.0, 1.0))
+
+    def densities(self) -> Iterator[tuple[Index, NDArray[np.uint8], NDArray[np.bool_]]]:
+        """Of each sheet within a sub-cube: where it begins, counted in every `every`th; density bytes and where there
+        are data, both (j, i)."""
+        first = [self._wanted(axis).start for axis in range(3)]
+        for cube, k in self._all_sheets():
+            i, j = self._indices(cube, 0), self._indices(cube, 1)
+            packets = self._packets(cube, i, j, k)
+            begin = [(at - low) // self.every for at, low in zip((i[0], j[0], k), first, strict=True)]
+            there = packets >> np.uint32(NO_DATA_BIT) == 0
+            yield (begin[0], begin[1], begin[2]), (packets & 255).astype(np.uint8), there
+
+    @property
+    def dims(self) -> Index:
+        """How many voxels there are in all along i, j, k."""
+        i, j, k = (len(self._wanted(axis)) for axis in range(3))
+        return (i, j, k)
+
+    @property
+    def first(self) -> Index:
+        """The first of them."""
+        i, j, k = (self._wanted(axis).start for axis in range(3))
+        return (i, j, k)
+
+    def _wanted(self, axis: int) -> range:
+        low, high = self.plan.bounds.low[axis], self.plan.bounds.high[axis]
+        start = low + min(self.every, high - low) // 2
+        return range(start, high, self.every)
+
+    def _indices(self, cube: SubCube, axis: int) -> range:
+        """The wanted ones that the sub-cube has."""
+        wanted, low, high = self._wanted(axis), cube.box.low[axis], cube.box.high[axis]
+        first = max(-(-(low - wanted.start) // self.every), 0)
+        return range(wanted.start + first * self.every, min(high, wanted.stop), self.every)
+
+    def _all_sheets(self) -> Iterator[tuple[SubCube, int]]:
+        for cube in self.sub_cubes:
+            if self._indices(cube, 0) and self._indices(cube, 1):
+                for k in self._indices(cube, 2):
+                    yield cube, k
+
+    def _packets(self, cube: SubCube, i: range, j: range, k: int) -> NDArray[np.uint32]:
+        i0, j0, k0 = cube.box.low
+        held = np.asarray(memoryview(cube.packets))[k - k0]
+        taken: NDArray[np.uint32] = held[
+            j.start - j0 : j.stop - j0 : self.every, i.start - i0 : i.stop - i0 : self.every
+        ]
+        return taken
+
+    def _sheet(self, cube: SubCube, k: int) -> tuple[NDArray[np.int64], NDArray[np.uint32]]:
+        """Indices (n, 3) and packets (n,) of the voxels with data."""
+        i, j = self._indices(cube, 0), self._indices(cube, 1)
+        packets = self._packets(cube, i, j, k)
+        rows, samples = np.nonzero(packets >> np.uint32(NO_DATA_BIT) == 0)
+        places = (i.start + samples * self.every, j.start + rows * self.every, np.full(len(rows), k))
+        return np.stack(places, axis=-1), packets[rows, samples]
+
+    def _opacity(self, index: NDArray[np.int64], packets: NDArray[np.uint32]) -> NDArray[np.float32]:
+        rule = shading_tables.opacity_rule(self.shading)
+        thickness = self.every * self.level.reference_spacing / self.geometry.reference_spacing
+        codes = np.asarray(memoryview(shading_tables.opacity_codes(rule, thickness)))
+        low, high = (
+            self._bytes(field, index, packets).astype(np.int64) for field in shading_tables.opacity_fields(rule)
+        )
+        opacities: NDArray[np.float32] = OPACITIES[codes[low | high << 8]]
+        return opacities
+
+    def _light(self) -> NDArray[np.float32]:
+        if self.evenly_lit:
+            return np.ones(1 << 15, np.float32)
+        octahedral = self.quantisation.directions == "octahedral"
+        return self._entries(shading_tables.light_of_directions(self.shading.lighting, octahedral))
+
+    def _entries(self, table: object) -> NDArray[np.float32]:
+        return np.asarray(table, dtype=np.float32)
+
+    def _bytes(self, field: Field, index: NDArray[np.int64], packets: NDArray[np.uint32]) -> Bytes:
+        if field == Field.DENSITY:
+            return (packets & 255).astype(np.uint8)
+        if field == Field.STRENGTH:
+            return (packets >> 8 & 255).astype(np.uint8)
+        if field in GRADIENTS:
+            octahedral = self.quantisation.directions == "octahedral"
+            directions = np.asarray(shading_tables.gradient_bytes(octahedral, self.geometry.index_to_physical))
+            of_codes: Bytes = directions[GRADIENTS.index(field), packets >> DIRECTION_SHIFT & 0x7FFF]
+            return of_codes
+        if field in SCREEN:
+            dda = self.plan.screen_index[SCREEN.index(field)]
+            place = dda.origin + 2 * index @ np.array(dda.half_steps, dtype=np.int64)
+            return np.clip(place >> FRACTION_BITS, 0, 255).astype(np.uint8)
+        axis = GRID.index(field)
+        grid = np.frombuffer(shading_tables.grid_bytes(self.geometry.dims[axis], self.plan.factors[axis]), np.uint8)
+        of_axis: Bytes = grid[index[:, axis]]
+        return of_axis
+
+
+OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)

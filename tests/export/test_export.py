@@ -1,0 +1,126 @@
+"""Exported files: Gaussians that draw our picture again, and meshes that are the surface, right side out."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import plyfile
+import pytest
+import trimesh
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from support.programs.programs import Person
+from tolerances import CLOUD_LEVELS, MESH_VOLUME
+from volsplat.client.export.export import write_export
+from volsplat.client.export.gaussians import HARMONIC, ellipsoid
+from volsplat.client.export.mesh import edge_of_table
+from volsplat.client.memory.array_volume import Volume
+from volsplat.client.session.single import SingleProcess
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.geometry import matrices
+from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA
+from volsplat.protocol.rules.resolved_view import screen_rotation
+
+SKEW = np.array([[1.0, 0.3, 0.0, 5.0], [0.0, 1.2, 0.0, -3.0], [0.0, 0.1, 0.9, 2.0], [0.0, 0.0, 0.0, 1.0]])
+MIRRORED = np.diag([-1.0, 1.0, 1.0, 1.0]) @ SKEW
+RADIUS = 8.0  # voxels
+
+
+def ball(affine: NDArray[np.float64]) -> Volume:
+    """Values fall from 255 through 128 at RADIUS voxels from the middle."""
+    z, y, x = np.mgrid[-12:13, -12:13, -12:13]
+    away = np.sqrt(x**2 + y**2 + z**2)
+    return Volume((128.0 + 24.0 * (RADIUS - away)).clip(0, 255).astype(np.uint8), affine=affine)
+
+
+def rotation_of(quaternion: NDArray[np.float64]) -> NDArray[np.float64]:
+    w, x, y, z = quaternion
+    return np.array(matrices.rotation_from_quaternion((x, y, z, w)))
+
+
+@given(st.lists(st.floats(-3, 3), min_size=9, max_size=9))
+def test_a_gaussian_has_the_shape_of_its_voxel(entries: list[float]) -> None:
+    to_physical = np.array(entries).reshape(3, 3)
+    to_physical += 4.0 * np.diag([1.0 if entry >= 0.0 else -1.0 for entry in np.diag(to_physical)])
+    scales, quaternion = ellipsoid(to_physical)
+    turned = rotation_of(quaternion)
+    covariance = turned @ np.diag(scales**2) @ turned.T
+    assert np.allclose(covariance, GAUSSIAN_SIGMA**2 * to_physical @ to_physical.T)
+    assert math.isclose(float(quaternion @ quaternion), 1.0)
+
+
+def drawn(path: Path, single: SingleProcess, scene: Scene) -> NDArray[np.float64]:
+    """The file as a viewer of Gaussians draws it, from the scene's view: (H, W, 4), associated alpha."""
+    vertex = plyfile.PlyData.read(path)["vertex"]
+    settled = single.volume.settled(scene)
+    assert settled.view.zoom != "fit" and settled.view.center != "middle"
+    geometry = single.volume.description.geometry
+    to_pixels = np.array(screen_rotation(settled.view)) * settled.view.zoom / geometry.reference_spacing
+    place = np.stack([vertex[name] for name in "xyz"], axis=-1) - geometry.physical(settled.view.center)
+    x, y, depth = (place @ to_pixels.T).T
+    width, height = scene.image.width, scene.image.height
+    alpha = 1.0 / (1.0 + np.exp(-vertex["opacity"].astype(np.float64)))
+    colour = np.stack([vertex[f"f_dc_{n}"] for n in range(3)], axis=-1) * HARMONIC + 0.5
+    turned = rotation_of(np.array([vertex[f"rot_{n}"][0] for n in range(4)], dtype=np.float64))
+    axes = to_pixels @ turned * np.exp([vertex[f"scale_{n}"][0] for n in range(3)])
+    inverse = np.linalg.inv((axes @ axes.T)[:2, :2])
+    rows, columns = np.mgrid[:height, :width]
+    image = np.zeros((height, width, 4))
+    for n in np.argsort(depth):
+        aside = np.stack([columns - (width - 1) / 2 - x[n], (height - 1) / 2 - rows - y[n]], axis=-1)
+        weight = alpha[n] * np.exp(-0.5 * np.einsum("hwa,ab,hwb->hw", aside, inverse, aside))[..., None]
+        image = image * (1.0 - weight) + weight * np.append(colour[n], 1.0)
+    return image
+
+
+@pytest.mark.parametrize("affine", [np.eye(4), MIRRORED], ids=["even", "mirrored and skew"])
+def test_gaussians_draw_our_picture_again(affine: NDArray[np.float64], tmp_path: Path) -> None:
+    with SingleProcess(ball(affine)) as single:
+        scene = single.volume.default_scene().with_(size=(32, 32), rotation=(30, 20))
+        said = write_export(single, scene, tmp_path / "ball.ply")
+        picture = single.finish(scene).published.pixels
+        again = drawn(tmp_path / "ball.ply", single, scene)
+    assert picture[..., 3].max() > 0.5
+    assert np.abs(again - picture).mean() < CLOUD_LEVELS
+    assert np.abs(again[:, ::-1] - picture).mean() > 2 * CLOUD_LEVELS  # lit from one side, so that it can be told
+    assert said == f"{plyfile.PlyData.read(tmp_path / 'ball.ply')['vertex'].count} Gaussians"
+
+
+@pytest.mark.parametrize("affine", [np.eye(4), SKEW, MIRRORED], ids=["even", "skew", "mirrored and skew"])
+def test_a_mesh_is_the_surface_right_side_out(affine: NDArray[np.float64], tmp_path: Path) -> None:
+    expected = 4 / 3 * math.pi * RADIUS**3 * abs(np.linalg.det(affine))
+    with SingleProcess(ball(affine)) as single:
+        scene = single.volume.default_scene()
+        for kind in (".stl", ".glb", ".obj"):
+            write_export(single, scene, tmp_path / f"ball{kind}", level=128.0)
+            mesh: Any = trimesh.load(tmp_path / f"ball{kind}", force="mesh")
+            assert mesh.is_watertight
+            assert mesh.volume == pytest.approx(expected, rel=MESH_VOLUME)
+            middle = affine[:3, :3] @ [12, 12, 12] + affine[:3, 3]
+            assert np.allclose(mesh.center_mass, middle, atol=0.1)
+        cut = scene.with_(bounds=((0, 0, 0), (13, 25, 25)))
+        write_export(single, cut, tmp_path / "half.stl", level=128.0)
+        half: Any = trimesh.load(tmp_path / "half.stl", force="mesh")
+        assert half.is_watertight and half.volume == pytest.approx(expected / 2, rel=MESH_VOLUME)
+        assert 0.0 < edge_of_table(scene) < 255.0
+
+
+def test_what_cannot_be_exported_is_one_line_and_leaves_what_was_there(tmp_path: Path) -> None:
+    person = Person(tmp_path)
+    z, y, x = np.mgrid[-6:7, -6:7, -6:7]
+    np.save(tmp_path / "ball.npy", (200 - 20 * np.sqrt(x**2 + y**2 + z**2)).clip(0).astype(np.uint8))
+    (tmp_path / "ball.stl").write_text("before")
+    for given_, words in {
+        "ball.plyy": "did you mean .ply?",
+        "ball.ply --level 3": "--level is for a mesh",
+        "ball.stl --light even": "leave out --light",
+        "ball.stl --level 9000": "widen --window",
+        "away/ball.stl": "make it first",
+    }.items():
+        answer = person.runs("export", "ball.npy", "-o", *given_.split())
+        assert answer.returncode == 2 and words in answer.stderr.splitlines()[-1], answer.stderr
+    assert (tmp_path / "ball.stl").read_text() == "before"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.npy", "ball.stl"]
