@@ -161,7 +161,8 @@ class VoxelSheets:
         if field in SCREEN:
             dda = self.plan.screen_index[SCREEN.index(field)]
             place = dda.origin + 2 * index @ np.array(dda.half_steps, dtype=np.int64)
-            return np.clip(place >> FRACTION_BITS, 0, 255).astype(np.uint8)
+            of_screen: Bytes = np.clip(place >> FRACTION_BITS, 0, 255).astype(np.uint8)
+            return of_screen
         axis = GRID.index(field)
         grid = np.frombuffer(shading_tables.grid_bytes(self.geometry.dims[axis], self.plan.factors[axis]), np.uint8)
         of_axis: Bytes = grid[index[:, axis]]

@@ -9,10 +9,10 @@ import click
 
 from volsplat.client.command.choices import Words, meant
 from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, volume_argument
-from volsplat.client.command.opened_volume import check_found, memory_option
+from volsplat.client.command.opened_volume import check_found, memory_option, tell_notes
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
-from volsplat.client.export.export import SUFFIXES, check_export, write_export
+from volsplat.client.export.export import LIGHTS, SUFFIXES, check_export, write_export
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS
@@ -45,7 +45,7 @@ PROGRESS_STEPS = 100
     click.option("--every", type=click.IntRange(min=1), default=1, help="Take every so many voxels on each axis (1)."),
     click.option(
         "--light",
-        type=Words(("scene", "even")),
+        type=Words(LIGHTS),
         default="scene",
         help="Gaussians as lit for the scene's view, or evenly, the same from all sides (scene).",
     ),
@@ -85,9 +85,14 @@ def export(
     with shown_progress(PROGRESS_STEPS, console) as (say, done):
         with SingleProcess(volume, threads=threads, memory=may_hold, on_progress=say) as single:
             single.volume.check_has_values()
+            tell_notes(single.volume, console)
+            if why := options.why_unsuited(single.volume):
+                console.say(f"note: {why}")
             say(f"writing {output.name}")
             scene = options.scene_of(single.volume)
             held = write_export(
                 single, scene, output, level, every, light == "even", lambda share: done(int(PROGRESS_STEPS * share))
             )
+    if single.why_level:
+        console.say(single.why_level)
     console.say(f"{output}: {held}")

@@ -18,6 +18,7 @@ from volsplat.client.command.help_page import FILES, SERVERS, headed
 from volsplat.client.command.render_outputs import check_file_writable
 from volsplat.client.session.renderer import Renderer
 from volsplat.client.session.session import ANY_LOOPBACK_PORT, Session
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.deploy.cluster_file import read_cluster
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS, silence_option, tls_option
@@ -167,9 +168,14 @@ def opened(
                 for module in imports:
                     import_module(module)
             renderer.volume.check_has_values()
-            for warning in (*renderer.volume.description.warnings, *renderer.volume.notes()):
-                console.say(f"note: {warning}")
+            tell_notes(renderer.volume, console)
             yield renderer
+
+
+def tell_notes(volume: SurveyedVolume, console: PlainConsole) -> None:
+    """What the reader and the survey warn of, a line each."""
+    for warning in (*volume.description.warnings, *volume.notes()):
+        console.say(f"note: {warning}")
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from volsplat.protocol.text.errors import BadInput
 CLOUD = ".ply"
 MESHES = (".stl", ".glb", ".obj")
 SUFFIXES = (CLOUD, *MESHES)
+LIGHTS = ("scene", "even")  # of Gaussians: as for the scene's view, or the same from all sides
 
 
 def check_export(path: Path, level: float | None = None, evenly_lit: bool = False) -> None:

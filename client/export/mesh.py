@@ -126,7 +126,9 @@ def _surface(
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     try:
         corners, triangles, _, _ = marching_cubes(values, off, mask=there, gradient_direction="descent")
-    except RuntimeError:  # of a mask that lets nothing be found
+    except RuntimeError as error:
+        if not str(error).startswith("No surface found"):
+            raise  # else the mask leaves no cell that the surface passes
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     return corners[:, ::-1].astype(np.float64), triangles.astype(np.int64)
 

@@ -1,4 +1,4 @@
-"""One line for one volume: an image of it, the picture or viewport that suits where it is asked for, the page."""
+"""One line for one volume: its image, the picture or viewport that suits, the page, a file for other programs."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, Literal, overload
 
 from volsplat.client.caller.arguments import checked_scene, checked_step
+from volsplat.client.export.export import LIGHTS, check_export, write_export
 from volsplat.client.figure.figure import Figure
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.suited import why_unsuited
@@ -20,6 +21,7 @@ from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.text.errors import BadInput
 
 GRACE_SECONDS = 600.0
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
@@ -105,6 +107,34 @@ def view(
         show_page(session, _scene(session.volume, scene, changes), port, browser, grace)
 
 
+def export(
+    volume: Any,
+    path: str | Path,
+    scene: Scene | str | None = None,
+    *,
+    level: float | None = None,
+    every: int = 1,
+    light: Literal["scene", "even"] = "scene",
+    **changes: Any,
+) -> str:
+    """Write what is visible of a volume for other programs; says what the file holds.
+
+    A .ply file holds the visible voxels as 3-D Gaussians, lit for the scene's view or evenly; .stl, .glb and .obj files
+    the surface of one value, `level` (extra [export]). `volume`, `scene` and `changes` are as in `render`, save for a
+    `Session`, whose voxels its servers hold; `every` takes every so many voxels on each axis. Raises BadInput.
+    """
+    place = Path(path)
+    if light not in LIGHTS:
+        raise BadInput(f"light must be {' or '.join(LIGHTS)}, not {light!r}")
+    if isinstance(volume, Session):
+        raise BadInput("an open session's voxels are with its servers; give export the volume itself")
+    check_export(place, level, light == "even")
+    if isinstance(volume, SingleProcess):
+        return _exported(volume, scene, place, level, every, light == "even", changes)
+    with SingleProcess(volume, threads=usable_cores()) as single:
+        return _exported(single, scene, place, level, every, light == "even", changes)
+
+
 def in_notebook() -> bool:
     """Whether a Jupyter kernel runs this."""
     shell = sys.modules.get("IPython")
@@ -132,6 +162,19 @@ def _rendered(
         wanted = sized(figure, wanted, of)
     image = RenderedImage(renderer.finish(wanted, step).published, wanted, of)
     return image if figure is None else RenderedFigure(image, figure, of)
+
+
+def _exported(
+    single: SingleProcess,
+    scene: Scene | str | None,
+    path: Path,
+    level: float | None,
+    every: int,
+    evenly_lit: bool,
+    changes: dict[str, Any],
+) -> str:
+    single.volume.check_has_values()
+    return write_export(single, _scene(single.volume, scene, changes), path, level, every, evenly_lit)
 
 
 def _scene(volume: SurveyedVolume, scene: Scene | str | None, changes: dict[str, Any]) -> Scene:

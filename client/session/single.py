@@ -35,6 +35,7 @@ from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.trace.frame_tracer import FrameTracer
+from volsplat.client.trace.single_frame import note_frame
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
@@ -42,7 +43,6 @@ from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.visible_voxels import VoxelSheets
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.program.available_memory import available_memory
-from volsplat.program.frame_spans import FrameSpans
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
@@ -108,6 +108,12 @@ class SingleProcess:
         assert self._holding.volume is not None
         return self._holding.volume
 
+    @property
+    def why_level(self) -> str:
+        """Why this level of a prepared volume is held, once something was drawn of it; "" if there is only one."""
+        assert self._holding.packing is not None
+        return self._holding.packing.why_level
+
     def render(self, scene: Scene, step: Step = Step.F) -> Tensor:
         """The finished image of one step, (H, W, 4) float32, associated alpha. Raises BadInput, also without torch."""
         return self.finish(scene, step).image
@@ -155,8 +161,7 @@ class SingleProcess:
         """The front-most voxel that is not transparent at a point of the image; see Session. Raises BadInput."""
         scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        packing = self._packed(scene, Step.F)
-        resolution = self._holding.finest()
+        packing, resolution = self._packed(scene, Step.F), self._holding.finest()
         try:
             line = line_of_sight(scene, geometry, x, y, resolution)
         except ValueError as error:
@@ -168,14 +173,13 @@ class SingleProcess:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""
         scene, every = checked_scene(scene), checked_count(every, "every")
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        packing, resolution = self._packed(scene, Step.F), self._holding.finest()
+        rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
         try:
             plan = plan_frame(scene, geometry, Step.F, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
         sub_cubes, rule = self._held.sub_cubes(resolution.level), shading_rule(scene, Step.F)
-        rules = packing.quantisation, rule, plan
-        return VoxelSheets(sub_cubes, geometry, resolution.geometry, *rules, every, evenly_lit)
+        return VoxelSheets(sub_cubes, geometry, resolution.geometry, rules, rule, plan, every, evenly_lit)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""
@@ -196,26 +200,9 @@ class SingleProcess:
         servers = self._outcome(request, assembly, planned - began, drawn - began)
         now = time.perf_counter()
         if self._tracer is not None:
-            self._trace(self._tracer, request, assembly, (began, planned, drawn, now))
+            moments = began, planned, drawn, now
+            note_frame(self._tracer, request.frame, step, moments, assembly.note_owners)
         yield Refinement(step, image, StepOutcome(step, now - began, now - drawn, servers))
-
-    def _trace(
-        self,
-        tracer: FrameTracer,
-        request: messages.RenderFrame,
-        assembly: FrameAssembly,
-        moments: tuple[float, float, float, float],
-    ) -> None:
-        """Of a frame that began, was planned, was drawn, and was published at these moments."""
-        frame, (began, planned, drawn, published) = request.frame, moments
-        tracer.note(frame, "caller", f"frame {frame}, step {assembly.plan.step}", began, published)
-        for name, start, end in (("plan", began, planned), ("draw", planned, drawn), ("publish", drawn, published)):
-            tracer.note(frame, "caller", name, start, end)
-        spans = FrameSpans(frame, wanted=True)
-        assembly.note_owners(spans, planned)
-        for span in spans.traced():
-            tracer.note(frame, span.row, span.name, span.began, span.ended)
-        tracer.finish(frame)
 
     def _begun(self, scene: Scene, step: Step) -> tuple[messages.RenderFrame, FrameAssembly]:
         """Have the threads draw it, and nothing else any more."""
@@ -276,9 +263,7 @@ class SingleProcess:
         )
         splat = assembly.stats(walked.bytes, planning, frame)
         self._shares.measured(request, {WORKER: splat})
-        assert self._holding.packing is not None
-        why = self._holding.packing.why_level
-        return FrameOutcome({WORKER: walk}, {WORKER: splat}, level=request.level, why_level=why)
+        return FrameOutcome({WORKER: walk}, {WORKER: splat}, level=request.level, why_level=self.why_level)
 
     def _packed(self, scene: Scene, step: Step) -> Packing:
         """Have the packets held that the step is drawn from."""

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from volsplat.client.scene.colour_maps import colormap as colormap
     from volsplat.client.scene.presets import PRESETS as presets
     from volsplat.client.script.plotting import UnsuitedPreset as UnsuitedPreset
+    from volsplat.client.script.plotting import export as export
     from volsplat.client.script.plotting import plot as plot
     from volsplat.client.script.plotting import render as render
     from volsplat.client.script.plotting import view as view
@@ -42,6 +43,7 @@ _ROOMS = {
     "Volume": "volsplat.client.memory.array_volume",
     "VolsplatError": "volsplat.protocol.text.errors",
     "colormap": "volsplat.client.scene.colour_maps",
+    "export": "volsplat.client.script.plotting",
     "open": "volsplat.client.session.session",
     "plot": "volsplat.client.script.plotting",
     "presets": "volsplat.client.scene.presets",
@@ -64,6 +66,7 @@ __all__ = [
     "VolsplatError",
     "Volume",
     "colormap",
+    "export",
     "open",
     "plot",
     "presets",

@@ -1,6 +1,7 @@
 """Exported files: Gaussians that draw our picture again, and meshes that are the surface, right side out."""
 
 import math
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+import volsplat as vs
 from support.programs.programs import Person
 from tolerances import CLOUD_LEVELS, MESH_VOLUME
-from volsplat.client.export.export import write_export
+from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.gaussians import HARMONIC, ellipsoid
 from volsplat.client.export.mesh import edge_of_table
 from volsplat.client.memory.array_volume import Volume
@@ -23,6 +25,7 @@ from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.rules.footprint_shape import GAUSSIAN_SIGMA
 from volsplat.protocol.rules.resolved_view import screen_rotation
+from volsplat.protocol.text.errors import BadInput
 
 SKEW = np.array([[1.0, 0.3, 0.0, 5.0], [0.0, 1.2, 0.0, -3.0], [0.0, 0.1, 0.9, 2.0], [0.0, 0.0, 0.0, 1.0]])
 MIRRORED = np.diag([-1.0, 1.0, 1.0, 1.0]) @ SKEW
@@ -113,14 +116,54 @@ def test_what_cannot_be_exported_is_one_line_and_leaves_what_was_there(tmp_path:
     z, y, x = np.mgrid[-6:7, -6:7, -6:7]
     np.save(tmp_path / "ball.npy", (200 - 20 * np.sqrt(x**2 + y**2 + z**2)).clip(0).astype(np.uint8))
     (tmp_path / "ball.stl").write_text("before")
-    for given_, words in {
+    for options, words in {
         "ball.plyy": "did you mean .ply?",
-        "ball.ply --level 3": "--level is for a mesh",
-        "ball.stl --light even": "leave out --light",
-        "ball.stl --level 9000": "widen --window",
-        "away/ball.stl": "make it first",
+        "ball.stl --level 9000 --preset difference-map": "widen --window",
     }.items():
-        answer = person.runs("export", "ball.npy", "-o", *given_.split())
+        answer = person.runs("export", "ball.npy", "-o", *options.split())
         assert answer.returncode == 2 and words in answer.stderr.splitlines()[-1], answer.stderr
+    assert "note: " in answer.stderr and "both sides of 0" in answer.stderr, "as render says of such a preset"
+    for path, level, evenly_lit, words in (
+        ("ball.ply", 3.0, False, "--level is for a mesh"),
+        ("ball.stl", None, True, "leave out --light"),
+        ("away/ball.stl", None, False, "make it first"),
+    ):
+        with pytest.raises(BadInput, match=words):
+            check_export(tmp_path / path, level, evenly_lit)
     assert (tmp_path / "ball.stl").read_text() == "before"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.npy", "ball.stl"]
+
+
+def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "trimesh", None)
+    cure = r"a mesh needs trimesh, which is not installed: pip install 'volsplat\[export\]'"
+    with pytest.raises(BadInput, match=cure):
+        vs.export(ball(np.eye(4)), tmp_path / "ball.glb")
+    assert not any(tmp_path.iterdir())
+    assert vs.export(ball(np.eye(4)), tmp_path / "ball.ply").endswith(" Gaussians"), "which needs no extra"
+
+
+def test_scripts_export_through_the_front_door(tmp_path: Path) -> None:
+    volume = ball(np.eye(4))
+    every, fewer = (vs.export(volume, tmp_path / f"{n}.ply", "depth-cue", every=n, light="even") for n in (1, 2))
+    assert int(every.split()[0]) > 4 * int(fewer.split()[0])
+    assert vs.export(volume, str(tmp_path / "ball.stl"), level=128).endswith(" triangles at 128")
+    with SingleProcess(volume) as single:
+        vs.export(single, tmp_path / "again.ply", "depth-cue", light="even")
+    assert (tmp_path / "again.ply").read_bytes() == (tmp_path / "1.ply").read_bytes()
+    with pytest.raises(BadInput, match="light must be scene or even, not 'sun'"):
+        vs.export(volume, tmp_path / "sun.ply", light="sun")  # type: ignore[arg-type]
+    with vs.open(volume, workers=1) as session, pytest.raises(BadInput, match="give export the volume itself"):
+        vs.export(session, tmp_path / "session.ply")
+
+
+def test_a_fault_of_marching_cubes_is_not_taken_for_an_empty_volume(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: Any, **__: Any) -> None:
+        raise RuntimeError("out of cells")
+
+    monkeypatch.setattr("skimage.measure.marching_cubes", fails)
+    with pytest.raises(RuntimeError, match="out of cells"):
+        vs.export(ball(np.eye(4)), tmp_path / "ball.stl", level=128)
+    assert not any(tmp_path.iterdir())
