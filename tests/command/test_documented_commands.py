@@ -11,7 +11,8 @@ import pytest
 
 from support.patience import PATIENCE
 from support.programs.documented_commands import Documented, commands, snippets
-from support.programs.programs import VOLSPLAT, Person
+from support.programs.programs import Person
+from support.programs.quick_shell import QuickShell
 from volsplat.program.exit_status import EXIT_INTERRUPTED
 
 # Commands of the README that are not run as they stand, and why; that their options exist is tested all the same.
@@ -39,13 +40,15 @@ def reader(tmp_path: Path) -> Person:
 def test_the_tour_of_the_readme_runs_from_top_to_bottom(reader: Person) -> None:
     tour = [one.text for one in commands() if one.page == "README.md" and not _not_run(one.text)]
     assert len(tour) >= 9
-    for line in tour:
-        if line.startswith("volsplat view"):
-            status, said = _view(reader, line)
-        else:
-            status, said = _typed(reader, line + FEWER_FRAMES if " movie " in line else line)
-        assert status == 0, f"{line}\n{said}"
-        assert "Traceback" not in said, line
+    with QuickShell(reader.folder, reader.environment) as shell:
+        for line in tour:
+            if line.startswith("volsplat view"):
+                status, said = _view(reader, line)
+            else:
+                done = shell.runs(line + FEWER_FRAMES if " movie " in line else line, PATIENCE)
+                status, said = done.returncode, done.stdout
+            assert status == 0, f"{line}\n{said}"
+            assert "Traceback" not in said, line
     for name in ("head.png", "skull.png", "turned.exr", "skin.png", "skin.toml", "turntable.mp4"):
         assert (reader.folder / name).stat().st_size > 0, name
 
@@ -83,20 +86,6 @@ def test_documented_python_runs(reader: Person, snippet: Documented) -> None:
         timeout=PATIENCE,
     )
     assert answer.returncode == 0, answer.stderr
-
-
-def _typed(reader: Person, line: str) -> tuple[int, str]:
-    """A command line as a shell runs it."""
-    answer = subprocess.run(
-        line.replace("volsplat", str(VOLSPLAT), 1),
-        shell=True,
-        cwd=reader.folder,
-        env=reader.environment,
-        capture_output=True,
-        encoding="utf-8",
-        timeout=PATIENCE,
-    )
-    return answer.returncode, answer.stdout + answer.stderr
 
 
 def _view(reader: Person, line: str) -> tuple[int, str]:

@@ -1,0 +1,150 @@
+"""Forks programs of volsplat from a process that has loaded what each would load again, for a second or two.
+
+Run as `python -m support.programs.command_forker SOCKET STAND_IN`: the number of a listening socket, and the command
+that asks there (stand_in.py). Ends, and with it all that it has forked, when its standard input does.
+"""
+
+import gc
+import json
+import os
+import runpy
+import signal
+import socket
+import sys
+import threading
+import traceback
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib import import_module
+from selectors import EVENT_READ, DefaultSelector
+from typing import Any, NoReturn
+
+from volsplat.client.command.cli import main as volsplat
+
+MODULES = [f"volsplat.client.command.{name}_command" for name in ("info", "movie", "phantom", "render", "scene")]
+MODULES += [f"volsplat.{name}" for name in ("mapshade_server.command", "splat_server.command")]
+MODULES += [
+    "volsplat.deploy.batch.task_pools",
+    "volsplat.mapshade_server.prepare.command",
+    "torch",
+    "SimpleITK",
+    "OpenImageIO",
+]
+
+ASKING_SECONDS = 10.0  # that an asker may take, which has it all at hand
+
+
+@dataclass(eq=False)
+class _Forked:
+    """A program, and the connection of whoever waits for its status."""
+
+    identity: int
+    ended: int  # a file descriptor that is readable once the program has ended
+    asker: socket.socket
+
+    def stop(self) -> None:
+        signal.pidfd_send_signal(self.ended, signal.SIGTERM)
+
+    def report(self) -> None:
+        """Hands the status on to who asked, unless nobody waits any more."""
+        status = os.waitstatus_to_exitcode(os.waitpid(self.identity, 0)[1])
+        os.close(self.ended)
+        with self.asker, suppress(BrokenPipeError):
+            self.asker.sendall(str(status if status >= 0 else 128 - status).encode())
+
+
+class _Forker:
+    """Forks what is asked for at a socket, and watches it."""
+
+    def __init__(self, listener: socket.socket) -> None:
+        self._listener = listener
+        self._running: set[_Forked] = set()
+        self._selector = DefaultSelector()
+        self._selector.register(listener, EVENT_READ)
+        self._selector.register(sys.stdin, EVENT_READ)
+
+    def serve(self) -> None:
+        while True:
+            for key, _ in self._selector.select():
+                if key.fileobj is sys.stdin:
+                    for forked in self._running:
+                        forked.stop()
+                    return
+                if key.fileobj is self._listener:
+                    self._fork(self._listener.accept()[0])
+                elif key.fileobj == key.data.ended:
+                    self._end(key.data)
+                elif key.data in self._running:  # who asked was ended, as by Ctrl-C
+                    key.data.stop()
+                    self._selector.unregister(key.fileobj)
+
+    def _fork(self, asker: socket.socket) -> None:
+        request, streams = _request(asker)
+        identity = os.fork()
+        if identity == 0:
+            for number, stream in enumerate(streams):
+                os.dup2(stream, number)
+                os.close(stream)
+            _become(**request)
+        for stream in streams:
+            os.close(stream)
+        forked = _Forked(identity, os.pidfd_open(identity), asker)
+        self._running.add(forked)
+        self._selector.register(forked.ended, EVENT_READ, forked)
+        self._selector.register(asker, EVENT_READ, forked)
+
+    def _end(self, forked: _Forked) -> None:
+        self._running.remove(forked)
+        self._selector.unregister(forked.ended)
+        if forked.asker in self._selector.get_map():
+            self._selector.unregister(forked.asker)
+        forked.report()
+
+
+def _request(asker: socket.socket) -> tuple[dict[str, Any], list[int]]:
+    """What is asked for, and the three streams of who asks."""
+    asker.settimeout(ASKING_SECONDS)
+    length, streams, _, _ = socket.recv_fds(asker, 8, 3)
+    with asker.makefile("rb") as rest:
+        return json.loads(rest.read(int.from_bytes(length, "big"))), streams
+
+
+def _become(words: list[str], folder: str, environment: dict[str, str]) -> NoReturn:
+    os.setsid()  # a terminal's Ctrl-C reaches who asked
+    os.chdir(folder)
+    os.environ.clear()
+    os.environ.update(environment)
+    status = _status_of(words)
+    threading._shutdown()  # type: ignore[attr-defined]  # which waits for threads, as at the end of any program
+    sys.stdout.flush()
+    os._exit(status)  # taking down all that was loaded would cost half a second
+
+
+def _status_of(words: list[str]) -> int:
+    try:
+        if words[0] == "-m":
+            sys.argv = words[1:]
+            runpy.run_module(words[1], run_name="__main__", alter_sys=True)
+        else:
+            sys.argv = ["volsplat", *words]
+            volsplat()
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 1 if end.code else 0
+    except BaseException:
+        traceback.print_exc()
+        return 1
+    return 0
+
+
+def main() -> None:
+    listener = socket.socket(fileno=int(sys.argv[1]))
+    sys.executable = sys.argv[2]  # so that servers and what a command becomes are forked, too; before modules note it
+    for name in MODULES:
+        import_module(name)
+    gc.freeze()  # what is collected by those that are forked is their own
+    _Forker(listener).serve()
+    os._exit(0)  # as those that it has forked
+
+
+if __name__ == "__main__":
+    main()
