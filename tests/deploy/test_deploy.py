@@ -40,7 +40,11 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
     return Person(tmp_path)
 
 
-@pytest.fixture(params=["local", "local, waiting", "ssh", "ssh, waiting"])
+# Who starts a server and which side dials have nothing to do with each other: one test goes through all four.
+EACH_KIND = ["local", "local, waiting", "ssh", "ssh, waiting"]
+
+
+@pytest.fixture(params=["local", "ssh, waiting"])
 def cluster(request: pytest.FixtureRequest, person: Person) -> Iterator[Path]:
     """A cluster's file; whatever was brought up of it is down at the end."""
     with ExitStack() as ended:
@@ -60,6 +64,7 @@ def processes(person: Person) -> list[int]:
     return [int(handle["process"]) for handle in handles(person)]
 
 
+@pytest.mark.parametrize("cluster", EACH_KIND, indirect=True)
 def test_resident_servers_serve_one_client_after_the_other(person: Person, cluster: Path) -> None:
     alone = drawn(person, "--single")
     up = person.runs("deploy", "up", str(cluster))
