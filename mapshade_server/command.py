@@ -72,7 +72,7 @@ def mapshade_server(
     limit = None if memory is None else bytes_from_option("--memory", memory)
     token = need_token(os.environ, token_file)
     with ExitStack() as stack:
-        stack.enter_context(metrics_of(counts, metrics, door))
+        stack.enter_context(metrics_of(lambda: counts, metrics, door))
         budget = MemoryBudget(limit, MemoryPromises())  # whose file is opened before other places are closed off
         root = None if data_root is None else stack.enter_context(held_to(data_root))
         held = HeldVolume(budget=budget)

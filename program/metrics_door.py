@@ -6,7 +6,7 @@ That token is the door's own, never the session's: HTTP is not encrypted, and wh
 import hmac
 import os
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from secrets import token_hex
@@ -52,7 +52,7 @@ def _make(path: Path) -> None:
 class MetricsDoor:
     """Answers from when it is made until it is closed."""
 
-    def __init__(self, address: Address, token: Token, counts: Counts) -> None:
+    def __init__(self, address: Address, token: Token, counts: Callable[[], Counts]) -> None:
         """Raises BadInput where the address cannot be had, or without the extra [metrics]."""
         need("prometheus_client", "--metrics", "metrics")
         from prometheus_client import CollectorRegistry
@@ -78,13 +78,13 @@ class MetricsDoor:
 class _Collector:
     """What prometheus_client asks at each scrape."""
 
-    def __init__(self, counts: Counts) -> None:
+    def __init__(self, counts: Callable[[], Counts]) -> None:
         self._counts = counts
 
     def collect(self) -> "Iterator[Metric]":
         from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily
 
-        sums = self._counts.sums()
+        sums = self._counts().sums()
         for name, counted in COUNTED.items():
             family = CounterMetricFamily(
                 f"volsplat_{name}", counted.what, labels=[counted.label] if counted.label else None

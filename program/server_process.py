@@ -130,8 +130,8 @@ def checked_metrics(address: Address | None, token_file: Path | None) -> Token |
 
 
 @contextmanager
-def metrics_of(counts: Counts, address: Address | None, token: Token | None) -> Iterator[None]:
-    """Hand out what is counted, at the address, if any. Raises BadInput."""
+def metrics_of(counts: Callable[[], Counts], address: Address | None, token: Token | None) -> Iterator[None]:
+    """Hand out what `counts` gives at each asking, at the address, if any. Raises BadInput."""
     if address is None or token is None:
         yield
         return

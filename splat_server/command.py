@@ -83,7 +83,7 @@ def splat_server(
     counts, door = Counts(), checked_metrics(metrics, metrics_token)
     token = need_token(os.environ, token_file)
     with (
-        metrics_of(counts, metrics, door),
+        metrics_of(lambda: counts, metrics, door),
         closing(clients_of(Role.SPLAT_SERVER, token, connect, wait_at, patience, resident, keep, tls)) as clients,
     ):
 

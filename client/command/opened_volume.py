@@ -6,7 +6,7 @@ import os
 import socket
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from ipaddress import ip_address
 from pathlib import Path
@@ -192,24 +192,29 @@ def opened_quietly(
             yield single
         return
     token = servers.token or new_token()
-    with Session(
+    with session_of(volume, replace(servers, token=token), spawns, say) as session:
+        if not spawns and servers.cluster is None:
+            tell_how_to_join(session, token, servers.token is not None, console, servers.tls)
+        yield session
+
+
+def session_of(volume: str, servers: Servers, spawns: bool, say: Callable[[str], None]) -> Session:
+    """A session that these servers draw for; it does not wait for its volume."""
+    return Session(
         volume,
         workers=servers.workers,
         splat_servers=servers.splat_servers,
         threads=servers.threads,
         listen=servers.listen or ANY_LOOPBACK_PORT,
         spawn=spawns,
-        token=token,
+        token=servers.token,
         memory=servers.memory,
         silence=servers.silence,
         tls=servers.tls,
         cluster=servers.cluster,
         trace=servers.trace,
         on_progress=say,
-    ) as session:
-        if not spawns and servers.cluster is None:
-            tell_how_to_join(session, token, servers.token is not None, console, servers.tls)
-        yield session
+    )
 
 
 def tell_how_to_join(

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import errno
 import socket
-from contextlib import nullcontext
+from contextlib import closing, nullcontext
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
@@ -14,12 +16,14 @@ import msgspec
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.help_page import SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import (
+    Servers,
     check_found,
     ignored,
     memory_option,
     opened,
     server_options,
     servers_from_options,
+    session_of,
     trace_option,
 )
 from volsplat.client.command.render_options import SceneOptions, scene_options
@@ -37,6 +41,10 @@ from volsplat.protocol.description.scene import PaperStep, Refine
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
+
+if TYPE_CHECKING:
+    from volsplat.client.ui.viewing.restart import Restart
+    from volsplat.client.ui.viewing.viewing import Viewing
 
 GRACE_SECONDS = 600
 PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page")  # takes a second to import
@@ -129,13 +137,36 @@ def view(
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored, PAGE) as session:
                 assert isinstance(session, Session)
-                with metrics_of(session.counts, metrics, door):
-                    _serve(session, options, address, grace, tab, console)
+                if why := options.why_unsuited(session.volume):
+                    console.say(f"note: {why}")
+                viewing = _viewing_of(session, options, by_hand=listen is not None)
+                restart = None if listen else _restart_of(viewing, volume, servers)
+                with closing(viewing), metrics_of(lambda: viewing.session.counts, metrics, door):
+                    _serve(viewing, restart, address, grace, tab, console)
+
+
+def _viewing_of(session: Session, options: SceneOptions, by_hand: bool) -> Viewing:
+    with interrupts_held():
+        from volsplat.client.ui.viewing.opened_viewing import opened_viewing
+        from volsplat.client.ui.viewing.trouble import BY_BUTTON, BY_HAND
+
+    first = options.scene_of(session.volume)
+    if options.scene is None:
+        first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
+    return opened_viewing(session, first, cure=BY_HAND if by_hand else BY_BUTTON)
+
+
+def _restart_of(viewing: Viewing, volume: str, servers: Servers) -> Restart:
+    """What starts the servers again; the trace stays that of the first ones, whose place it would take."""
+    from volsplat.client.ui.viewing.restart import Restart
+
+    untraced = replace(servers, trace=None)
+    return Restart(viewing, lambda say: session_of(volume, untraced, True, say))
 
 
 def _serve(
-    session: Session,
-    options: SceneOptions,
+    viewing: Viewing,
+    restart: Restart | None,
     address: PageAddress,
     grace: float,
     tab: BrowserTab | None,
@@ -144,18 +175,11 @@ def _serve(
     with interrupts_held():
         from volsplat.client.ui.application import Application
         from volsplat.client.ui.page import page
-        from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 
-    first = options.scene_of(session.volume)
-    if why := options.why_unsuited(session.volume):
-        console.say(f"note: {why}")
-    if options.scene is None:
-        first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
-    viewing = opened_viewing(session, first)
-    application = Application(viewing, page, address, grace)
+    application = Application(viewing, partial(page, restart=restart), address, grace)
 
     def ready() -> None:
-        for line in (f"{session.volume.description.name} is at", "", f"    {address.url}", ""):
+        for line in (f"{viewing.volume.description.name} is at", "", f"    {address.url}", ""):
             console.say(line)
         if tab is not None:
             tab.open()

@@ -125,7 +125,7 @@ class Application:
                 ws_per_message_deflate=False,  # pictures are compressed already
                 h11_max_incomplete_event_size=LONGEST_ADDRESS,
             ),
-            end_session=viewing.session.close,
+            end_session=viewing.close,
         )
         self.ended_by_grace = False
 

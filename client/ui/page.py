@@ -12,17 +12,19 @@ from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
 from volsplat.client.ui.panels.servers_panel import servers_panel
 from volsplat.client.ui.panels.skip_links import skip_links
+from volsplat.client.ui.panels.start_again import StartAgain
 from volsplat.client.ui.panels.steps_bar import steps_bar
 from volsplat.client.ui.panels.volume_information import volume_information
 from volsplat.client.ui.tables.tables_panel import tables_panel
+from volsplat.client.ui.viewing.restart import Restart
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.viewport_element import viewport_element
 
 STYLES = ("theme.css", "page.css")
 
 
-def page(viewing: Viewing) -> None:
-    """Build the page for one tab."""
+def page(viewing: Viewing, restart: Restart | None = None) -> None:
+    """Build the page for one tab; without a `restart`, a session that has ended stays so."""
     description = viewing.volume.description
     for style in STYLES:
         ui.add_head_html(f'<link rel="stylesheet" href="volsplat/static/{style}">')
@@ -46,6 +48,8 @@ def page(viewing: Viewing) -> None:
             viewport_element(viewing.default_scene.view.rotation)
             ColourBar(viewing)
             PhaseLegend(viewing)
+            if restart is not None:
+                StartAgain(viewing, restart)
         with ui.element("aside").classes("vs-right").props('aria-label="tables of the scene"'):
             tables_panel(viewing)
         with ui.element("footer").classes("vs-foot").props("role=contentinfo"):

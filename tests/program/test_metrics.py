@@ -56,7 +56,7 @@ def status(address: Address, path: str, **headers: str) -> int:
 @pytest.fixture
 def door() -> Iterator[tuple[MetricsDoor, Token, Counts]]:
     token, counts = new_token(), Counts()
-    door = MetricsDoor(Address(LOOPBACK, 0), token, counts)
+    door = MetricsDoor(Address(LOOPBACK, 0), token, lambda: counts)
     yield door, token, counts
     door.close()
 

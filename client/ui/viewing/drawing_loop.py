@@ -44,7 +44,7 @@ class DrawingLoop:
         tell: Callable[[VolsplatError], None],
     ) -> None:
         self.pacing = Pacing()
-        self._session = session
+        self.session = session
         self._model = model
         self._show = show
         self._tell = tell
@@ -93,6 +93,11 @@ class DrawingLoop:
                 self._lent = False
                 self._changed.notify_all()
 
+    def draw_with(self, session: Session) -> None:
+        """Draw the scene anew, by another session of the same volume."""
+        self.session = session
+        self.draw_again()
+
     def draw_again(self) -> None:
         """Draw the scene anew although it is the same, since what holds the volume has changed."""
         with self._changed:
@@ -109,7 +114,7 @@ class DrawingLoop:
     def _abort_refinement(self) -> None:
         # A picture of a moving scene is finished, however many changes come meanwhile: else none would ever be.
         if self._refining:
-            self._session.abort()
+            self.session.abort()
 
     def _run(self) -> None:
         while True:
@@ -154,14 +159,14 @@ class DrawingLoop:
     def _take_back(self) -> None:
         """Have the session to ourselves."""
         while self._lent and not self._closed:
-            self._session.abort()
+            self.session.abort()
             self._changed.wait(ABORT_SECONDS)  # it misses what is asked for only then
 
     def _draw_moving(self, state: SceneState) -> None:
         """One picture, perhaps smaller than the scene's: the page shows it as large."""
         rung = self.pacing.while_moving(state.scene)
         scene, step = scaled(state.scene, rung.share), rung.step
-        for refinement in self._session.refine(scene, step, NO_PARTIAL_IMAGES, first=step, exact=()):
+        for refinement in self.session.refine(scene, step, NO_PARTIAL_IMAGES, first=step, exact=()):
             self._publish(state, refinement, rung)
 
     def _refine(self, state: SceneState) -> None:
@@ -188,7 +193,7 @@ class DrawingLoop:
 
     def _refine_from(self, first: Step, last: Step, state: SceneState) -> None:
         shown, exact = self._shown, (finest_step(state.scene),)
-        for refinement in self._session.refine(state.scene, last, PARTIAL_INTERVAL, first, exact):
+        for refinement in self.session.refine(state.scene, last, PARTIAL_INTERVAL, first, exact):
             if self._model.now.revision != state.revision:
                 return
             # What a drag or coarser steps have left on the screen stays there until the step after it is finished.

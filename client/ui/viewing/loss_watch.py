@@ -27,18 +27,21 @@ async def watch_for_losses(viewing: Viewing) -> None:
 class _LossWatch:
     def __init__(self, viewing: Viewing) -> None:
         self._viewing = viewing
+        self._session = viewing.session
         self._known: set[int] = set()  # servers whose loss was told
         self._over = False  # whether the end of the session was told
         self._told: Trouble | None = None  # of losses since the last picture of the whole volume
 
     def look(self) -> None:
         """Tell of losses that are new, and have the picture drawn by the others; or that there are none."""
-        found = losses(self._viewing.session.servers)
+        if self._viewing.session is not self._session:  # which has servers of its own
+            self._session, self._known, self._over, self._told = self._viewing.session, set(), False, None
+        found = losses(self._session.servers)
         new = [words for server, words in found.items() if server not in self._known]
-        failure = self._viewing.session.failure
+        failure = self._session.failure
         if failure is not None and not self._over:
             self._over = True
-            self._viewing.troubles.tell(trouble_of(failure))
+            self._viewing.troubles.tell(trouble_of(failure, self._viewing.cure))
         elif new:
             self._known |= found.keys()
             self._told = Trouble("; ".join(new), lasting=True)

@@ -6,15 +6,22 @@ from volsplat.client.session.session import Session
 from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
-from volsplat.client.ui.viewing.trouble import Trouble, trouble_of
+from volsplat.client.ui.viewing.trouble import BY_HAND, Trouble, trouble_of
 from volsplat.client.ui.viewing.viewing import Feed, Viewing
 from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.text.errors import VolsplatError
 
 
-def opened_viewing(session: Session, scene: Scene) -> Viewing:
-    """Everything that a page needs; the drawing loop is not started yet."""
+def opened_viewing(session: Session, scene: Scene, cure: str = BY_HAND) -> Viewing:
+    """Everything that a page needs; the drawing loop is not started yet. `cure` is that of a session that has ended."""
     pictures: Feed[Picture] = Feed()
     troubles: Feed[Trouble] = Feed()
     model = SceneModel(scene, session.volume.fitted)
-    loop = DrawingLoop(session, model, pictures.tell, lambda error: troubles.tell(trouble_of(error)))
-    return Viewing(session, model, loop, session.volume, session.default_scene(), pictures, troubles)
+
+    def tell(error: VolsplatError) -> None:
+        if loop.session is viewing.session:  # else another one is being opened in its place
+            troubles.tell(trouble_of(error, cure))
+
+    loop = DrawingLoop(session, model, pictures.tell, tell)
+    viewing = Viewing(session, model, loop, session.volume, session.default_scene(), pictures, troubles, cure)
+    return viewing

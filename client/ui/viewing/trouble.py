@@ -6,7 +6,8 @@ from dataclasses import dataclass
 
 from volsplat.protocol.text.errors import PeerLost, VolsplatError
 
-CURE = "nothing can be drawn any more; save the scene, and start volsplat again"
+BY_HAND = "nothing can be drawn any more; save the scene, and start volsplat again"
+BY_BUTTON = "nothing can be drawn until it is started again"
 
 
 @dataclass(frozen=True)
@@ -17,6 +18,6 @@ class Trouble:
     lasting: bool = False
 
 
-def trouble_of(error: VolsplatError) -> Trouble:
+def trouble_of(error: VolsplatError, cure: str) -> Trouble:
     """What to tell of an error that ended a picture: without the servers that were lost there will be none."""
-    return Trouble(f"{error}; {CURE}", lasting=True) if isinstance(error, PeerLost) else Trouble(str(error))
+    return Trouble(f"{error}; {cure}", lasting=True) if isinstance(error, PeerLost) else Trouble(str(error))

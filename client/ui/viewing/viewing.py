@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -51,9 +52,9 @@ class Feed(Generic[News]):
             subscriber(news)
 
 
-@dataclass(frozen=True)
+@dataclass
 class Viewing:
-    """One volume being looked at, by any number of tabs."""
+    """One volume being looked at, by any number of tabs; only its session may be another one after some time."""
 
     session: Session
     model: SceneModel
@@ -62,7 +63,25 @@ class Viewing:
     default_scene: Scene
     pictures: Feed[Picture]
     troubles: Feed[Trouble]
+    cure: str  # what a person may do once the session has ended
     image_size: ImageSize = field(default_factory=ImageSize)
+    _guard: threading.Lock = field(default_factory=threading.Lock)  # of the session and of what follows
+    _closed: bool = False
+
+    def take(self, session: Session) -> None:
+        """Look through this session from now on, which ends with the viewing: at once if that is over."""
+        with self._guard:
+            self.session = session
+            closed = self._closed
+        if closed:
+            session.close()
+
+    def close(self) -> None:
+        """End the session, whichever it is by now. Safe to call twice."""
+        with self._guard:
+            self._closed = True
+            session = self.session
+        session.close()
 
     def show_scene(self, scene: Scene) -> None:
         """Put another scene in place of the present one, which undo brings back; the image has its size as before."""

@@ -1,0 +1,62 @@
+"""Starts a session again that has ended, for as long as the page is open."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+
+from volsplat.client.session.session import Session
+from volsplat.client.ui.viewing.trouble import Trouble, trouble_of
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.text.errors import PeerLost, VolsplatError
+
+# A session like the first one; it is given what to do with the words for what takes time.
+OpenSession = Callable[[Callable[[str], None]], Session]
+
+
+class Restart:
+    """Puts a session like the first in the place of one that has ended. Any tab may ask for it, at any time."""
+
+    def __init__(self, viewing: Viewing, open_session: OpenSession) -> None:
+        self._viewing = viewing
+        self._open_session = open_session
+        self._starting = threading.Lock()
+
+    @property
+    def starting(self) -> bool:
+        return self._starting.locked()
+
+    @property
+    def wanted(self) -> bool:
+        """Whether the session has ended, and nobody has started it again."""
+        return self._viewing.session.failure is not None and not self.starting
+
+    def start(self) -> None:
+        """Start it if that is wanted; returns when the scene is drawn again, or was told why it cannot be."""
+        if self._viewing.session.failure is None or not self._starting.acquire(blocking=False):
+            return
+        try:
+            self._say("it is being started again")
+            outcome = self._started()
+        finally:
+            self._starting.release()
+        self._viewing.troubles.tell(outcome)
+
+    def _started(self) -> Trouble:
+        """What is to be told of it."""
+        viewing = self._viewing
+        viewing.session.close()  # its port may be wanted again
+        try:
+            viewing.take(self._open_session(self._say))
+            if viewing.session.volume.description != viewing.volume.description:
+                viewing.session.close()
+                raise PeerLost("the volume is another one by now")
+        except VolsplatError as error:
+            return trouble_of(error, viewing.cure)
+        viewing.loop.draw_with(viewing.session)
+        return Trouble("it was started again")
+
+    def _say(self, words: str) -> None:
+        """While it is being started: the session goes on to tell what takes time, as each frame does."""
+        if self.starting:
+            self._viewing.troubles.tell(Trouble(words, lasting=True))
