@@ -15,7 +15,7 @@ from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT, OPACITY_CODES, opacity_of_code
-from volsplat.protocol.rules.shading_rule import ShadingRule
+from volsplat.protocol.rules.shading_rule import Lighting, ShadingRule
 
 GRADIENTS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
 SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
@@ -29,7 +29,9 @@ class Voxels(NamedTuple):
 
     indices: NDArray[np.int64]  # (n, 3) i, j, k
     opacity: NDArray[np.float32]  # (n,)
-    colour: NDArray[np.float32]  # (n, 3), 0 to 1
+    emitted: NDArray[np.float32]  # (n, 3), 0 to 1, and so is the next, before light
+    reflected: NDArray[np.float32]
+    directions: NDArray[np.int64]  # (n,) codes of the gradient's direction
 
 
 @dataclass(frozen=True)
@@ -46,7 +48,6 @@ class VoxelSheets:
     shading: ShadingRule
     plan: FramePlan
     every: int
-    evenly_lit: bool  # the reflected colour as it is, from whichever side the light comes
 
     @property
     def sheets(self) -> int:
@@ -62,7 +63,6 @@ class VoxelSheets:
     def visible(self, least: float) -> Iterator[Voxels]:
         """Those voxels, sheet by sheet."""
         refl, emit = (self._entries(shading_tables.colours(t)) for t in (self.shading.refl, self.shading.emit))
-        light = self._light()
         for cube, k in self._all_sheets():
             index, packets = self._sheet(cube, k)
             opacity = self._opacity(index, packets)
@@ -70,8 +70,13 @@ class VoxelSheets:
             index, packets = index[seen], packets[seen]
             emitted = emit[self._bytes(self.shading.cross_bar.emit, index, packets), :3]
             reflected = refl[self._bytes(self.shading.cross_bar.refl, index, packets), :3]
-            colour = emitted + reflected * light[packets >> DIRECTION_SHIFT & 0x7FFF, None]
-            yield Voxels(index, opacity[seen], np.clip(colour, 0.0, 1.0))
+            directions = (packets >> DIRECTION_SHIFT & 0x7FFF).astype(np.int64)
+            yield Voxels(index, opacity[seen], emitted, reflected, directions)
+
+    def light(self, lighting: Lighting) -> NDArray[np.float32]:
+        """What multiplies the reflected colour, by the direction's code."""
+        octahedral = self.quantisation.directions == "octahedral"
+        return self._entries(shading_tables.light_of_directions(lighting, octahedral))
 
     def densities(self) -> Iterator[tuple[Index, NDArray[np.uint8], NDArray[np.bool_]]]:
         """Of each sheet within a sub-cube: where it begins, counted in every `every`th; density bytes and where there
@@ -138,12 +143,6 @@ class VoxelSheets:
         )
         opacities: NDArray[np.float32] = OPACITIES[codes[low | high << 8]]
         return opacities
-
-    def _light(self) -> NDArray[np.float32]:
-        if self.evenly_lit:
-            return np.ones(1 << 15, np.float32)
-        octahedral = self.quantisation.directions == "octahedral"
-        return self._entries(shading_tables.light_of_directions(self.shading.lighting, octahedral))
 
     def _entries(self, table: object) -> NDArray[np.float32]:
         return np.asarray(table, dtype=np.float32)

@@ -12,7 +12,8 @@ from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, vo
 from volsplat.client.command.opened_volume import check_found, memory_option, tell_notes
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
-from volsplat.client.export.export import LIGHTS, SUFFIXES, check_export, write_export
+from volsplat.client.export.export import SUFFIXES, check_export, write_export
+from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import THREADS
@@ -46,8 +47,7 @@ PROGRESS_STEPS = 100
     click.option(
         "--light",
         type=Words(LIGHTS),
-        default="scene",
-        help="Gaussians as lit for the scene's view, or evenly, the same from all sides (scene).",
+        help="Gaussians as lit for each viewer, or for the scene's view, or evenly (viewer).",
     ),
 )
 @scene_options
@@ -58,7 +58,7 @@ def export(
     output: Path,
     level: float | None,
     every: int,
-    light: str,
+    light: Light | None,
     threads: int,
     memory: str | None,
     **settings: Any,
@@ -79,7 +79,7 @@ def export(
     check_found(volume, True, None)
     if output.exists() and output.samefile(volume_name(volume).place):
         raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
-    check_export(output, level, light == "even")
+    check_export(output, level, light)
     may_hold = bytes_from_option("--memory", memory) if memory else None
     console = PlainConsole(stderr=True)
     with shown_progress(PROGRESS_STEPS, console) as (say, done):
@@ -91,7 +91,7 @@ def export(
             say(f"writing {output.name}")
             scene = options.scene_of(single.volume)
             held = write_export(
-                single, scene, output, level, every, light == "even", lambda share: done(int(PROGRESS_STEPS * share))
+                single, scene, output, level, every, light, lambda share: done(int(PROGRESS_STEPS * share))
             )
     if single.why_level:
         console.say(single.why_level)

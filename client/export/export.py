@@ -7,6 +7,7 @@ from pathlib import Path
 
 from volsplat.client.export.gaussians import write_gaussians
 from volsplat.client.export.mesh import need_mesh, write_mesh
+from volsplat.client.export.view_light import Light
 from volsplat.client.image.image_formats import check_place
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
@@ -15,10 +16,9 @@ from volsplat.protocol.text.errors import BadInput
 CLOUD = ".ply"
 MESHES = (".stl", ".glb", ".obj")
 SUFFIXES = (CLOUD, *MESHES)
-LIGHTS = ("scene", "even")  # of Gaussians: as for the scene's view, or the same from all sides
 
 
-def check_export(path: Path, level: float | None = None, evenly_lit: bool = False) -> None:
+def check_export(path: Path, level: float | None = None, light: Light | None = None) -> None:
     """Raises BadInput before any work if no such file can be written."""
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
@@ -27,7 +27,7 @@ def check_export(path: Path, level: float | None = None, evenly_lit: bool = Fals
         )
     if kind == CLOUD and level is not None:
         raise BadInput(f"{path}: --level is for a mesh; end the name in {', '.join(MESHES)}, or leave it out")
-    if kind != CLOUD and evenly_lit:
+    if kind != CLOUD and light is not None:
         raise BadInput(f"{path}: a mesh has no light of its own; leave out --light, or end the name in {CLOUD}")
     check_place(path)
     if kind != CLOUD:
@@ -40,13 +40,13 @@ def write_export(
     path: Path,
     level: float | None = None,
     every: int = 1,
-    evenly_lit: bool = False,
+    light: Light | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> str:
     """Write the file that the name's ending asks for; says what it holds. Raises BadInput."""
-    check_export(path, level, evenly_lit)
+    check_export(path, level, light)
     if path.suffix.lower() == CLOUD:
-        return f"{write_gaussians(single, scene, path, every, evenly_lit, on_progress)} Gaussians"
+        return f"{write_gaussians(single, scene, path, every, light or 'viewer', on_progress)} Gaussians"
     written = write_mesh(single, scene, path, level, every, on_progress)
     unit = f" {single.volume.description.value_unit}".rstrip()
     return f"{written.triangles} triangles at {written.level:.6g}{unit}"

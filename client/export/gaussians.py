@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.client.export.view_light import HARMONIC, Light, light_harmonics
 from volsplat.client.export.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
@@ -23,9 +24,9 @@ from volsplat.protocol.text.errors import BadInput
 
 PEAK = 1.0 / (2.0 * math.pi * GAUSSIAN_SIGMA**2)  # of a footprint
 LEAST_OPACITY = 1.0 / 255.0  # of a Gaussian: viewers leave out what is fainter
-MOST_GAUSSIANS = 20_000_000  # 1.4 GB; viewers draw some millions
-HARMONIC = 0.28209479177387814  # spherical harmonic of degree 0
-NAMES = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
+MOST_GAUSSIANS = 20_000_000  # 3.3 GB; viewers draw some millions
+BEFORE_REST = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2".split()
+AFTER_REST = "opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
 FEWER = "--every 2 takes each second voxel on each axis, --bounds a part, --window and --preset show less"
 
 
@@ -34,15 +35,16 @@ def write_gaussians(
     scene: Scene,
     path: Path,
     every: int = 1,
-    evenly_lit: bool = False,
+    light: Light = "viewer",
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> int:
     """Write a .ply file; how many Gaussians it holds. Raises BadInput if there are none, or too many.
 
-    Without a light of its own a Gaussian keeps the colour that the voxel has from the scene's view, highlights
-    included; `evenly_lit` ones have the reflected colour as it is. `on_progress` hears of the share that is done.
+    `on_progress` hears of the share that is done.
     """
-    voxels = single.voxels(scene, every, evenly_lit)
+    voxels = single.voxels(scene, every)
+    by_direction = light_harmonics(voxels, single.volume.settled(scene), light)
+    names = [*BEFORE_REST, *(f"f_rest_{n}" for n in range(3 * (by_direction.shape[1] - 1))), *AFTER_REST]
     least, sheets = LEAST_OPACITY / PEAK, max(2 * voxels.sheets, 1)
     count = 0
     for done, found in enumerate(voxels.counts(least), 1):
@@ -53,18 +55,27 @@ def write_gaussians(
     origin = np.array(voxels.level.origin)
     scales, rotation = ellipsoid(every * to_physical)
     with whole_file(path) as file:
-        file.write(_header(count, voxels.geometry.dims))
+        file.write(_header(count, voxels.geometry.dims, names))
         for done, some in enumerate(voxels.visible(least), 1):
-            rows = np.zeros((len(some.indices), len(NAMES)), dtype="<f4")
+            rows = np.zeros((len(some.indices), len(names)), dtype="<f4")
             rows[:, 0:3] = some.indices @ to_physical.T + origin
-            rows[:, 6:9] = (some.colour - 0.5) / HARMONIC
+            rows[:, 6:-8] = _colours(some.emitted, some.reflected, by_direction[some.directions])
             alpha = PEAK * some.opacity.astype(np.float64)
-            rows[:, 9] = np.log(alpha / (1.0 - alpha))
-            rows[:, 10:13] = np.log(scales)
-            rows[:, 13:17] = rotation
+            rows[:, -8] = np.log(alpha / (1.0 - alpha))
+            rows[:, -7:-4] = np.log(scales)
+            rows[:, -4:] = rotation
             file.write(rows.tobytes())
             on_progress(0.5 + done / sheets)
     return count
+
+
+def _colours(
+    emitted: NDArray[np.float32], reflected: NDArray[np.float32], light: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """f_dc and f_rest, (n, 3) and (n, 3 * (harmonics - 1)), side by side: all of red, of green, of blue."""
+    average = emitted + reflected * light[:, :1] * HARMONIC
+    rest = (reflected[:, :, None] * light[:, None, 1:]).reshape(len(light), 3 * (light.shape[1] - 1))
+    return np.concatenate([(np.clip(average, 0.0, 1.0) - 0.5) / HARMONIC, rest], axis=1)
 
 
 def ellipsoid(index_to_physical: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -104,7 +115,7 @@ def _check_count(count: int) -> None:
         raise BadInput(f"{count} voxels are visible, more than the {MOST_GAUSSIANS} of a file; {FEWER}")
 
 
-def _header(count: int, dims: tuple[int, int, int]) -> bytes:
-    properties = "".join(f"property float {name}\n" for name in NAMES)
+def _header(count: int, dims: tuple[int, int, int], names: list[str]) -> bytes:
+    properties = "".join(f"property float {name}\n" for name in names)
     made = f"comment volsplat export of {dims[0]} x {dims[1]} x {dims[2]} voxels\n"
     return f"ply\nformat binary_little_endian 1.0\n{made}element vertex {count}\n{properties}end_header\n".encode()

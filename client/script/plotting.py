@@ -6,10 +6,11 @@ import os
 import sys
 import warnings
 from pathlib import Path
-from typing import Any, Literal, overload
+from typing import Any, overload
 
 from volsplat.client.caller.arguments import checked_scene, checked_step
-from volsplat.client.export.export import LIGHTS, check_export, write_export
+from volsplat.client.export.export import check_export, write_export
+from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.figure.figure import Figure
 from volsplat.client.scene.presets import preset_scene
 from volsplat.client.scene.suited import why_unsuited
@@ -114,25 +115,26 @@ def export(
     *,
     level: float | None = None,
     every: int = 1,
-    light: Literal["scene", "even"] = "scene",
+    light: Light | None = None,
     **changes: Any,
 ) -> str:
     """Write what is visible of a volume for other programs; says what the file holds.
 
-    A .ply file holds the visible voxels as 3-D Gaussians, lit for the scene's view or evenly; .stl, .glb and .obj files
-    the surface of one value, `level` (extra [export]). `volume`, `scene` and `changes` are as in `render`, save for a
-    `Session`, whose voxels its servers hold; `every` takes every so many voxels on each axis. Raises BadInput.
+    A .ply file holds the visible voxels as 3-D Gaussians, with the light that each "viewer" sees (the default), that of
+    the "scene"'s view, or "even" light. .stl, .glb and .obj files hold the surface of one value, `level` (extra
+    [export]). `volume`, `scene` and `changes` are as in `render`, save for a `Session`, whose voxels its servers hold;
+    `every` takes every so many voxels on each axis. Raises BadInput.
     """
     place = Path(path)
-    if light not in LIGHTS:
-        raise BadInput(f"light must be {' or '.join(LIGHTS)}, not {light!r}")
+    if light is not None and light not in LIGHTS:
+        raise BadInput(f"light must be {', '.join(LIGHTS[:-1])} or {LIGHTS[-1]}, not {light!r}")
     if isinstance(volume, Session):
         raise BadInput("an open session's voxels are with its servers; give export the volume itself")
-    check_export(place, level, light == "even")
+    check_export(place, level, light)
     if isinstance(volume, SingleProcess):
-        return _exported(volume, scene, place, level, every, light == "even", changes)
+        return _exported(volume, scene, place, level, every, light, changes)
     with SingleProcess(volume, threads=usable_cores()) as single:
-        return _exported(single, scene, place, level, every, light == "even", changes)
+        return _exported(single, scene, place, level, every, light, changes)
 
 
 def in_notebook() -> bool:
@@ -170,11 +172,11 @@ def _exported(
     path: Path,
     level: float | None,
     every: int,
-    evenly_lit: bool,
+    light: Light | None,
     changes: dict[str, Any],
 ) -> str:
     single.volume.check_has_values()
-    return write_export(single, _scene(single.volume, scene, changes), path, level, every, evenly_lit)
+    return write_export(single, _scene(single.volume, scene, changes), path, level, every, light)
 
 
 def _scene(volume: SurveyedVolume, scene: Scene | str | None, changes: dict[str, Any]) -> Scene:

@@ -169,7 +169,7 @@ class SingleProcess:
         sub_cubes = self._held.sub_cubes(resolution.level)
         return front_most(sub_cubes, geometry, packing.quantisation, shading_rule(scene, Step.F), line)
 
-    def voxels(self, scene: Scene, every: int = 1, evenly_lit: bool = False) -> VoxelSheets:
+    def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""
         scene, every = checked_scene(scene), checked_count(every, "every")
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
@@ -179,7 +179,7 @@ class SingleProcess:
         except ValueError as error:
             raise BadInput(str(error)) from error
         sub_cubes, rule = self._held.sub_cubes(resolution.level), shading_rule(scene, Step.F)
-        return VoxelSheets(sub_cubes, geometry, resolution.geometry, rules, rule, plan, every, evenly_lit)
+        return VoxelSheets(sub_cubes, geometry, resolution.geometry, rules, rule, plan, every)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""

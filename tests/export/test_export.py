@@ -17,8 +17,9 @@ import volsplat as vs
 from support.programs.programs import Person
 from tolerances import CLOUD_LEVELS, MESH_VOLUME
 from volsplat.client.export.export import check_export, write_export
-from volsplat.client.export.gaussians import HARMONIC, ellipsoid
+from volsplat.client.export.gaussians import ellipsoid
 from volsplat.client.export.mesh import edge_of_table
+from volsplat.client.export.view_light import Light, harmonics
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
@@ -66,7 +67,10 @@ def drawn(path: Path, single: SingleProcess, scene: Scene) -> NDArray[np.float64
     x, y, depth = (place @ to_pixels.T).T
     width, height = scene.image.width, scene.image.height
     alpha = 1.0 / (1.0 + np.exp(-vertex["opacity"].astype(np.float64)))
-    colour = np.stack([vertex[f"f_dc_{n}"] for n in range(3)], axis=-1) * HARMONIC + 0.5
+    of_view = harmonics(-np.array(screen_rotation(settled.view))[2:])[0]
+    bands = (len([name for name in vertex.data.dtype.names if name.startswith("f_rest")])) // 3
+    of_channels = [[f"f_dc_{n}", *(f"f_rest_{bands * n + k}" for k in range(bands))] for n in range(3)]
+    colour = np.stack([of_view[: bands + 1] @ [vertex[name] for name in names] for names in of_channels], axis=-1) + 0.5
     turned = rotation_of(np.array([vertex[f"rot_{n}"][0] for n in range(4)], dtype=np.float64))
     axes = to_pixels @ turned * np.exp([vertex[f"scale_{n}"][0] for n in range(3)])
     inverse = np.linalg.inv((axes @ axes.T)[:2, :2])
@@ -83,13 +87,17 @@ def drawn(path: Path, single: SingleProcess, scene: Scene) -> NDArray[np.float64
 def test_gaussians_draw_our_picture_again(affine: NDArray[np.float64], tmp_path: Path) -> None:
     with SingleProcess(ball(affine)) as single:
         scene = single.volume.default_scene().with_(size=(32, 32), rotation=(30, 20))
-        said = write_export(single, scene, tmp_path / "ball.ply")
-        picture = single.finish(scene).published.pixels
-        again = drawn(tmp_path / "ball.ply", single, scene)
-    assert picture[..., 3].max() > 0.5
-    assert np.abs(again - picture).mean() < CLOUD_LEVELS
-    assert np.abs(again[:, ::-1] - picture).mean() > 2 * CLOUD_LEVELS  # lit from one side, so that it can be told
-    assert said == f"{plyfile.PlyData.read(tmp_path / 'ball.ply')['vertex'].count} Gaussians"
+        behind = scene.with_(rotation=(-140, 20))
+        ways: list[tuple[Light, Scene]] = [("scene", scene), ("viewer", scene), ("viewer", behind)]
+        for light, seen in ways:
+            said = write_export(single, scene, tmp_path / "ball.ply", light=light)
+            picture = single.finish(seen).published.pixels
+            again = drawn(tmp_path / "ball.ply", single, seen)
+            assert picture[..., 3].max() > 0.5
+            assert np.abs(again - picture).mean() < CLOUD_LEVELS
+            mirrored = np.abs(again[:, ::-1] - picture).mean()
+            assert mirrored > 1.5 * CLOUD_LEVELS, "lit from one side, so that it can be told"
+        assert said == f"{plyfile.PlyData.read(tmp_path / 'ball.ply')['vertex'].count} Gaussians"
 
 
 @pytest.mark.parametrize("affine", [np.eye(4), SKEW, MIRRORED], ids=["even", "skew", "mirrored and skew"])
@@ -123,13 +131,14 @@ def test_what_cannot_be_exported_is_one_line_and_leaves_what_was_there(tmp_path:
         answer = person.runs("export", "ball.npy", "-o", *options.split())
         assert answer.returncode == 2 and words in answer.stderr.splitlines()[-1], answer.stderr
     assert "note: " in answer.stderr and "both sides of 0" in answer.stderr, "as render says of such a preset"
-    for path, level, evenly_lit, words in (
-        ("ball.ply", 3.0, False, "--level is for a mesh"),
-        ("ball.stl", None, True, "leave out --light"),
-        ("away/ball.stl", None, False, "make it first"),
-    ):
+    refused: list[tuple[str, float | None, Light | None, str]] = [
+        ("ball.ply", 3.0, None, "--level is for a mesh"),
+        ("ball.stl", None, "even", "leave out --light"),
+        ("away/ball.stl", None, None, "make it first"),
+    ]
+    for path, level, light, words in refused:
         with pytest.raises(BadInput, match=words):
-            check_export(tmp_path / path, level, evenly_lit)
+            check_export(tmp_path / path, level, light)
     assert (tmp_path / "ball.stl").read_text() == "before"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.npy", "ball.stl"]
 
@@ -151,7 +160,7 @@ def test_scripts_export_through_the_front_door(tmp_path: Path) -> None:
     with SingleProcess(volume) as single:
         vs.export(single, tmp_path / "again.ply", "depth-cue", light="even")
     assert (tmp_path / "again.ply").read_bytes() == (tmp_path / "1.ply").read_bytes()
-    with pytest.raises(BadInput, match="light must be scene or even, not 'sun'"):
+    with pytest.raises(BadInput, match="light must be viewer, scene or even, not 'sun'"):
         vs.export(volume, tmp_path / "sun.ply", light="sun")  # type: ignore[arg-type]
     with vs.open(volume, workers=1) as session, pytest.raises(BadInput, match="give export the volume itself"):
         vs.export(session, tmp_path / "session.ply")
