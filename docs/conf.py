@@ -39,10 +39,9 @@ def type_commands(app: Sphinx) -> None:
     with TemporaryDirectory() as folder, QuickShell(Path(folder), dict(os.environ)) as shell:
         for page in TYPED:
             for block in blocks(f"docs/{page}"):
-                lines = [
-                    line for line in block.text.splitlines() if not line.startswith("volsplat view ")
-                ]  # has no end
-                done = shell.runs("\n".join(lines), LIMIT)
+                lines = block.text.splitlines()
+                ending = [line for line in lines if not line.startswith("volsplat view ")]
+                done = shell.runs("\n".join(ending), LIMIT)
                 if done.returncode != 0:
                     raise RuntimeError(f"{page}: this ends with status {done.returncode}:\n{done.args}\n{done.stdout}")
         _put_up(Path(folder))
