@@ -21,15 +21,16 @@ from typing import Any, NoReturn
 
 from volsplat.client.command.cli import main as volsplat
 
-MODULES = [f"volsplat.client.command.{name}_command" for name in ("info", "movie", "phantom", "render", "scene")]
-MODULES += [f"volsplat.{name}" for name in ("mapshade_server.command", "splat_server.command")]
-MODULES += [
-    "volsplat.deploy.batch.task_pools",
-    "volsplat.mapshade_server.prepare.command",
-    "torch",
-    "SimpleITK",
-    "OpenImageIO",
+CLIENT = [f"command.{name}_command" for name in ("info", "movie", "phantom", "render", "scene")]
+CLIENT += ["command.commands", "figure.figure_file", "image.image_file", "scene.resized", "scene.view_sides"]
+SERVERS = [
+    "deploy.batch.task_pools",
+    "mapshade_server.command",
+    "mapshade_server.prepare.command",
+    "splat_server.command",
 ]
+LIBRARIES = ["torch", "SimpleITK", "OpenImageIO", "zarr", "encodings.idna"]
+MODULES = [*(f"volsplat.client.{name}" for name in CLIENT), *(f"volsplat.{name}" for name in SERVERS), *LIBRARIES]
 
 ASKING_SECONDS = 10.0  # that an asker may take, which has it all at hand
 
