@@ -86,8 +86,7 @@ def export(
         with SingleProcess(volume, threads=threads, memory=may_hold, on_progress=say) as single:
             single.volume.check_has_values()
             tell_notes(single.volume, console)
-            if why := options.why_unsuited(single.volume):
-                console.say(f"note: {why}")
+            options.tell_unsuited(single.volume, console)
             say(f"writing {output.name}")
             scene = options.scene_of(single.volume)
             held = write_export(

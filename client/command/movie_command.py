@@ -145,10 +145,9 @@ def movie(
                 from volsplat.client.figure.layout import sized
                 from volsplat.client.movie.movie import write_movie
             scenes = scenes_of(renderer.volume)
-            unsuited = options.why_unsuited(renderer.volume)
             write_movie(renderer, scenes, output, rate, done, lambda: False, Step(step), figure)
+            known = renderer.volume
             width, height = FrameFigure(figure or BARE, scenes, renderer.volume).extent
     seconds = time.perf_counter() - began
-    if unsuited:
-        console.say(f"note: {unsuited}")
+    options.tell_unsuited(known, console)
     console.say(f"{output}: {frames} images of {width}x{height}, {seconds:.1f} s")

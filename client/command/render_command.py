@@ -131,8 +131,7 @@ def draw(
     from volsplat.client.figure.layout import figure_extent, sized
 
     scene = options.scene_of(renderer.volume)
-    if why := options.why_unsuited(renderer.volume):
-        console.say(f"note: {why}")
+    options.tell_unsuited(renderer.volume, console)
     if figure is not None:
         scene = sized(figure, scene, renderer.volume)
     finished: list[Refinement] = []

@@ -23,6 +23,7 @@ from volsplat.client.scene.scene_file import read_scene_file, scene_from_toml
 from volsplat.client.scene.suited import why_unsuited
 from volsplat.client.scene.table_makers import GLOW, REFLECTION, dimmed
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.program.plain_console import PlainConsole
 from volsplat.protocol.description.colours import colour_from_text
 from volsplat.protocol.description.scene import LARGEST_EXTENT, Quantise, Scene
 from volsplat.protocol.description.scene_keys import KEYS
@@ -92,9 +93,10 @@ class SceneOptions:
         """
         return self._changed(self._under_options(volume))
 
-    def why_unsuited(self, volume: SurveyedVolume) -> str | None:
+    def tell_unsuited(self, volume: SurveyedVolume, console: PlainConsole) -> None:
         """A line for a person whose preset does not suit the volume."""
-        return None if self.preset is None else why_unsuited(self.preset, volume.subject())
+        if self.preset is not None and (why := why_unsuited(self.preset, volume.subject())):
+            console.say(f"note: {why}")
 
     def key_scenes(self, volume: SurveyedVolume | None, keys: Sequence[Path]) -> list[Scene]:
         """As `scene_of`, with each of these scene files in its turn over the scene, and under the options."""

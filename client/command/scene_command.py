@@ -43,8 +43,7 @@ def scene(source: str | None, **settings: Any) -> None:
     volume = None
     if not _shows_a_scene(source):
         volume = _surveyed(source)
-        if why := options.why_unsuited(volume):
-            PlainConsole(stderr=True).say(f"note: {why}")
+        options.tell_unsuited(volume, PlainConsole(stderr=True))
     elif options.scene is None:
         options = SceneOptions(Path(source), options.preset, options.changes, options.more)
     else:

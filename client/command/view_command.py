@@ -137,8 +137,7 @@ def view(
         with nullcontext() if no_browser else BrowserTab(address, volume_name(volume).place) as tab:
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored, PAGE) as session:
                 assert isinstance(session, Session)
-                if why := options.why_unsuited(session.volume):
-                    console.say(f"note: {why}")
+                options.tell_unsuited(session.volume, console)
                 viewing = _viewing_of(session, options, by_hand=listen is not None)
                 restart = None if listen else _restart_of(viewing, volume, servers)
                 with closing(viewing), metrics_of(lambda: viewing.session.counts, metrics, door):
