@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.export.whole_file import whole_file
+from volsplat.client.image.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.visible_blocks import opacities
 from volsplat.program.extras import need

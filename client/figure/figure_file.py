@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -21,10 +20,9 @@ from volsplat.client.image.file_bytes import bytes_of
 from volsplat.client.image.image_file import straight, write_image
 from volsplat.client.image.image_formats import VECTOR_FORMATS, check_picture_writable
 from volsplat.client.image.image_properties import image_properties
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.image.whole_file import whole_file
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene
-from volsplat.protocol.text.errors import BadInput
 
 
 def write_picture(
@@ -67,12 +65,5 @@ def _write_pixels(
 
 def _write_whole(path: Path, content: bytes) -> None:
     """Write beside the target, then rename: whoever looks finds the old file or the new one."""
-    target = Path(os.path.realpath(path))
-    temporary = temporary_name(target)
-    try:
-        temporary.write_bytes(content)
-        os.replace(temporary, target)
-    except OSError as error:
-        raise BadInput(f"{path}: cannot write the figure: {error.strerror}") from error
-    finally:
-        temporary.unlink(missing_ok=True)
+    with whole_file(path, "cannot write the figure") as file:
+        file.write(content)

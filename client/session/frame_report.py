@@ -1,6 +1,5 @@
 """What the steps of an image took, in numbers: report.json, and the table beside the paper's."""
 
-import os
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import msgspec
 from rich import box
 from rich.table import Table
 
-from volsplat.client.image.temporary_name import temporary_name
+from volsplat.client.image.whole_file import whole_file
 from volsplat.client.session.frame_links import LinkReport, links_of
 from volsplat.client.session.renderer import StepOutcome
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -19,7 +18,6 @@ from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import MapShadeStats, SplatStats
 from volsplat.protocol.rules.refinement import PAPER_STEPS
-from volsplat.protocol.text.errors import BadInput
 
 # Seconds for the steps A to F, from the paper's "Timing Tests": a CT of 96 x 128 x 113 voxels.
 PAPER_SECONDS = {
@@ -120,13 +118,8 @@ def report_of(volume: SurveyedVolume, scene: Scene, outcomes: Iterable[StepOutco
 def write_report(path: Path, report: FrameReport) -> None:
     """Write a report as JSON, whole or not at all. Raises BadInput if the file cannot be written."""
     text = msgspec.json.format(msgspec.json.encode(report), indent=2) + b"\n"
-    temporary = temporary_name(path)
-    try:
-        temporary.write_bytes(text)
-        os.replace(temporary, path)
-    except OSError as error:
-        temporary.unlink(missing_ok=True)
-        raise BadInput(f"{path}: cannot write the report: {error.strerror}") from error
+    with whole_file(path, "cannot write the report") as file:
+        file.write(text)
 
 
 def step_table(report: FrameReport) -> Table:

@@ -13,17 +13,18 @@ from volsplat.protocol.text.errors import BadInput
 
 
 @contextmanager
-def whole_file(path: Path) -> Iterator[BinaryIO]:
+def whole_file(path: Path, refused: str = "cannot be written") -> Iterator[BinaryIO]:
     """What is written lies at `path` after the block, or if that fails, what was there before.
 
-    Raises BadInput if it cannot be written, as on a full disk.
+    Raises BadInput if it cannot be written, as on a full disk: the path, what is `refused` and the system's words.
     """
-    temporary = temporary_name(path)
+    target = Path(os.path.realpath(path))  # a link stays one
+    temporary = temporary_name(target)
     try:
         with temporary.open("wb") as file:
             yield file
-        os.replace(temporary, path)
+        os.replace(temporary, target)
     except OSError as error:
-        raise BadInput(f"{path}: cannot be written: {error.strerror or error}") from error
+        raise BadInput(f"{path}: {refused}: {error.strerror or error}") from error
     finally:
         temporary.unlink(missing_ok=True)
