@@ -27,32 +27,44 @@ async def watch_for_losses(viewing: Viewing) -> None:
 class _LossWatch:
     def __init__(self, viewing: Viewing) -> None:
         self._viewing = viewing
-        self._session = viewing.session
-        self._known: set[int] = set()  # servers whose loss was told
+        self._begin()
+
+    def _begin(self) -> None:
+        self._session = self._viewing.session
+        self._known: set[int] = set()  # servers that were lost
         self._over = False  # whether the end of the session was told
-        self._told: Trouble | None = None  # of losses since the last picture of the whole volume
+        self._told: dict[int, str] = {}  # of servers that were lost since the last picture of the whole volume
 
     def look(self) -> None:
         """Tell of losses that are new, and have the picture drawn by the others; or that there are none."""
         if self._viewing.session is not self._session:  # which has servers of its own
-            self._session, self._known, self._over, self._told = self._viewing.session, set(), False, None
-        found = losses(self._session.servers)
-        new = [words for server, words in found.items() if server not in self._known]
+            self._begin()
         failure = self._session.failure
-        if failure is not None and not self._over:
+        if failure is None:
+            self._look_for_losses()
+        elif not self._over:
             self._over = True
             self._viewing.troubles.tell(trouble_of(failure, self._viewing.cure))
-        elif new:
-            self._known |= found.keys()
-            self._told = Trouble("; ".join(new), lasting=True)
-            self._viewing.troubles.tell(self._told)
+
+    def _look_for_losses(self) -> None:
+        """What is missing may be told before others are found that take over: then that is told as well."""
+        found = losses(self._session.servers)
+        new = found.keys() - self._known
+        changed = {n: words for n, words in found.items() if n in new or words != self._told.get(n, words)}
+        if changed:
+            self._known |= new
+            self._told |= changed
+            self._viewing.troubles.tell(Trouble("; ".join(changed.values()), lasting=True))
+        if new:
             self._viewing.loop.draw_again()
 
     def see(self, picture: Picture) -> None:
         """Once others have taken over, the loss is told for a last time."""
-        if self._told is None or picture.outcome is None:
+        if not self._told or picture.outcome is None:
             return
         servers = picture.outcome.servers
         if not servers.healing and not servers.missing:
-            self._viewing.troubles.tell(Trouble(f"{self._told.text}; the picture is whole again"))
-            self._told = None
+            found = losses(self._session.servers)
+            words = "; ".join(found.get(n, words) for n, words in self._told.items())
+            self._viewing.troubles.tell(Trouble(f"{words}; the picture is whole again"))
+            self._told = {}

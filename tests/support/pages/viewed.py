@@ -164,6 +164,15 @@ class Viewport:
             if isinstance(heard, dict) and heard["type"] == kind:
                 return heard
 
+    def look_until_told(self, words: str) -> None:
+        """Look at pictures as they come, until a trouble is told in these words."""
+        while True:
+            heard = self.hears()
+            if isinstance(heard, Shown):
+                self.says("shown", number=heard.header["number"])
+            elif heard["type"] == "trouble" and words in heard["text"]:
+                return
+
     def pictures(self, *, acknowledging: bool = True) -> Iterator[Shown]:
         """Pictures as they come."""
         while True:

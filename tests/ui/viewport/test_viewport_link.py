@@ -203,7 +203,7 @@ def test_a_lost_server_is_told_and_all_is_drawn_by_the_others(volume: Path) -> N
         whole = viewport.last_picture()[-1]
         assert whole.header["missing"] == []
         view.mapshade_servers()[0].kill()
-        assert "others take over" in viewport.message("trouble")["text"]
+        viewport.look_until_told("others take over")
         viewport.says("view", **turned(0.3, event=1, settled=True))
         again = viewport.last_picture(event=1)[-1]
         assert again.header["missing"] == [] and pixels(again).any()
