@@ -8,6 +8,8 @@ import pytest
 import torch
 from hypothesis import HealthCheck, settings
 
+from support.checkout import SHARED_DATA
+
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 torch.set_num_threads(1)
@@ -27,8 +29,6 @@ settings.register_profile(
 )
 settings.register_profile("thorough", parent=settings.get_profile("volsplat"), max_examples=500, derandomize=False)
 settings.load_profile(os.environ.get("VOLSPLAT_HYPOTHESIS", "volsplat"))
-
-SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 
 
 @pytest.fixture(scope="session")

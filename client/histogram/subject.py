@@ -22,6 +22,7 @@ from volsplat.protocol.rules.index_rules import Survey
 
 FACES = ("left", "front", "bottom")  # the views along the upright axes x, y and z
 GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+SLAB = 0.25  # of the next longer side: what is no thicker is a slab
 HOUNSFIELD = "HU"
 
 
@@ -37,7 +38,8 @@ class Subject:
     in_hounsfield: bool = False
     depth: Field = Field.GRID_K  # the grid's axis that leads away from the viewer in front
     recedes: bool = True  # along this axis
-    face: str | None = None  # of a single slice: the view that shows it, as radiologists and image viewers do
+    face: str | None = None  # of a slab: the view that shows it, as radiologists and image viewers do
+    single_slice: bool = False
     fine: ValueCounts | None = None  # the values before they became bytes
 
     @cached_property
@@ -82,15 +84,17 @@ def subject_of(
         depth=GRID_FIELDS[depth],
         recedes=away[depth] > 0,
         face=_face(description.geometry, up),
+        single_slice=sorted(description.geometry.dims)[:2].count(1) == 1,
         fine=ValueCounts(survey.low, survey.high, density_counts) if survey.low <= survey.high else None,
     )
 
 
 def _face(geometry: Geometry, up: Up | Literal["auto"]) -> str | None:
-    """The view on a single slice; None for any other volume, and for a single row."""
-    flat = [axis for axis in range(3) if geometry.dims[axis] == 1]
-    if len(flat) != 1:
+    """The view on a slab's wide side, as on a single slice; None for any other volume, and for a single row."""
+    steps = [matrices.column(geometry.index_to_physical, axis) for axis in range(3)]
+    extents = [(count - 1) * matrices.length(step) for count, step in zip(geometry.dims, steps, strict=True)]
+    flat, *wide = sorted(range(3), key=extents.__getitem__)
+    if extents[flat] > SLAB * extents[wide[0]] or extents[wide[0]] == 0.0:
         return None
-    i, j = (matrices.column(geometry.index_to_physical, axis) for axis in range(3) if axis != flat[0])
-    normal = matrices.applied(upright(up), matrices.cross(i, j))
+    normal = matrices.applied(upright(up), matrices.cross(steps[wide[0]], steps[wide[1]]))
     return FACES[max(range(3), key=lambda axis: abs(normal[axis]))]

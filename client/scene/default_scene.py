@@ -22,7 +22,7 @@ def default_scene(subject: Subject) -> Scene:
 
     A single slice of a kind without a scene of its own is a picture in greys.
     """
-    build = _BY_KIND.get(subject.kind, slice_scene if subject.face is not None else None)
+    build = _BY_KIND.get(subject.kind, slice_scene if subject.single_slice else None)
     scene = build(subject) if build is not None and subject.histogram.voxels else None
     return msgspec.structs.replace(scene or histogram_scene(subject), view=start_view(subject))
 

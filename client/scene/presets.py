@@ -50,7 +50,7 @@ def preset_scene(name: str, subject: Subject | None = None) -> Scene:
 
 
 def start_view(subject: Subject | None) -> View:
-    """The view that every scene starts with, preset or not: the front; of a spectral cube, turned; a slice's face."""
+    """The view that every scene starts with, preset or not: the front; of a spectral cube, turned; a slab's face."""
     if subject is not None and subject.kind is Kind.SPECTRAL_CUBE:
         return View(rotation=rotation_from_angles(*SPECTRUM_ANGLES))
     return View(rotation=named_view(subject.face if subject is not None and subject.face is not None else "front"))

@@ -58,6 +58,7 @@ OURS = {
     "tolerances",
     "fuzz",
     "faults",
+    "first_pictures",
     "security",
     "large_library",
 }  # and a test's own

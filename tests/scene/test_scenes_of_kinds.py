@@ -207,11 +207,13 @@ def test_hounsfield_units_are_believed_where_they_are_stated() -> None:
         ((64, 48, 1), "bottom"),
         ((64, 1, 48), "front"),
         ((1, 64, 48), "left"),
-        ((64, 48, 2), "front"),
+        ((64, 48, 9), "bottom"),
+        ((9, 64, 48), "left"),
+        ((64, 48, 20), "front"),
         ((64, 1, 1), "front"),
     ],
 )
-def test_a_single_slice_is_seen_from_its_face(dims: tuple[int, int, int], view: str) -> None:
+def test_a_slice_and_a_slab_are_seen_from_their_face(dims: tuple[int, int, int], view: str) -> None:
     known = subject(HEAD, Kind.UNKNOWN, geometry=Geometry(dims=dims))
     assert default_scene(known).view.rotation == preset_scene("ct-skin", known).view.rotation == named_view(view)
 
