@@ -2,7 +2,7 @@
 
 One thread receives from the client and notes the newest frame and aborts at once; another works through the requests
 in order. A frame is walked by threads of its own, which stop between two batches, so that an abort takes no longer than
-a batch does; probes are answered meanwhile.
+a batch does; probes are answered meanwhile. What is asked of the file beside all else, other threads read.
 """
 
 import logging
@@ -24,6 +24,8 @@ from volsplat.mapshade_server.kept_packets import GivenUp
 from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
+from volsplat.mapshade_server.volume_answers import Answer
+from volsplat.mapshade_server.voxel_answers import VoxelAnswers
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
 from volsplat.program.counts import Counts
@@ -79,6 +81,7 @@ class MapShadeServer:
         # As many at once as a frame has walkers: one that waited for another could wait for ever
         self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
         self._reading_ahead = ThreadPoolExecutor(1, "read ahead")
+        self._voxels = VoxelAnswers(data_root, lambda: self._heartbeat.at_work(client), self._give_voxel)
         self._newest_assignment = 0  # likewise
         self._held = held or HeldVolume()
         self._held.superseded = lambda assignment: self._newest_assignment > assignment
@@ -98,6 +101,7 @@ class MapShadeServer:
             self._heartbeat.close()
             receiver.join()
             self._walking.shutdown()
+            self._voxels.end()
             self._held.give_up_reading()
             self._reading_ahead.shutdown()
         if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
@@ -149,8 +153,7 @@ class MapShadeServer:
 
     def _answer(self, request: messages.Message, payload: memoryview = NO_PAYLOAD) -> None:
         try:
-            if self._data_root is not None and isinstance(path := getattr(request, "path", None), str):
-                self._data_root.check(path)
+            self._check_path(request)
             if self._held.concerned(request):
                 with self._heartbeat.at_work(self._client):
                     for answer in self._held.answers(request, payload):
@@ -159,6 +162,13 @@ class MapShadeServer:
                 HANDLERS[type(request)].method(self, request)
         except Exception as error:  # whatever it is: the client must hear of it, and this server must go on
             self._client.send(msgspec.structs.replace(refusal(request, error), held=self._held.assignment))
+
+    def _check_path(self, request: messages.Message) -> None:
+        """Raises BadInput for a volume that does not lie below the data root."""
+        if isinstance(request, messages.ReadVoxel):
+            return  # looking at a path may take a slow disk long: its own thread does
+        if self._data_root is not None and isinstance(path := getattr(request, "path", None), str):
+            self._data_root.check(path)
 
     @takes(messages.NameSession)
     def _name_session(self, request: messages.NameSession) -> None:
@@ -190,6 +200,13 @@ class MapShadeServer:
             answer = refusal(request, error)
         with suppress(VolsplatError):  # the client is lost, which others notice
             self._client.send(answer)
+
+    @takes(messages.ReadVoxel)
+    def _read_voxel(self, request: messages.ReadVoxel) -> None:
+        self._voxels.ask(request)
+
+    def _give_voxel(self, answer: Answer) -> None:
+        self._client.send(answer.message, *answer.payload)
 
     # -- frames
 
@@ -280,22 +297,24 @@ class MapShadeServer:
         self._client.send(messages.ClockRead(clock()))
 
     def _delivered(self, delivery: FrameDelivery, walkers: int) -> list[FrameTally]:
-        """Have the walkers walk, and answer probes meanwhile."""
+        """Have the walkers walk, and answer meanwhile what need not wait for the frame's end."""
         walking: list[Future[FrameTally]] = []
         try:
             for walker in range(walkers):
                 walking.append(self._walking.submit(delivery.walk, walker))
                 walking[-1].add_done_callback(lambda _: self._requests.wake())
-            while (probe := self._requests.get_during(self._is_probe, lambda: _over(walking))) is not None:
+            while (probe := self._requests.get_during(self._goes_beside, lambda: _over(walking))) is not None:
                 self._answer(*probe)
             return [walked.result() for walked in walking]
         except Exception:
             delivery.end()  # they may be in sends that end when the client, which hears of it, aborts the frame
             raise
 
-    def _is_probe(self, request: messages.Message) -> bool:
-        """Whether it can be answered from what is held now."""
-        return isinstance(request, messages.ProbeVoxels) and request.assignment == self._held.assignment
+    def _goes_beside(self, request: messages.Message) -> bool:
+        """Whether it can be answered from what is held now, or by others."""
+        if isinstance(request, messages.ProbeVoxels):
+            return request.assignment == self._held.assignment
+        return isinstance(request, messages.ReadVoxel)
 
     @takes(messages.ProbeVoxels)
     def _probe_voxels(self, request: messages.ProbeVoxels) -> None:

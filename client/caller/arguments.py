@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 import msgspec
 
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.byte_sizes import bytes_from_option
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import Address, parse_address
@@ -64,6 +65,16 @@ def checked_count(value: int, name: str) -> int:
     if number < 1:
         raise BadInput(f"{name} must be 1 or more, not {number}")
     return number
+
+
+def checked_index(index: Any, name: str = "index") -> Index:
+    """The three indices of a voxel. Raises BadInput."""
+    own = _own(index)
+    parts = [_own(part) for part in own] if isinstance(own, list | tuple) else []
+    if len(parts) != 3 or any(isinstance(part, bool) or not isinstance(part, int) for part in parts):
+        raise BadInput(f"{name} must be three whole numbers (i, j, k), not {_shown(index)}")
+    i, j, k = parts
+    return (i, j, k)
 
 
 def checked_bytes(value: int | str, name: str) -> int:

@@ -1,11 +1,11 @@
 """The client's decisions: events in, instructions out. It knows no socket, thread or clock.
 
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
-list of instructions that the session carries out. This file holds the servers and the volume that they share, `frames`
-and `probes` what is asked of it; each method says which event or message it takes, and in which phase that may come
-(see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join and be lost at any time: between
-two frames those that join get a share of the volume, or of the image, and what was lost with a server is taken over by
-others. A server that says what cannot be, or says it in the wrong phase, is cut off.
+list of instructions that the session carries out. This file holds the servers and the volume that they share; `frames`,
+`probes` and `voxels` hold what is asked of it. Each method says which event or message it takes, and in which phase
+that may come (see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join and be lost at any
+time: between two frames those that join get a share of the volume, or of the image, and what was lost with a server is
+taken over by others. A server that says what cannot be, or says it in the wrong phase, is cut off.
 """
 
 from collections.abc import Iterable, Sequence
@@ -15,6 +15,7 @@ from typing import get_args
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.coordinator_events import (
     AnswerProbe,
+    AnswerVoxel,
     CutOff,
     EndFrame,
     Event,
@@ -29,8 +30,10 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerLost,
     ServerProcessEnded,
     VolumeAsked,
+    VoxelAsked,
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
+from volsplat.client.coordinator.file_voxels import FileVoxels
 from volsplat.client.coordinator.frames import Frames
 from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.probes import Probes
@@ -55,6 +58,7 @@ from volsplat.protocol.messages.session_messages import (
     Refused,
 )
 from volsplat.protocol.messages.trace_messages import ClockRead, FrameTraced
+from volsplat.protocol.messages.value_messages import ReadVoxel
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import ReadAhead, VolumeDescribed
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
@@ -70,13 +74,14 @@ class Coordinator:
         self.work = WorkShares(self.holding)
         self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
+        self.voxels = FileVoxels(self.holding)
         self.ahead = ReadingAhead(self.holding)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.holding, self.frames, self.probes, self.ahead)
+            for owner in (self, self.holding, self.frames, self.probes, self.voxels, self.ahead)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -99,6 +104,8 @@ class Coordinator:
                 return [EndFrame(frame, failure)]
             case ProbeAsked(probe=probe):
                 return [AnswerProbe(probe, None, failure)]
+            case VoxelAsked(probe=probe):
+                return [AnswerVoxel(probe, None, failure)]
         return []
 
     def _go_on(self) -> list[Instruction]:
@@ -165,7 +172,8 @@ class Coordinator:
 
     def _fail(self, error: VolsplatError) -> list[Instruction]:
         self.failure = error
-        return [*self.frames.fail(error), *self.probes.failed(error), FailSession(error)]
+        told = [*self.frames.fail(error), *self.probes.failed(error), *self.voxels.failed(error)]
+        return [*told, FailSession(error)]
 
     # -- servers come and go
 
@@ -210,7 +218,7 @@ class Coordinator:
         invited = self.routes.invite(self.holding.boxes)  # no other's link is kept
         ended = self.frames.end(ImageIncomplete(told))
         self.probes.lost(number)
-        return [ReportProgress(told), *invited, *ended, *held]
+        return [ReportProgress(told), *invited, *ended, *self.voxels.lost(number), *held]
 
     def _lose_unsurveyed(self, lost: ServerState) -> list[Instruction]:
         """The volume is described or read anew, by the others, or by whoever joins."""
@@ -323,6 +331,8 @@ class Coordinator:
         joined = self.servers.joined[event.server]
         cause = f"{joined.name}: {message.cause}" if joined.elsewhere else message.cause
         error = PeerLost(cause) if message.peer_lost else BadInput(cause)
+        if message.request == ReadVoxel.__name__:
+            return self.voxels.refused(message.probe, error)
         if message.probe:
             return self.probes.refused(message.probe, error)
         if not message.frame:
@@ -384,6 +394,7 @@ class Coordinator:
         self.holding.validate_state()
         self.frames.validate_state()
         self.probes.validate_state(self._heals)
+        self.voxels.validate_state()
         self.ahead.validate_state()
         assert self.holding.boxes.keys() <= self.servers.joined.keys(), "a server that is gone holds a part"
         if self.holding.volume is not None:
@@ -401,7 +412,7 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
         raise RemoteProtocolError(f"{type(message).__name__} came while the volume is {phase.value}")
 
 
-OWNERS = (Coordinator, VolumeHolding, Frames, Probes, ReadingAhead)
+OWNERS = (Coordinator, VolumeHolding, Frames, Probes, FileVoxels, ReadingAhead)
 
 OF_TRACES = frozenset({ClockRead, FrameTraced})  # see client/trace
 OF_DOCTOR = frozenset({LinkMeasured})  # see deploy/doctor

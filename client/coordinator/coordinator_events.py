@@ -3,9 +3,10 @@
 import secrets
 from dataclasses import dataclass, field
 
+from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
-from volsplat.protocol.description.volume import Box
+from volsplat.protocol.description.volume import Box, Index
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.regions import Rectangle
@@ -116,6 +117,14 @@ class ProbeAsked:
     y: float
 
 
+@dataclass(frozen=True)
+class VoxelAsked:
+    """The numbers are wanted that the volume's file has for a voxel."""
+
+    probe: int  # rises, with those of probes
+    index: Index
+
+
 Event = (
     ServerJoined
     | ServerLost
@@ -126,6 +135,7 @@ Event = (
     | PartialImageAsked
     | AbortAsked
     | ProbeAsked
+    | VoxelAsked
 )
 
 # -- instructions -----------------------------------------------------------------------------------------------
@@ -207,10 +217,21 @@ class AnswerProbe:
 
 
 @dataclass(frozen=True)
+class AnswerVoxel:
+    """What the file has there, None if nobody tells soon; or the reason why it is not known."""
+
+    probe: int
+    voxel: FileVoxel | None
+    error: VolsplatError | None = None
+
+
+@dataclass(frozen=True)
 class FailSession:
     """Nothing can be drawn any more."""
 
     error: VolsplatError
 
 
-Instruction = Send | CutOff | ReportProgress | PublishVolume | PublishImage | EndFrame | AnswerProbe | FailSession
+Instruction = (
+    Send | CutOff | ReportProgress | PublishVolume | PublishImage | EndFrame | AnswerProbe | AnswerVoxel | FailSession
+)

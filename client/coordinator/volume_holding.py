@@ -25,6 +25,7 @@ from volsplat.client.volume.survey_checks import check_survey
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, VolumeDescription
+from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.volume_messages import (
@@ -137,6 +138,12 @@ class VolumeHolding:
         level = self.packing.level
         grid = self.volume.description.geometry if self._levels is None else self._levels.grids[level]
         return Resolution(level=level, geometry=grid, stride=1)
+
+    @property
+    def source(self) -> tuple[str, VolumeIdentity] | None:
+        """The file that has the voxels' own values; of a prepared volume there is none."""
+        assert self._known is not None
+        return None if self._known.prepared is not None else (self._path, self._known.identity)
 
     @property
     def description(self) -> VolumeDescription:

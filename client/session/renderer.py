@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Protocol
 from volsplat.client.coordinator.coordinator_events import FrameOutcome
 from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import ImageRead, ProbedVoxel
 from volsplat.protocol.rules.regions import Rectangle
 
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 PARTIAL_INTERVAL = 0.1  # seconds between partial images
+FILE_SECONDS = 2.0  # that a voxel of the file is waited for
 ALL_STEPS = tuple(Step)
 
 
@@ -85,6 +88,9 @@ class Renderer(Finisher, Protocol):
 
     def probe(self, scene: Scene, x: float, y: float) -> ProbedVoxel | None:
         """The front-most visible voxel at a point of the scene's image, pixels from its first one's centre."""
+
+    def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
+        """A voxel as the volume's file has it; None if that is not known `within` so many seconds."""
 
 
 def refined(

@@ -29,6 +29,7 @@ from volsplat.client.caller.arguments import (
     checked_address,
     checked_bytes,
     checked_count,
+    checked_index,
     checked_number,
     checked_scene,
     checked_step,
@@ -39,6 +40,7 @@ from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     AnswerProbe,
+    AnswerVoxel,
     CutOff,
     EndFrame,
     Event,
@@ -52,16 +54,18 @@ from volsplat.client.coordinator.coordinator_events import (
     ReportProgress,
     Send,
     VolumeAsked,
+    VoxelAsked,
 )
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, VolumeIncomplete
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.cluster_servers import ClusterServers
 from volsplat.client.session.frame_counts import count_outcome
-from volsplat.client.session.probe_answers import ProbeAnswers
+from volsplat.client.session.late_answers import LateAnswers
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import (
     ALL_STEPS,
+    FILE_SECONDS,
     PARTIAL_INTERVAL,
     Refinement,
     StepOutcome,
@@ -69,11 +73,13 @@ from volsplat.client.session.renderer import (
 )
 from volsplat.client.session.server_links import ServerLinks
 from volsplat.client.trace.frame_tracer import FrameTracer
+from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.counts import Counts
 from volsplat.program.extras import need
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
@@ -154,7 +160,8 @@ class Session:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._frames = AskedFrames()
-        self._probe_answers = ProbeAnswers()
+        self._probe_answers = LateAnswers[messages.ProbedVoxel]()
+        self._voxel_answers = LateAnswers[FileVoxel]()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
         self.counts = Counts()  # what was done, and lost
@@ -341,6 +348,22 @@ class Session:
         self._events.put(ProbeAsked(probe, scene, x, y))
         return answer.result()
 
+    def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
+        """The voxel (i, j, k) as the volume's file has it, not as the 8 bits that it is drawn with.
+
+        None if that is not known `within` so many seconds, if more than 64 MiB would have to be read for it, and of a
+        prepared volume, which has nothing but packets. Frames that run go on.
+        Raises BadInput if there is no such voxel or the file cannot be read, and PeerLost if the session has ended.
+        """
+        index, within = checked_index(index), checked_number(within, "within", least=0.0)
+        self.volume  # noqa: B018  until it is known nobody can tell
+        number, answer = self._voxel_answers.ask()
+        self._events.put(VoxelAsked(number, index))
+        try:
+            return answer.result(min(within, threading.TIMEOUT_MAX))
+        except TimeoutError:
+            return None
+
     def widget(self, scene: Scene | None = None) -> VolumeWidget:
         """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
         need("anywidget", "a widget", "notebook")
@@ -433,8 +456,10 @@ class Session:
                 self._volume_known.set()
             case PublishImage() | EndFrame():
                 self._frames.give(instruction)
-            case AnswerProbe():
-                self._probe_answers.give(instruction)
+            case AnswerProbe(probe, found, error):
+                self._probe_answers.give(probe, found, error)
+            case AnswerVoxel(probe, voxel, error):
+                self._voxel_answers.give(probe, voxel, error)
             case FailSession(error):
                 self._fail(error)
 
@@ -442,6 +467,7 @@ class Session:
         self._failure = self._failure or error
         self._frames.fail(error)
         self._probe_answers.fail(error)
+        self._voxel_answers.fail(error)
         self._volume_known.set()
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from volsplat.client.caller.arguments import (
     checked_bytes,
     checked_count,
+    checked_index,
     checked_number,
     checked_scene,
     checked_step,
@@ -33,10 +34,12 @@ from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage
-from volsplat.client.session.renderer import ALL_STEPS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
+from volsplat.client.session.renderer import ALL_STEPS, FILE_SECONDS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.single_frame import note_frame
+from volsplat.client.volume.file_voxel import FileVoxel, check_is_voxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.mapshade_server.file_voxels import FileVoxels
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
@@ -46,6 +49,7 @@ from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
@@ -97,6 +101,7 @@ class SingleProcess:
         self._news = Bell()
         self._shares = RegionShares()
         self._held = HeldVolume()
+        self._file_voxels = FileVoxels()
         self._holding = VolumeHolding()
         left = budgets({WORKER: available_memory()}, {WORKER: "here"})
         self._carry_out(self._holding.begin(name, left if memory is None else {WORKER: memory}))
@@ -168,6 +173,17 @@ class SingleProcess:
             raise BadInput(str(error)) from error
         sub_cubes = self._held.sub_cubes(resolution.level)
         return front_most(sub_cubes, geometry, packing.quantisation, shading_rule(scene, Step.F), line)
+
+    def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
+        """A voxel as the volume's file has it, see Session; but what is read is waited for. Raises BadInput."""
+        index, source = checked_index(index), self._holding.source
+        check_is_voxel(index, self.volume.description.geometry.dims)
+        if source is None:
+            return None
+        path, identity = source
+        told, payload = self._file_voxels.read(messages.ReadVoxel(probe=1, path=path, identity=identity, index=index))
+        assert isinstance(told, messages.VoxelRead)
+        return FileVoxel.of_bytes(told.scalar_types, memoryview(b"".join(payload))) if told.scalar_types else None
 
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""

@@ -48,6 +48,9 @@ class Box(NamedTuple):
         ni, nj, nk = self.size
         return ni * nj * nk
 
+    def contains(self, index: Index) -> bool:
+        return all(low <= at < high for low, at, high in zip(self.low, index, self.high, strict=True))
+
     def slices(self, origin: Index = (0, 0, 0)) -> tuple[slice, slice, slice]:
         """What to index an array (k, j, i) with that begins at `origin`, to have the box."""
         i, j, k = (slice(low - at, high - at) for low, high, at in zip(*self, origin, strict=True))

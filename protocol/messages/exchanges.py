@@ -5,8 +5,8 @@ is there, or leaves. Requests declare theirs (see message); the table in docs/ho
 that. Both ends keep the exchanges of their connection, so that a message out of turn ends that connection (see
 connection) and reaches nobody.
 
-A server works through its requests in order (probes aside). So what it answers of one frame, or of one assignment of
-sub-cubes, ends all exchanges about older ones.
+A server works through its requests in order (probes and voxels of the file aside). So what it answers of one frame, or
+of one assignment of sub-cubes, ends all exchanges about older ones.
 """
 
 import threading

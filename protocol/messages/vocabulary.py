@@ -6,6 +6,7 @@ from volsplat.protocol.messages import (
     link_messages,
     session_messages,
     trace_messages,
+    value_messages,
     volume_messages,
 )
 from volsplat.protocol.messages.greetings import Greeting
@@ -15,7 +16,15 @@ from volsplat.protocol.messages.roles import Role
 GREETINGS = tuple(Greeting.__subclasses__())  # the handshake's
 MESSAGES = tuple(  # of an open connection
     kind
-    for module in (volume_messages, frame_messages, image_messages, trace_messages, session_messages, link_messages)
+    for module in (
+        volume_messages,
+        value_messages,
+        frame_messages,
+        image_messages,
+        trace_messages,
+        session_messages,
+        link_messages,
+    )
     for kind in Message.__subclasses__()
     if kind.__module__ == module.__name__
 )

@@ -3,13 +3,17 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from support.checkout import ROOT
 from support.files.opened import described, read_whole
 from support.files.refusals import assert_refused_in_one_line
 from support.files.samples import FOLDER_SAMPLES, SAMPLES
+from volsplat.mapshade_server.file_voxels import FileVoxels
 from volsplat.mapshade_server.readers.open_volume import FOLDER_FORMATS, FORMATS, VolumeFormat, format_of
+from volsplat.mapshade_server.volume_identity import identified_volume
+from volsplat.protocol.messages.value_messages import ReadVoxel, VoxelRead
 
 # Of these a part is a volume too, or a file without its end.
 WHOLE_WHEN_CUT = ("DICOM series (a folder)", "PDB or PQR coordinates (.pdb, .pqr)", "mmCIF (.cif)")
@@ -25,14 +29,24 @@ def test_every_format_has_a_sample() -> None:
 def test_a_sample_is_taken_by_its_own_format_and_read(one: VolumeFormat, tmp_path: Path) -> None:
     path = SAMPLES[one.name](tmp_path)
     assert format_of(path, path.read_bytes()) is one
-    assert read_whole(path).shape == described(path).geometry.dims[::-1]
+    assert_read_whole_and_by_voxels(path)
 
 
 @pytest.mark.parametrize("name", FOLDER_SAMPLES)
 def test_a_folder_is_taken_by_its_own_format_and_read(name: str, tmp_path: Path) -> None:
     path = FOLDER_SAMPLES[name](tmp_path)
     assert next(one.name for one in FOLDER_FORMATS if one.recognises(path)) == name
-    assert read_whole(path).shape == described(path).geometry.dims[::-1]
+    assert_read_whole_and_by_voxels(path)
+
+
+def assert_read_whole_and_by_voxels(path: Path) -> None:
+    values, dims, identity = read_whole(path), described(path).geometry.dims, identified_volume(str(path))[1]
+    assert values.shape == dims[::-1]
+    voxels, choose = FileVoxels(), np.random.default_rng(19)
+    for i, j, k in ([int(choose.integers(size)) for size in dims] for _ in range(5)):
+        told, (own, *_) = voxels.read(ReadVoxel(1, str(path), identity, (i, j, k)))
+        assert isinstance(told, VoxelRead) and told.scalar_types[0] == values.dtype.name
+        assert bytes(own) == values[k, j, i].tobytes()
 
 
 @pytest.mark.parametrize("name", [name for name in SAMPLES if name not in WHOLE_WHEN_CUT])

@@ -82,7 +82,12 @@ def test_what_lies_below_it_is_read_by_either_name_and_nothing_else(control: Con
         refused = described(control, name)
         assert isinstance(refused, messages.Refused), name
         assert "VOLSPLAT_TOKEN" not in refused.cause
-    assert isinstance(described(control, "own.npy"), messages.VolumeDescribed)
+    own = described(control, "own.npy")
+    assert isinstance(own, messages.VolumeDescribed)
+    for name, told in (("own.npy", messages.VoxelRead), (str(outside / "secret.npy"), messages.Refused)):
+        control.send(messages.ReadVoxel(1, name, own.identity, (0, 0, 0)))
+        received = control.receive()
+        assert received is not None and isinstance(received.message, told)
 
 
 def test_a_refusal_does_not_tell_whether_there_is_such_a_file(control: Connection, root: Path) -> None:

@@ -112,6 +112,10 @@ BAD: dict[str, tuple[Callable[[Renderer, Scene], object], str]] = {
     "no interval": (lambda r, scene: r.refine(scene, partial_interval=float("nan")), "partial_interval"),
     "a point by a name": (lambda r, scene: r.probe(scene, other("middle"), 0), "x must be a number"),
     "a point nowhere": (lambda r, scene: r.probe(scene, 0, other(None)), "y must be a number, not the NoneType None"),
+    "half a voxel": (lambda r, scene: r.file_voxel(other((1, 2.5, 3))), "index must be three whole numbers"),
+    "a voxel on two axes": (lambda r, scene: r.file_voxel(other([1, 2])), "index must be three whole numbers"),
+    "a voxel beyond the volume": (lambda r, scene: r.file_voxel((0, 0, 36)), "there is no voxel .0, 0, 36. in a"),
+    "a voxel before it": (lambda r, scene: r.file_voxel((-1, 0, 0)), "there is no voxel .-1, 0, 0. in a volume"),
     "a point in a text": (lambda r, scene: r.probe(other("front"), 0, 0), "a Scene is wanted"),
 }
 

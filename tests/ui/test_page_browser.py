@@ -11,6 +11,7 @@ import pytest
 import torch
 from PIL import Image as PillowImage
 
+from support.files.opened import read_whole
 from support.pages import patient_http
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened, save
@@ -67,7 +68,7 @@ def test_what_is_known_of_the_volume_and_of_the_servers_is_at_hand(page: Page) -
     )
 
 
-def test_the_value_under_the_pointer_is_marked_in_the_tables(page: Page) -> None:
+def test_the_value_under_the_pointer_is_the_files_and_marked_in_the_tables(page: Page, volume: Path) -> None:
     from playwright.sync_api import expect
 
     line = page.locator('section[aria-label="Opacity"] [data-part="told"]')
@@ -76,6 +77,12 @@ def test_the_value_under_the_pointer_is_marked_in_the_tables(page: Page) -> None
     assert box is not None
     page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
     expect(line).to_have_attribute("display", "inline")
+    value = page.locator(".vs-value")
+    expect(value).to_have_text(re.compile(r"^density -?[0-9.e-]+ · .* at \([0-9, ]+\)$"))  # and not ≈
+    shown = (value.text_content() or "").split()
+    i, j, k = map(int, re.findall("[0-9]+", " ".join(shown[-3:])))
+    own = read_whole(volume)[k, j, i]
+    assert own.dtype.type(shown[1]) == own
     page.get_by_text("Tables", exact=True).hover()
     expect(line).to_have_attribute("display", "none")
 

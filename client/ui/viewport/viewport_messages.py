@@ -13,6 +13,7 @@ from volsplat.client.scene.view_sides import sides
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.scales import Scale, scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.value_certainty import Certainty, density_certainty, strength_certainty
@@ -168,6 +169,15 @@ class ProbeAnswered(Said, tag="probe"):
     strength_is: Certainty
 
 
+class FileValueTold(Said, tag="value"):
+    """What the file has where the voxel lies that was found under this pixel, in all its digits."""
+
+    x: float
+    y: float
+    density: str
+    strength: str | None  # None: the file has no second number
+
+
 class TroubleTold(Said, tag="trouble"):
     """A line for the person."""
 
@@ -175,7 +185,7 @@ class TroubleTold(Said, tag="trouble"):
     lasting: bool = False
 
 
-ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | TroubleTold
+ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | TroubleTold
 
 
 class NextStep(msgspec.Struct):
@@ -248,6 +258,11 @@ def probe_answered(
     return ProbeAnswered(
         x, y, found, density_certainty(found, volume, scene.quantise), strength_certainty(found, volume)
     )
+
+
+def file_value_told(x: float, y: float, voxel: FileVoxel) -> FileValueTold:
+    density, *second = voxel.digits
+    return FileValueTold(x, y, density, second[0] if second else None)
 
 
 def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Pacing) -> bytes:

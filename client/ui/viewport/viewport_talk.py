@@ -23,10 +23,14 @@ from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport import viewport_messages as said
 from volsplat.client.ui.viewport.under_way import UnderWay
 from volsplat.client.volume.surveyed_volume import asking_for_fit
+from volsplat.client.volume.value_certainty import Certainty
 from volsplat.protocol.description.scene import Bounds, Scene
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.geometry.upright import Up
 from volsplat.protocol.rules.resolved_view import resolved_bounds
 from volsplat.protocol.text.errors import VolsplatError
+
+REST_SECONDS = 0.04  # that a pointer rests on, once its voxel is told, before the file is read for it
 
 log = logging.getLogger(__name__)
 replace = msgspec.structs.replace
@@ -44,6 +48,8 @@ class ViewportTalk:
         self._up: Up | None = None  # as the page was told
         self._sent = 0  # number of the last picture that was sent
         self._under_way = UnderWay()
+        self._newest_probe = 0
+        self._reading_file = asyncio.Lock()  # held while the file is read for this viewport: once at a time
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions = contextlib.ExitStack()
 
@@ -171,13 +177,35 @@ class ViewportTalk:
         task.add_done_callback(self._tasks.discard)
 
     async def _probe(self, x: float, y: float) -> None:
-        scene = self._viewing.model.scene
+        """Tell what is drawn there; and if the pointer rests, what the file has, which may take its time."""
+        self._newest_probe += 1
+        number, scene = self._newest_probe, self._viewing.model.scene
         try:
             found = await asyncio.to_thread(self._viewing.session.probe, scene, x, y)
         except VolsplatError as error:
             log.info("no value under the pointer: %s", error)
             return
-        self._say(said.probe_answered(x, y, found, scene, self._viewing.volume))
+        answer = said.probe_answered(x, y, found, scene, self._viewing.volume)
+        self._say(answer)
+        if found is None or (answer.density_is is Certainty.EXACT and not self._has_second_scalar):
+            return
+        await asyncio.sleep(REST_SECONDS)
+        async with self._reading_file:
+            if number == self._newest_probe:
+                await self._tell_file_value(x, y, found.index)
+
+    @property
+    def _has_second_scalar(self) -> bool:
+        return self._viewing.volume.description.second_scalar is not None
+
+    async def _tell_file_value(self, x: float, y: float, index: Index) -> None:
+        try:
+            voxel = await asyncio.to_thread(self._viewing.session.file_voxel, index)
+        except VolsplatError as error:
+            log.info("the file's own value is not known: %s", error)
+            return
+        if voxel is not None:
+            self._say(said.file_value_told(x, y, voxel))
 
     async def _center(self, x: float, y: float) -> None:
         scene = self._viewing.model.scene

@@ -17,6 +17,7 @@ from support.files.opened import refused
 from support.files.reflection_files import CELL, RESOLUTION, mtz, reflections
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
+from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.mapshade_server.readers import open_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, Voxels
 from volsplat.protocol.description.scene import ColourTable, CrossBar, Field, Image, ScalarTable, Scene, Tables
@@ -224,9 +225,10 @@ def test_phases_reach_the_packets_and_the_probe(tmp_path: Path) -> None:
         assert volume.strength_counts == single.volume.strength_counts
         assert sum(volume.strength_counts) == int(np.isfinite(phases).sum())
         seen = session.probe(scene, 32.0, 32.0)
-        assert seen == single.probe(scene, 32.0, 32.0)
-    assert seen is not None
-    i, j, k = seen.index
+        assert seen == single.probe(scene, 32.0, 32.0) and seen is not None
+        i, j, k = seen.index
+        own = FileVoxel(float(amplitudes[k, j, i]), float(phases[k, j, i]), ("float32", "float32"))
+        assert session.file_voxel(seen.index) == single.file_voxel(seen.index) == own
     half_a_byte = 360 / 255 / 2 * (1 + tolerances.SAME_NUMBERS)
     assert abs(seen.strength - float(phases[k, j, i])) <= half_a_byte
     assert np.isfinite(amplitudes[k, j, i])

@@ -95,6 +95,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.ChangeSubCubes(2, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
         (messages.ReadAhead(1, "/data/head.nrrd", BOXES, IDENTITY, QUANTISATION), b""),
         (messages.AheadRead(1), b""),
+        (messages.ReadVoxel(5, "/data/head.nrrd", IDENTITY, (3, 2, 1)), b""),
+        (messages.VoxelRead(5, ["int16", "float32"]), struct.pack("<hf", -8882, 0.5)),
         (messages.NameSession("1f2e3d4c"), b""),
         (messages.DescribeMachine(), b""),
         (messages.Alive(2.0), b""),
@@ -308,6 +310,8 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.ReadAhead, ids, paths, st.lists(boxes, min_size=1, max_size=3), identities, quantisations
     ),
     messages.AheadRead: st.builds(messages.AheadRead, ids),
+    messages.ReadVoxel: st.builds(messages.ReadVoxel, ids, paths, identities, _voxel),
+    messages.VoxelRead: st.builds(messages.VoxelRead, ids, st.lists(_scalar_types, max_size=messages.MOST_SCALARS)),
     messages.NameSession: st.builds(messages.NameSession, lines),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
     messages.LeaveSession: st.builds(messages.LeaveSession),

@@ -306,7 +306,15 @@ def test_a_resting_pointer_asks_for_the_value_under_it(shown: ShownViewport) -> 
     expect(value).to_have_text("density 1124 · gradient strength 31.2 at (48, 60, 20)")
     shown.process.say({**answer, "found": found, "density_is": "≥", "strength_is": "≈"})
     expect(value).to_have_text("density ≥1124 · gradient strength ≈31.2 at (48, 60, 20)")
+    own = {"type": "value", "x": asked["x"], "y": asked["y"], "density": "1123.6875", "strength": None}
+    shown.process.say({**own, "x": 1.0, "density": "5"})
+    shown.process.say(own)
+    expect(value).to_have_text("density 1123.6875 · gradient strength ≈31.2 at (48, 60, 20)")
+    shown.process.say({**own, "strength": "45.5"})
+    expect(value).to_have_text("density 1123.6875 · gradient strength 45.5 at (48, 60, 20)")
     shown.process.say({**answer, "found": None})
+    expect(value).to_be_hidden()
+    shown.process.say(own)
     expect(value).to_be_hidden()
 
 

@@ -1,4 +1,5 @@
-// The value under a pointer that rests: density and gradient strength of the front-most visible sample.
+// The value under a pointer that rests: density and gradient strength of the front-most visible sample, first as it is
+// drawn, then as its file has it.
 
 import { tellValues } from "./value_event.js";
 
@@ -14,6 +15,7 @@ export class ValueReadout {
   #axes;
   #timer = 0;
   #asked = /** @type {Point | null} */ (null);
+  #told = /** @type {{ index: number[], strength: string } | null} */ (null); // of the point that was asked
 
   /**
    * @param {VolumeTold} volume
@@ -35,6 +37,7 @@ export class ValueReadout {
     this.#timer = setTimeout(() => {
       if (!still()) return;
       this.#asked = at;
+      this.#told = null;
       this.#ask(at);
     }, REST);
   }
@@ -42,21 +45,38 @@ export class ValueReadout {
   /** What was told no longer holds. */
   clear() {
     clearTimeout(this.#timer);
-    this.#asked = null;
+    this.#asked = this.#told = null;
     this.#hide();
   }
 
   /** @param {import("./viewport_messages.d.ts").ProbeAnswered} answer */
   answer({ x, y, found, density_is, strength_is }) {
-    if (this.#asked === null || this.#asked[0] !== x || this.#asked[1] !== y) return;
+    if (!this.#isAsked(x, y)) return;
+    this.#told = null;
     if (found === null) return this.#hide();
     const { index, density, strength } = found;
     this.element.hidden = false;
-    const [first, second] = [density_is + shortNumber(density), strength_is + shortNumber(strength)];
-    const values = `${this.#names[0]} ${first}${this.#valueUnit} · ${this.#names[1]} ${second}`;
-    this.element.textContent = `${values} at ${this.#place(index)}`;
+    this.#told = { index, strength: strength_is + shortNumber(strength) };
+    this.#show(density_is + shortNumber(density), this.#told);
     const [i, j, k] = index;
     tellValues(this.element, { density, strength, "grid-i": i, "grid-j": j, "grid-k": k });
+  }
+
+  /** The file's own, of the voxel that was told of. @param {import("./viewport_messages.d.ts").FileValueTold} value */
+  fileValue({ x, y, density, strength }) {
+    if (!this.#isAsked(x, y) || this.#told === null) return;
+    this.#show(density, { ...this.#told, ...(strength !== null && { strength }) });
+  }
+
+  /** @param {number} x @param {number} y */
+  #isAsked(x, y) {
+    return this.#asked !== null && this.#asked[0] === x && this.#asked[1] === y;
+  }
+
+  /** @param {string} density @param {{ index: number[], strength: string }} told */
+  #show(density, { index, strength }) {
+    const values = `${this.#names[0]} ${density}${this.#valueUnit} · ${this.#names[1]} ${strength}`;
+    this.element.textContent = `${values} at ${this.#place(index)}`;
   }
 
   /** What the indices stand for, if the file says. @param {number[]} index */

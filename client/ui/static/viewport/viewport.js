@@ -220,6 +220,8 @@ export class Viewport {
         return this.#onScene(message);
       case "probe":
         return this.#marks?.value.answer(message);
+      case "value":
+        return this.#marks?.value.fileValue(message);
       case "trouble":
         return this.#trouble.ofProcess(message.text, message.lasting);
     }

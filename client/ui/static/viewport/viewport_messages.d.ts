@@ -139,6 +139,15 @@ export interface ProbeAnswered {
   strength_is: "" | "≈" | "≥" | "≤";
 }
 
+/** What the file has where the voxel lies that was found under this pixel, in all its digits. */
+export interface FileValueTold {
+  type: "value";
+  x: number;
+  y: number;
+  density: string;
+  strength: string | null;
+}
+
 /** A line for the person. */
 export interface TroubleTold {
   type: "trouble";
@@ -172,4 +181,4 @@ export interface PictureHeader {
 
 export type PageMessage = Size | ViewTurned | BoundsMoved | ProbeAsked | CenterAsked | UndoAsked | RedoAsked | PictureShown;
 
-export type ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | TroubleTold;
+export type ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | TroubleTold;

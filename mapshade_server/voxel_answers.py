@@ -1,0 +1,59 @@
+"""Answers about voxels of the file, given by a thread of its own: a slow disk delays nothing but them."""
+
+import threading
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
+from queue import SimpleQueue
+
+from volsplat.mapshade_server.file_voxels import FileVoxels
+from volsplat.mapshade_server.readers.reading.data_root import DataRoot
+from volsplat.mapshade_server.volume_answers import Answer
+from volsplat.protocol.messages.refusals import refusal
+from volsplat.protocol.messages.value_messages import ReadVoxel
+from volsplat.protocol.text.errors import VolsplatError
+
+
+class VoxelAnswers:
+    """One after the other. Nobody waits for the thread at the end: it may be in a read that does not return."""
+
+    def __init__(
+        self,
+        data_root: DataRoot | None,
+        at_work: Callable[[], AbstractContextManager[None]],
+        give: Callable[[Answer], None],
+    ) -> None:
+        """Volumes lie below `data_root`, if given. A library that reads may hold the interpreter while `at_work`.
+
+        Both functions may raise VolsplatError if nobody takes answers any more.
+        """
+        self._data_root = data_root
+        self._at_work = at_work
+        self._give = give
+        self._asked: SimpleQueue[ReadVoxel | None] = SimpleQueue()  # the exchanges bound it
+        self._thread: threading.Thread | None = None
+
+    def ask(self, request: ReadVoxel) -> None:
+        """Have it answered. One thread asks."""
+        if self._thread is None:
+            self._thread = threading.Thread(target=self._answer_all, name="read voxels of the file", daemon=True)
+            self._thread.start()
+        self._asked.put(request)
+
+    def end(self) -> None:
+        self._asked.put(None)
+
+    def _answer_all(self) -> None:
+        voxels = FileVoxels()
+        with suppress(VolsplatError):  # the client is lost, which others notice
+            while (request := self._asked.get()) is not None:
+                with self._at_work():
+                    answer = self._answer(voxels, request)
+                self._give(answer)
+
+    def _answer(self, voxels: FileVoxels, request: ReadVoxel) -> Answer:
+        try:
+            if self._data_root is not None:
+                self._data_root.check(request.path)
+            return voxels.read(request)
+        except Exception as error:  # whatever it is: the client must hear of it
+            return Answer(refusal(request, error))

@@ -1,0 +1,111 @@
+"""Voxels of the file through a session: who is asked, who waits how long, and that the answer is the array's."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from support.files.head_volume import head
+from support.messages.coordinated import FIRST, SECOND, SPLAT, WHOLE, drawing, opened_store, said, sent, surveyed
+from volsplat.client import Session
+from volsplat.client.coordinator.coordinator_events import AnswerVoxel, Instruction, ServerLost, VoxelAsked
+from volsplat.client.coordinator.file_voxels import MOST_WAITING
+from volsplat.client.memory.array_volume import Volume
+from volsplat.client.session.single import SingleProcess
+from volsplat.client.volume.file_voxel import FileVoxel
+from volsplat.protocol.messages import messages
+from volsplat.protocol.text.errors import BadInput, PeerLost
+
+__all__ = ["head"]
+
+LOW, HIGH = VoxelAsked(3, (1, 2, 0)), VoxelAsked(4, (1, 2, 9))  # of the first server and of the second
+READ = messages.VoxelRead(3, ["int16"]), (-8882).to_bytes(2, "little", signed=True)
+TOLD = AnswerVoxel(3, FileVoxel(-8882, None, ("int16",)))
+
+
+def answers(told: list[Instruction]) -> list[AnswerVoxel]:
+    return [one for one in told if isinstance(one, AnswerVoxel)]
+
+
+def test_the_server_that_holds_a_voxel_is_asked_for_it_whatever_else_goes_on() -> None:
+    for coordinator in (surveyed(), drawing()):
+        assert sent(coordinator.handle(LOW)) == [(FIRST, messages.ReadVoxel)]
+        assert sent(coordinator.handle(HIGH)) == [(SECOND, messages.ReadVoxel)]
+        assert coordinator.handle(said(FIRST, *READ)) == [TOLD]
+        assert coordinator.handle(said(SECOND, messages.VoxelRead(4, []))) == [AnswerVoxel(4, None)]
+
+
+def test_of_a_volume_that_only_comes_whole_one_server_reads_all_that_is_asked() -> None:
+    coordinator = drawing()
+    known = coordinator.holding._known
+    assert known is not None
+    known.description = WHOLE
+    assert sent(coordinator.handle(LOW)) == sent(coordinator.handle(HIGH)) == [(FIRST, messages.ReadVoxel)]
+
+
+def test_a_prepared_volume_has_no_file() -> None:
+    assert opened_store().handle(LOW) == [AnswerVoxel(3, None)]
+
+
+def test_a_slow_server_is_asked_for_no_more_than_some() -> None:
+    coordinator = drawing()
+    for number in range(MOST_WAITING):
+        assert sent(coordinator.handle(replace(LOW, probe=number + 1))) == [(FIRST, messages.ReadVoxel)]
+    assert coordinator.handle(replace(LOW, probe=99)) == [AnswerVoxel(99, None)]
+    assert sent(coordinator.handle(replace(HIGH, probe=100))) == [(SECOND, messages.ReadVoxel)]
+    coordinator.handle(said(FIRST, *READ))
+    assert sent(coordinator.handle(replace(LOW, probe=101))) == [(FIRST, messages.ReadVoxel)]
+
+
+def test_a_refusal_ends_one_and_a_loss_all_that_this_server_was_to_tell() -> None:
+    coordinator = drawing()
+    for asked in (LOW, HIGH, replace(LOW, probe=5)):
+        coordinator.handle(asked)
+    (refused,) = coordinator.handle(said(FIRST, messages.Refused("ReadVoxel", "it was changed", probe=5)))
+    assert isinstance(refused, AnswerVoxel) and isinstance(refused.error, BadInput) and refused.probe == 5
+    assert answers(coordinator.handle(ServerLost(FIRST, "gone"))) == [AnswerVoxel(3, None)]
+    assert coordinator.handle(said(SECOND, messages.VoxelRead(4, []))) == [AnswerVoxel(4, None)]
+    assert coordinator.handle(replace(LOW, probe=6)) == [AnswerVoxel(6, None)], "until others hold it"
+
+
+def test_a_failed_session_ends_all() -> None:
+    coordinator = drawing()
+    coordinator.handle(LOW)
+    (ended,) = answers(coordinator.handle(ServerLost(SPLAT, "the splat server is gone")))
+    assert isinstance(ended.error, PeerLost)
+    assert coordinator.handle(LOW) == [ended]
+
+
+def values_of(head: Path) -> Any:
+    from volsplat.mapshade_server.readers import open_volume
+
+    reader = open_volume(str(head))
+    return reader.read(reader.describe().geometry.box)
+
+
+def test_servers_and_a_single_process_tell_what_the_file_and_memory_hold(head: Path) -> None:
+    values, choose = values_of(head), np.random.default_rng(19)
+    ni, nj, nk = values.shape[::-1]
+    indices = [(int(choose.integers(ni)), int(choose.integers(nj)), int(choose.integers(nk))) for _ in range(20)]
+    expected = [FileVoxel(values[k, j, i].item(), None, (values.dtype.name,)) for i, j, k in indices]
+    for volume in (head, Volume(values, spacing=(1, 1, 1))):
+        with Session(volume, workers=2) as session, SingleProcess(volume) as single:
+            for renderer in (session, single):
+                assert [renderer.file_voxel(index) for index in indices] == expected
+            assert session.file_voxel(indices[0], within=0.0) in (None, expected[0]), "it is not waited for"
+
+
+def test_what_was_changed_since_is_refused_and_the_session_draws_on(head: Path, tmp_path: Path) -> None:
+    path = tmp_path / "changing.mha"
+    path.write_bytes(head.read_bytes())
+    with Session(path, workers=1) as session:
+        scene = session.default_scene()
+        small = msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, width=32, height=32))
+        assert session.probe(small, 16, 16) is not None and session.file_voxel((1, 2, 3)) is not None
+        path.write_bytes(head.read_bytes()[:-1] + b"\x07")
+        with pytest.raises(BadInput, match="was replaced or changed after it was opened"):
+            session.file_voxel((1, 2, 3))
+        assert session.probe(small, 16, 16) is not None
