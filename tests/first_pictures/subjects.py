@@ -98,7 +98,7 @@ def real_volumes() -> list[Subject]:
 
 def phantoms() -> list[Subject]:
     names = [name for name in PHANTOMS if name not in SIGNALS]
-    return [Subject(f"{name} .nrrd", partial(_phantom, name), name in BLOCKS, name in GRAINS) for name in names]
+    return [Subject(f"{name} .nrrd", partial(written_phantom, name), name in BLOCKS, name in GRAINS) for name in names]
 
 
 def heads() -> list[Subject]:
@@ -115,14 +115,14 @@ def _real(name: str, folder: Path) -> Path:
     return SHARED_DATA / name
 
 
-def _phantom(name: str, folder: Path) -> Path:
+def written_phantom(name: str, folder: Path, side: int = PHANTOM_SIDES) -> Path:
     """As `volsplat phantom` writes it, with its kind."""
     from click.testing import CliRunner
 
     from volsplat.client.command.phantom_command import phantom
 
     path = folder / f"{name}.nrrd"
-    done = CliRunner().invoke(phantom, [name, "-o", str(path), "--size", str(PHANTOM_SIDES)])
+    done = CliRunner().invoke(phantom, [name, "-o", str(path), "--size", str(side)])
     assert done.exit_code == 0, done.output
     return path
 

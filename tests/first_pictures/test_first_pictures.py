@@ -10,6 +10,7 @@ from statistics import median
 import msgspec
 import numpy as np
 import pytest
+from first_pictures.preset_sheet import VOLUMES
 from first_pictures.score import Score, score
 from first_pictures.sheet import first_pictures
 from first_pictures.subjects import HEAD, MORE, PHANTOM_SIDES, Subject, heads, phantoms, real_volumes
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from volsplat.client.image.image_file import over_background
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.phantoms import make_phantom
+from volsplat.client.scene.presets import PRESETS
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene
 
@@ -83,3 +85,7 @@ def test_noise_is_told(side: int) -> None:
     random = np.random.default_rng(side)
     for values in (random.integers(0, 255, (side,) * 3, np.uint8), random.normal(0, 1, (side,) * 3).astype(np.float32)):
         assert any(told.startswith("noise") for told in scored(values).faults())
+
+
+def test_the_sheet_in_the_docs_has_a_volume_for_each_preset() -> None:
+    assert set(VOLUMES) == set(PRESETS)
