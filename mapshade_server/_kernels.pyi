@@ -202,3 +202,16 @@ class BatchEncoder:
 
         Raises ValueError where they are not on the lattice.
         """
+
+class SignsOfLife:
+    """Bytes that a thread of its own sends over a socket, though a library holds the interpreter."""
+
+    def __init__(self, socket: int, signs: Sequence[bytes], seconds: float) -> None:
+        """The first after so many seconds. Raises RuntimeError if the system has no descriptor or thread left."""
+
+    @property
+    def left(self) -> int:
+        """How many have not been sent."""
+
+    def take_back(self) -> bytes:
+        """Send no more. What was not sent, in order; it may begin amid a sign."""

@@ -16,6 +16,7 @@ from dataclasses import replace
 
 import msgspec
 
+from volsplat.mapshade_server._kernels import SignsOfLife
 from volsplat.mapshade_server.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk
@@ -69,7 +70,7 @@ class MapShadeServer:
         self._threads = threads
         self._data_root = data_root
         self._counts = counts or Counts()
-        self._heartbeat = Heartbeat(silence)
+        self._heartbeat = Heartbeat(silence, SignsOfLife)
         self._heartbeat.keep(client, patience_with_client(client, silence))
         self._requests = WaitingRequests()
         self._spans = UNTRACED  # of the newest frame

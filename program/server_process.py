@@ -23,7 +23,7 @@ from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILE
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.addresses import Address, parse_address
 from volsplat.protocol.wire.encryption import Encryption
-from volsplat.protocol.wire.heartbeat import AT_WORK, SILENCE_SECONDS
+from volsplat.protocol.wire.heartbeat import HELD, SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token
 
 log = logging.getLogger(__name__)
@@ -93,7 +93,7 @@ silence_option = click.option(
     "--silence",
     type=click.FloatRange(LEAST_SILENCE, MOST_SILENCE),
     default=SILENCE_SECONDS,
-    help=f"Seconds until a silent server counts as lost; a client, {AT_WORK:g} times as many ({SILENCE_SECONDS:g}).",
+    help=f"Seconds until a silent server counts as lost; a client, {HELD:g} times as many ({SILENCE_SECONDS:g}).",
 )
 
 name_option = click.option("--name", default="", help="What the client calls it, beside its host and process.")

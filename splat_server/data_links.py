@@ -15,7 +15,7 @@ from volsplat.protocol.messages.handlers import handlers, takes
 from volsplat.protocol.text.errors import RemoteProtocolError, VolsplatError
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import Connection
-from volsplat.protocol.wire.heartbeat import AT_WORK, Heartbeat
+from volsplat.protocol.wire.heartbeat import HELD, Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.splat_server._kernels import BatchMemory, Bell, ReadBudget
 from volsplat.splat_server.batch_decoder import decoded
@@ -146,7 +146,7 @@ class DataLinks:
 
     def _accept(self) -> None:
         while (link := self._listener.accept()) is not None:
-            link.lose_after(AT_WORK * self._heartbeat.silence)  # a worker reads at once
+            link.lose_after(HELD * self._heartbeat.silence)  # a worker reads at once
             self._heartbeat.keep(link, None)  # it is held back on purpose, and the client hears it
             if link.peer.id in self._invitations:
                 self._take_up(link)

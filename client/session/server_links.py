@@ -33,7 +33,7 @@ from volsplat.protocol.wire.addresses import Address
 from volsplat.protocol.wire.buffer_pool import BufferPool
 from volsplat.protocol.wire.connection import OWN_OUTPUT, Connection
 from volsplat.protocol.wire.encryption import Encryption
-from volsplat.protocol.wire.heartbeat import Heartbeat, patience_with_server
+from volsplat.protocol.wire.heartbeat import Heartbeat
 from volsplat.protocol.wire.listener import Listener
 from volsplat.protocol.wire.peer import Peer
 from volsplat.protocol.wire.tokens import Token
@@ -62,7 +62,7 @@ class ServerLinks:
         """`newest_frame` is the number of the frame that is waited for.
 
         If somebody else `replaces` servers that are lost, others are waited for until that one calls give_up().
-        A server that says nothing for `silence` seconds is lost, later if it is at work (see heartbeat).
+        A server that says nothing for `silence` seconds is lost.
         """
         self._on_event = on_event
         self._newest_frame = newest_frame
@@ -225,7 +225,7 @@ class ServerLinks:
         self._on_event(joined)
         if self._tracer is not None:
             self._tracer.joined(peer.id, str(peer), outgoing.post)
-        self._heartbeat.keep(connection, patience_with_server(connection, self._heartbeat.silence))
+        self._heartbeat.keep(connection, lambda: self._heartbeat.silence)
         cause = self._heard_until_lost(connection)
         if peer.id not in self._leaving:  # who leaves ends by itself
             self._local.end(peer.name)

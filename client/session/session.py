@@ -108,7 +108,7 @@ class Session:
     volume; by default half of what its machine has left, shared with the others there. With the path of a `cluster`
     file its servers are used, brought up for this session alone if they are not yet. A volume that is not `held` is
     surveyed a few sheets at a time, and only read when something is drawn of it. A server that says nothing for
-    `silence` seconds, or 15 times as long while it reads, counts as lost: others take over what it held. Links between
+    `silence` seconds counts as lost: others take over what it held. Links between
     machines are encrypted, with `tls` those of this one as well, with False none; servers that are started by hand must
     be told the same. Of each finished frame what every process did when goes into the file `trace`, as JSON that
     chrome://tracing and Perfetto load. `on_progress` gets one line for each thing that takes time, on a thread of the

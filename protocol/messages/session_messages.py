@@ -63,12 +63,10 @@ class Alive(Message, frozen=True):
     """Either way: I am, though I have nothing to say.
 
     It is said where nothing else is for a quarter of the silence after which the other end would give this one up.
-    `silence` is that of this end, in seconds. Who is `at_work` may be silent for longer, since a library may hold its
-    interpreter.
+    `silence` is that of this end, in seconds.
     """
 
     silence: Silence
-    at_work: bool = False
 
 
 @says(CLIENT_TO_MAPSHADE.back, CLIENT_TO_SPLAT.back)

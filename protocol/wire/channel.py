@@ -24,6 +24,9 @@ class Channel(Protocol):
         With MSG_DONTWAIT it raises BlockingIOError rather than wait; what is sent next begins with the same bytes.
         """
 
+    def sealed(self, buffers: list[memoryview]) -> bytes:
+        """These few bytes as the socket carries them, for whoever sends them before all that follows."""
+
 
 class TcpChannel:
     holds_unread = False
@@ -39,6 +42,9 @@ class TcpChannel:
 
     def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
         return self._socket.sendmsg(buffers, [], flags)
+
+    def sealed(self, buffers: list[memoryview]) -> bytes:
+        return b"".join(buffers)
 
 
 class UnixChannel:
@@ -57,6 +63,9 @@ class UnixChannel:
 
     def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
         return self._socket.sendmsg(buffers, passing(descriptor), flags)
+
+    def sealed(self, buffers: list[memoryview]) -> bytes:
+        return b"".join(buffers)
 
 
 def plain_channel(connected: socket.socket, descriptors: ReceivedDescriptors) -> Channel:

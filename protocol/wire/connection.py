@@ -9,7 +9,7 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.framing import Allocate, Decoder, Received, encode, new_buffer
 from volsplat.protocol.wire.peer import Counters, Peer
 from volsplat.protocol.wire.round_trip import round_trip
+from volsplat.protocol.wire.signs_of_life import LeaveSigns, SignsOfLife
 from volsplat.protocol.wire.socket_options import lose_after, set_options
 from volsplat.protocol.wire.tls_channel import TlsChannel
 
@@ -53,8 +54,6 @@ class Connection:
         self.id = 0  # ours in the session, 0 for the client
         self.counters = Counters()
         self.peers_silence = 0.0  # seconds after which the other end takes silence for a loss, once it has said so
-        self.peer_at_work = False  # whether the other end has said that it may be silent for longer
-        self._at_work = False  # likewise of this end
         self._decoder = Decoder()
         self.descriptors = ReceivedDescriptors()  # the receiving thread's
         self._channel: Channel = plain_channel(connected, self.descriptors)
@@ -62,6 +61,10 @@ class Connection:
         self._outgoing = Speech()
         self._deadline: float | None = None
         self._sending = threading.Lock()  # guards the outgoing stream: one message at a time
+        self._leave: Callable[[], SignsOfLife | None] | None = (
+            None  # has signs of life follow what is sent; guarded too
+        )
+        self._signs: SignsOfLife | None = None  # those that follow now
         self._gate = threading.Lock()  # guards _closed and _users
         self._closed = False
         self._loss = ""  # why, where it was not this side that wished it
@@ -164,17 +167,33 @@ class Connection:
         if self._sending.acquire(blocking=False):
             try:
                 if self.has_room:
-                    self._send(Alive(silence, self._at_work), (), None)
+                    self._send(Alive(silence), (), None)
             except (PeerLost, ConnectionClosed, LocalProtocolError):
                 return
             finally:
                 self._sending.release()
 
-    def say_at_work(self, at_work: bool, silence: float) -> None:
-        """Say whether this side may be silent for longer from now on. Waits, and raises, as send() does."""
-        self._at_work = at_work
+    def leave_signs(self, silence: float, leave: LeaveSigns) -> None:
+        """From now on have signs of life given from outside of the interpreter. Waits, and raises, as send() does."""
+
+        def ready() -> bytes:
+            return self._channel.sealed(encode(Alive(silence), speech=self._outgoing))
+
         with self._sending:
-            self._send(Alive(silence, at_work), (), None)
+            self._leave = lambda: leave(self._socket.fileno(), ready)
+            self._send(Alive(silence), (), None)
+
+    def leave_no_signs(self) -> None:
+        """From now on only the interpreter's own words are signs of life. Waits, and raises, as send() does."""
+        with self._sending, self._inside():
+            self._leave = None
+            self._send_signs()
+
+    @property
+    def signs_left(self) -> int:
+        """How many signs of life are still to be given from outside of the interpreter."""
+        signs = self._signs
+        return signs.left if signs is not None else 0
 
     @property
     def has_room(self) -> bool:
@@ -209,7 +228,7 @@ class Connection:
                     self.counters.bytes_in += count
                     received = self._decoder.advance(count)
                     if received is not None and isinstance(received.message, Alive):
-                        self._hear(received.message)
+                        self.peers_silence = received.message.silence
                         began = 0.0
                     elif received is not None:
                         self.counters.messages_in += 1
@@ -228,9 +247,6 @@ class Connection:
             if isinstance(lost, ConnectionClosed):
                 return None
             raise lost from error
-
-    def _hear(self, alive: Alive) -> None:
-        self.peers_silence, self.peer_at_work = alive.silence, alive.at_work
 
     def give_up(self, loss: str) -> None:
         """Close it since the peer is lost: `loss` says so, and is what receive() and send() raise."""
@@ -271,13 +287,31 @@ class Connection:
     def _send(self, message: Message, payload: "tuple[Buffer, ...]", descriptor: int | None) -> None:
         with self._inside():
             buffers = encode(message, *payload, speech=self._outgoing)
-            try:
+            self._send_signs()
+            with self._whole():
                 self._send_all(buffers, descriptor)
-            except OSError as error:
-                raise self._lost(error) from error
-            except BaseException:  # half a message has gone out: the stream has no more meaning
-                self.close()
-                raise
+            if self._leave is not None:
+                self._signs = self._leave()
+
+    def _send_signs(self) -> None:
+        """Those that were left: encrypted ones have their place in the stream."""
+        if self._signs is not None:
+            signs, self._signs = memoryview(self._signs.take_back()), None
+            with self._whole():
+                while signs:
+                    self._keep_deadline()
+                    signs = signs[self._socket.send(signs) :]
+
+    @contextmanager
+    def _whole(self) -> Iterator[None]:
+        """What is sent within is sent whole, or the connection is lost."""
+        try:
+            yield
+        except OSError as error:
+            raise self._lost(error) from error
+        except BaseException:  # half a message has gone out: the stream has no more meaning
+            self.close()
+            raise
 
     def _ready(self, event: int) -> bool:
         with suppress(ConnectionClosed, PeerLost), self._inside():

@@ -1,25 +1,29 @@
 """Signs of life: has each connection say `Alive` where nothing else is said, and gives up peers that are silent.
 
 A thread of its own does both, so that neither a peer that does not read nor a frame that is worked at delays it, and it
-never waits in a send. A peer has said something if any byte has come, even one that is still to be read: what is late
-on this side is not held against the peer. Only time that this thread was awake counts, by small steps: whoever was
-stopped, or slept, or had no core, blames nobody for it.
+never waits in a send. Where a library may hold the interpreter, signs are left with something outside of it (see
+signs_of_life), so that only a process that is stopped is silent. A peer has said something if any byte has come, even
+one that is still to be read: what is late on this side is not held against the peer. Only time that this thread was
+awake counts, by small steps: whoever was stopped, or slept, or had no core, blames nobody for it.
 """
 
 import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE
 from volsplat.protocol.wire.connection import Connection
+from volsplat.protocol.wire.signs_of_life import GiveSigns, LeaveSigns, SignsOfLife
 
 SILENCE_SECONDS = 2.0  # after which a peer counts as lost
-AT_WORK = 15.0  # times as long for one whose interpreter may be held by a library: who says so, and every client
+HELD = 15.0  # times as long a library may hold an interpreter: that of a server at work, and any client's
+SIGNS_IN_SILENCE = 4  # in the time after which a peer would give this end up
+SIGNS_LEFT = int(HELD * SIGNS_IN_SILENCE)
 LONGEST_STEP = LEAST_SILENCE / 2  # so that who has the least patience hears of it in time
-STEPS = 8  # in the time after which a peer counts as lost; it is told of life every other step
+STEPS = 2 * SIGNS_IN_SILENCE  # in the time after which a peer counts as lost
 MOST_OF_A_STEP = 2.0  # times a step that count, if this thread came later
 
 Patience = Callable[[], float]  # seconds of silence; it may change from one moment to the next
@@ -41,7 +45,8 @@ class _Pulse:
 
     def beat(self, seconds: float, own_silence: float) -> None:
         """So much time has passed."""
-        self._speak(seconds, own_silence)
+        if self.connection.signs_left <= SIGNS_LEFT // 2:  # what is said makes more ready
+            self._speak(seconds, own_silence)
         if self.patience is not None:
             self._listen(seconds, self.patience())
 
@@ -50,7 +55,7 @@ class _Pulse:
         if self.connection.counters.bytes_out != self.said:
             self.said, self.quiet = self.connection.counters.bytes_out, 0.0
         self.quiet += seconds
-        if new or self.quiet >= 2 * step(self.connection.peers_silence or own_silence):
+        if new or self.quiet >= STEPS / SIGNS_IN_SILENCE * step(self.connection.peers_silence or own_silence):
             self.connection.say_alive(own_silence)
 
     def _listen(self, seconds: float, patience: float) -> None:
@@ -69,22 +74,21 @@ def step(silence: float) -> float:
     return min(silence / STEPS, LONGEST_STEP)
 
 
-def patience_with_server(server: Connection, silence: float) -> Patience:
-    """A client's: until it has said that it is at work, nothing excuses its silence."""
-    return lambda: AT_WORK * silence if server.peer_at_work else silence
-
-
 def patience_with_client(client: Connection, silence: float) -> Patience | None:
     """A server's. None where the system would tell of its end: one that a person has stopped may go on."""
-    return None if client.may_share_memory else lambda: AT_WORK * silence
+    return None if client.may_share_memory else lambda: HELD * silence
 
 
 class Heartbeat:
     """One thread for all connections of a process. Any thread may call it."""
 
-    def __init__(self, silence: float = SILENCE_SECONDS) -> None:
-        """`silence` is what the other ends are told: seconds after which they are lost."""
+    def __init__(self, silence: float = SILENCE_SECONDS, give_signs: GiveSigns | None = None) -> None:
+        """`silence` is what the other ends are told: seconds after which they are lost.
+
+        `give_signs` is for at_work().
+        """
         self.silence = silence
+        self._give_signs = give_signs
         self._pulses: list[_Pulse] = []
         self._lock = threading.Lock()  # guards _pulses
         self._work_lock = threading.Lock()  # guards what follows, and that it is said in order
@@ -102,20 +106,34 @@ class Heartbeat:
 
     @contextmanager
     def at_work(self, connection: Connection) -> Iterator[None]:
-        """What is done within may keep this process from any sign of life. Raises what sending raises.
+        """What is done within may hold the interpreter for `HELD` silences. Raises what sending raises.
 
         Several threads may be at it at a time.
         """
-        self._say_at_work(connection, 1)
+        with self._work_lock:
+            self._at_work[connection] += 1
+            if self._at_work[connection] == 1:
+                connection.leave_signs(self.silence, self._leave(connection))
         try:
             yield
         finally:
-            self._say_at_work(connection, -1)
+            with self._work_lock:
+                self._at_work[connection] -= 1
+                if not self._at_work[connection]:
+                    connection.leave_no_signs()
 
-    def _say_at_work(self, connection: Connection, more: int) -> None:
-        with self._work_lock:
-            self._at_work[connection] += more
-            connection.say_at_work(self._at_work[connection] > 0, self.silence)
+    def _leave(self, connection: Connection) -> LeaveSigns:
+        """Leaves signs with something outside of the interpreter, as often as the peer asks for them."""
+        give = self._give_signs
+        assert give is not None, "a heartbeat that nobody is at work beside"
+
+        def leave(socket: int, ready: Callable[[], bytes]) -> SignsOfLife | None:
+            seconds = (connection.peers_silence or LEAST_SILENCE) / SIGNS_IN_SILENCE
+            with suppress(RuntimeError):  # for want of a thread: the interpreter's own words must do
+                return give(socket, [ready() for _ in range(SIGNS_LEFT)], seconds)
+            return None
+
+        return leave
 
     def _beat(self) -> None:
         before = time.monotonic()

@@ -10,10 +10,13 @@ import ssl
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.certificates import accepting_context, dialling_context, fingerprint
+
+if TYPE_CHECKING:
+    from typing_extensions import Buffer
 
 PIECE = 256 << 10  # bytes that are encrypted or decrypted at a time
 RECORD = 16 << 10  # the most that one record of TLS holds; smaller buffers are joined up to it
@@ -97,14 +100,21 @@ class TlsChannel:
     def send(self, buffers: list[memoryview], descriptor: int | None, flags: int) -> int:
         """As Channel has it; what was encrypted goes first."""
         if not self._unsent:
-            piece = _first_piece(buffers)
-            with self._lock:
-                self._taken = self._tls.write(piece)
-                self._unsent = memoryview(self._outgoing.read())
+            self._taken, encrypted = self._encrypted(_first_piece(buffers))
+            self._unsent = memoryview(encrypted)
         while self._unsent:
             self._keep_deadline()
             self._unsent = self._unsent[self._socket.send(self._unsent, flags) :]
         return self._taken
+
+    def sealed(self, buffers: list[memoryview]) -> bytes:
+        assert not self._unsent, "what was encrypted goes first"
+        return self._encrypted(b"".join(buffers))[1]
+
+    def _encrypted(self, piece: "Buffer") -> tuple[int, bytes]:
+        """How much of it is encrypted, and the bytes of that."""
+        with self._lock:
+            return self._tls.write(piece), self._outgoing.read()
 
     def _shaken(self) -> bool:
         try:

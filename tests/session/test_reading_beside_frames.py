@@ -1,16 +1,15 @@
 """While others read what was lost with a map/shade server, a screen still sees what is left, from wherever it looks."""
 
-import signal
 from collections.abc import Iterator
 from pathlib import Path
 
-import psutil
 import pytest
 import torch
 
 from support.files.head_volume import SMALL, skin
 from support.files.loopback_files import Served, served
 from support.patience import wait_until
+from support.programs.server_processes import frozen, servers
 from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.session.renderer import Refinement
@@ -53,8 +52,7 @@ def test_frames_go_on_while_what_was_lost_is_read(web: Served) -> None:
         expected = single.render(scene)
         assert torch.equal(session.render(scene), expected)
         web.lets_go.clear()
-        workers = [psutil.Process(pid) for pid in session.server_processes]
-        next(one for one in workers if "volsplat.mapshade_server" in one.cmdline()).send_signal(signal.SIGKILL)
+        servers(session, "mapshade_server")[0].kill()
         wait_until(lambda: any(server.lost for server in session.servers), "is the loss known")
         for degrees in (0, 40, 80, 120):
             seen = first_image(session, scene.with_(rotation=(degrees, 10)))
@@ -64,3 +62,22 @@ def test_frames_go_on_while_what_was_lost_is_read(web: Served) -> None:
         assert torch.equal(session.render(scene), expected)
         *_, whole = session.refine(scene, first=Step.F)
         assert torch.equal(whole.image, expected) and not missing_voxels(whole)
+
+
+def test_a_server_that_freezes_while_it_reads_is_noticed_as_soon_as_any_other(web: Served) -> None:
+    volume = f"{web.url}/volume.zarr"
+    with SingleProcess(volume) as single, Session(volume, workers=3, silence=1.0) as session:
+        scene = skin(session, SMALL)
+        expected = single.render(scene)
+        assert torch.equal(session.render(scene), expected)
+        web.lets_go.clear()
+        ended, freezing, _ = servers(session, "mapshade_server")
+        ended.kill()
+        first_image(session, scene)
+        wait_until(lambda: len(web.waiting) >= 2, "do the others read what was lost")
+        with frozen(freezing):
+            wait_until(lambda: sum(server.lost for server in session.servers) == 2, "is the frozen one noticed")
+            assert any("has said nothing for 1 s" in server.cause for server in session.servers)
+            web.lets_go.set()
+            assert torch.equal(session.render(scene), expected)
+            assert sum(server.lost for server in session.servers) == 2, "who only waits for what it reads lives"

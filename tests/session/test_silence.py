@@ -1,8 +1,5 @@
 """Servers that are frozen are noticed by their silence, and others take over; one that is only slow is not."""
 
-import signal
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import psutil
@@ -11,6 +8,7 @@ import torch
 
 from support.files.head_volume import head, scene, single
 from support.patience import wait_until
+from support.programs.server_processes import frozen, servers
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
@@ -19,22 +17,6 @@ from volsplat.protocol.messages.roles import Role
 __all__ = ["head", "scene", "single"]
 
 BRIEF = 1.0  # seconds of silence
-
-
-def servers(session: Session, program: str) -> list[psutil.Process]:
-    processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
-    return [one for one in processes if f"volsplat.{program}" in one.cmdline()]
-
-
-@contextmanager
-def frozen(process: psutil.Process) -> Iterator[None]:
-    process.suspend()
-    wait_until(lambda: process.status() == psutil.STATUS_STOPPED, "does it stop")
-    try:
-        yield
-    finally:
-        with suppress(psutil.NoSuchProcess):  # it was ended, since another one was started
-            process.send_signal(signal.SIGCONT)
 
 
 def test_a_frozen_map_shade_server_is_lost_and_the_others_draw_all(

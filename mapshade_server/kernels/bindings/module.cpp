@@ -5,6 +5,7 @@
 #include "frame_walk.h"
 #include "kernels/bind_module.h"
 #include "preprocessing.h"
+#include "signs_of_life.h"
 #include "slab_walk.h"
 #include "walker.h"
 
@@ -16,4 +17,5 @@ NB_MODULE(_kernels, m) {
     volsplat::bind_frame_walk(m);
     volsplat::bind_slab_walk(m);
     volsplat::bind_batch_encoder(m);
+    volsplat::bind_signs_of_life(m);
 }

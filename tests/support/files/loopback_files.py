@@ -29,6 +29,7 @@ class Served:
     sent: list[tuple[str, int]] = field(default_factory=list)
     status: int = HTTPStatus.OK  # another one is the answer to everything
     lets_go: threading.Event = field(default_factory=_set)  # while it is not set, all but JSON is held back
+    waiting: list[str] = field(default_factory=list)  # paths that are held back
 
     @property
     def paths(self) -> set[str]:
@@ -56,7 +57,9 @@ def served(folder: Path) -> Iterator[Served]:
                 self._answer(state.status if state.status != HTTPStatus.OK else HTTPStatus.NOT_FOUND, b"")
                 return
             if path.suffix != ".json":
+                state.waiting.append(self.path)
                 state.lets_go.wait(PATIENCE)
+                state.waiting.remove(self.path)
             content = path.read_bytes()
             part = self._wanted(content)
             if self.command == "GET":

@@ -1,0 +1,26 @@
+"""The processes of a session's servers, to be harmed."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+
+import psutil
+
+from support.patience import wait_until
+from volsplat.client import Session
+
+
+def servers(session: Session, program: str) -> list[psutil.Process]:
+    processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
+    return [one for one in processes if f"volsplat.{program}" in one.cmdline()]
+
+
+@contextmanager
+def frozen(process: psutil.Process) -> Iterator[None]:
+    process.suspend()
+    wait_until(lambda: process.status() == psutil.STATUS_STOPPED, "does it stop")
+    try:
+        yield
+    finally:
+        with suppress(psutil.NoSuchProcess):  # it was ended, since another one was started
+            process.send_signal(signal.SIGCONT)
