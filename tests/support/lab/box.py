@@ -87,9 +87,17 @@ class Box:
         """The process ids of the servers that run on a host."""
         return [process for process in self.hosts[name].processes() if _is_server(process)]
 
-    def let_only_ssh_through(self, name: str) -> None:
-        """A firewall on a host: of TCP from elsewhere nothing but what goes to or comes from port 22."""
-        rules = ['iif "lo" accept', "tcp dport 22 accept", "tcp sport 22 accept", "meta l4proto tcp drop"]
+    def let_only_ssh_through(self, name: str, jump: str | None = None) -> None:
+        """A firewall on a host: of TCP from elsewhere nothing but what goes to or comes from port 22.
+
+        With `jump` that host alone gets in, and ssh goes by it from now on.
+        """
+        callers = ""
+        if jump is not None:
+            callers = f"ip saddr {self.hosts[jump].address} "
+            with self.ssh_config.open("a", encoding="utf-8") as config:
+                config.write(f"Host {name}\n  ProxyJump {jump}\n")
+        rules = ['iif "lo" accept', f"{callers}tcp dport 22 accept", "tcp sport 22 accept", "meta l4proto tcp drop"]
         chain = ["type filter hook input priority 0;", *rules]
         do(*self.hosts[name].inside, "nft", "\n".join(["table inet only_ssh {", "chain input {", *chain, "}", "}"]))
 
