@@ -7,6 +7,7 @@ from nicegui import ui
 from volsplat.client.ui.panels.colour_bar import ColourBar
 from volsplat.client.ui.panels.drawers import Drawers
 from volsplat.client.ui.panels.folding import Folding
+from volsplat.client.ui.panels.panel_widths import PanelWidths
 from volsplat.client.ui.panels.phase_legend import PhaseLegend
 from volsplat.client.ui.panels.save_panel import save_panel
 from volsplat.client.ui.panels.scene_panels import scene_panels
@@ -55,6 +56,7 @@ def page(viewing: Viewing, restart: Restart | None = None) -> None:
         with ui.element("footer").classes("vs-foot").props("role=contentinfo"):
             servers_panel(viewing)
         Folding()
+        PanelWidths()
 
 
 def _theme_button() -> None:

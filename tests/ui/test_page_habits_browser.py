@@ -175,6 +175,51 @@ def test_a_panel_is_folded_by_its_heading_also_by_keys_and_after_loading_anew(pa
     wire.wait_for(state="visible")
 
 
+def test_a_panel_is_resized_by_its_edge_also_by_keys_and_after_loading_anew(page: Page) -> None:
+    """Never so far that it or the picture is of no use; and the picture is drawn in the size that is left."""
+    window = page.viewport_size
+    assert window is not None
+    edge = page.get_by_role("separator", name="width of the scene's panel")
+
+    def widths() -> tuple[float, float, list[int]]:
+        """Of the panel, as the edge says it and as it is; and of the picture."""
+        return (
+            float(edge.get_attribute("aria-valuenow") or 0),
+            box(page.locator(".vs-left"))["width"],
+            picture_size(page),
+        )
+
+    own, *_, before = widths()
+    at, y = box(edge), window["height"] / 2
+    page.mouse.move(at["x"] + at["width"] / 2, y)
+    page.mouse.down()
+    page.mouse.move(at["x"] + at["width"] / 2 + 60, y, steps=3)
+    page.mouse.up()
+    until(page, lambda: picture_size(page)[0] == before[0] - 60)
+    assert widths()[:2] == (own + 60, own + 60)
+    edge.focus()
+    page.keyboard.press("ArrowLeft")
+    assert widths()[:2] == (own + 44, own + 44)
+    opened(page, page.url)
+    assert widths()[:2] == (own + 44, own + 44)
+    for key, limit in (("Home", "aria-valuemin"), ("End", "aria-valuemax")):
+        edge.focus()
+        page.keyboard.press(key)
+        assert widths()[0] == widths()[1] == float(edge.get_attribute(limit) or 0)
+        assert box(page.locator(".vs-view"))["width"] >= 320
+    other = page.get_by_role("separator", name="width of the tables")
+    other.focus()
+    for key, sign in (("ArrowLeft", 1), ("ArrowRight", -1)):
+        width = box(page.locator(".vs-right"))["width"]
+        page.keyboard.press(key)
+        assert (box(page.locator(".vs-right"))["width"] - width) * sign >= 0
+    page.keyboard.press("Enter")
+    edge.dblclick(position={"x": 4, "y": 100})
+    assert widths()[:2] == (own, own)
+    page.keyboard.press("a")  # no picture's key
+    until(page, lambda: picture_size(page) == before)
+
+
 def test_cells_of_the_cross_bar_are_large_enough_for_a_finger(page: Page) -> None:
     sizes = [box(cell) for cell in page.locator(".vs-wires input").all()]
     assert len(sizes) == 44 and all(size["width"] >= 24 and size["height"] >= 24 for size in sizes)
