@@ -142,6 +142,10 @@ class Owners:
         """End the frame before, and empty the image, which is of this size as it is published."""
 
     @property
+    def image_size(self) -> tuple[int, int]:
+        """Width and height of the image that is held; 0 before the first."""
+
+    @property
     def closed_tiles(self) -> memoryview:
         """The image's live map of closed tiles (protocol.closed_tiles): rows x words of uint64, writable."""
 

@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 from volsplat.program.frame_spans import FrameSpans, clock
 from volsplat.program.peak_memory import peak_memory
+from volsplat.program.room_for_image import check_room_for_image
 from volsplat.program.this_machine import this_machine
 from volsplat.protocol.description.scene import Order
 from volsplat.protocol.messages import messages
@@ -30,7 +31,9 @@ class FrameAssembly:
     """A frame of the owners of an image's regions. They do all the work, in threads of their own."""
 
     def __init__(self, owners: Owners, plan: FramePlan, frame: int, slabs: Slabs | None = None) -> None:
-        """Ends the owners' frame before, and empties their image. Raises BadInput for a bad plan.
+        """Ends the owners' frame before, and empties their image.
+
+        Raises BadInput for a bad plan, and for an image that there is no room for.
 
         `slabs` are those of a frame of slabs (see slabs_of).
         """
@@ -43,6 +46,7 @@ class FrameAssembly:
         self._edges = edge_layers(plan.edges, *plan.image_size) if plan.edges else None
         self._begun: SplatFrame | None = None
         self.lines = (0, 0)  # from which to before which its regions reach
+        check_room_for_image(*plan.image_size, held=owners.image_size)
         owners.clear(*plan.image_size, plan.turned)
 
     @property

@@ -77,6 +77,7 @@ from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.program.counts import Counts
 from volsplat.program.extras import need
+from volsplat.program.room_for_image import check_room_for_image
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
@@ -412,7 +413,8 @@ class Session:
     def _ask(
         self, scene: Scene, step: Step, require_complete: bool, after: int | None = None, exact: bool = True
     ) -> tuple[int, Answers]:
-        """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`."""
+        """Ask for a frame. Raises FrameAborted if something else was asked for since frame `after`, and BadInput."""
+        check_room_for_image(scene.image.width, scene.image.height)
         frame, answers = self._frames.ask(after)
         self._log("frame_asked", f"frame {frame}, step {step}, is asked for", frame)
         self._events.put(FrameAsked(frame, scene, step, require_complete, exact))

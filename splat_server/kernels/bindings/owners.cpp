@@ -14,6 +14,7 @@
 #include <optional>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
 
 #include "let_go.h"
@@ -172,6 +173,11 @@ nb::object published(Owners& owners, SplatFrame& frame) {
     return block_view(block, rectangle);
 }
 
+std::tuple<int, int> image_size(const Owners& owners) {
+    const std::shared_ptr<ImageMemory>& image = owners.image();
+    return image ? std::tuple(image->width(), image->height()) : std::tuple(0, 0);
+}
+
 nb::object closed_tiles(Owners& owners) {
     const std::shared_ptr<ImageMemory> image = owners.image();
     return view_of(image->closed_tiles(),
@@ -262,6 +268,7 @@ void bind_owners(nb::module_& m) {
     nb::class_<Owners>(m, "Owners")
         .def(nb::init<int>(), "threads"_a)
         .def("clear", &Owners::clear, "width"_a, "height"_a, "turned"_a, Unlocked())
+        .def_prop_ro("image_size", &image_size)
         .def_prop_ro("closed_tiles", &closed_tiles)
         .def("begin", &begin, nb::kw_only(), "regions"_a, "reach"_a.none(), "front_to_back"_a, "thresholds"_a,
              "counts"_a, "sources"_a, "traced"_a = false, "portion"_a, "edges"_a.none(), "walks"_a, "news"_a,

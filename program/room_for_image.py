@@ -1,0 +1,20 @@
+"""Whether a machine has room for an image: said before it is drawn, or the system might kill whoever draws it."""
+
+from volsplat.program.available_memory import available_memory
+from volsplat.protocol.text.errors import BadInput
+
+PIXEL_BYTES = 16  # float32 RGBA
+TIMES = 2  # it is held by whoever draws it, and by whoever has it: while it is drawn, and as it is shown
+SMALL = 64 << 20  # bytes that are not worth a look
+
+
+def check_room_for_image(width: int, height: int, held: tuple[int, int] = (0, 0)) -> None:
+    """Raises BadInput if an image of this size takes more than this machine has left, once the `held` one is let go."""
+    needed, let_go = (TIMES * PIXEL_BYTES * pixels for pixels in (width * height, held[0] * held[1]))
+    if needed <= SMALL or (width, height) == held:
+        return
+    if needed > (left := available_memory() + let_go):
+        raise BadInput(
+            f"no memory for an image of {width} x {height} pixels: it needs {needed / 1e9:.1f} GB, but this machine "
+            f"has {left / 1e9:.1f} GB left; ask for a smaller one"
+        )
