@@ -7,12 +7,12 @@ from typing import Any
 
 import click
 
-from volsplat.client.command.choices import Words, meant
+from volsplat.client.command.choices import Words
 from volsplat.client.command.help_page import FILES, SERVERS, headed, helped, volume_argument
 from volsplat.client.command.opened_volume import check_found, memory_option, tell_notes
 from volsplat.client.command.progress_bar import shown_progress
 from volsplat.client.command.render_options import SceneOptions, scene_options
-from volsplat.client.export.export import SUFFIXES, check_export, write_export
+from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.view_light import LIGHTS, Light
 from volsplat.client.session.single import SingleProcess
 from volsplat.program.plain_console import PlainConsole
@@ -69,17 +69,12 @@ def export(
     surface of one value. Positions are the volume's own, as in mm. The scene decides what is visible, as it does for
     `volsplat render`. One process does it, without servers.
     """
-    if output.suffix.lower() not in SUFFIXES:
-        near = meant(output.suffix, SUFFIXES)
-        raise BadInput(
-            f"{output}: .ply holds Gaussians, .stl, .glb and .obj a mesh; {output.suffix or 'no ending'}: {near}"
-        )
+    check_export(output, level, light)
     options = SceneOptions.of(settings)
     options.scene_of(None)
     check_found(volume, True, None)
     if output.exists() and output.samefile(volume_name(volume).place):
         raise BadInput(f"{output}: this is the volume itself; give another name for what is written")
-    check_export(output, level, light)
     may_hold = bytes_from_option("--memory", memory) if memory else None
     console = PlainConsole(stderr=True)
     with shown_progress(PROGRESS_STEPS, console) as (say, done):

@@ -22,9 +22,7 @@ def check_export(path: Path, level: float | None = None, light: Light | None = N
     """Raises BadInput before any work if no such file can be written."""
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
-        raise BadInput(
-            f"{path}: no kind of file that can be exported; end the name in .ply (Gaussians), .stl, .glb or .obj"
-        )
+        raise BadInput(f"{path}: end the name in .ply for Gaussians, or in .stl, .glb or .obj for a mesh")
     if kind == CLOUD and level is not None:
         raise BadInput(f"{path}: --level is for a mesh; end the name in {', '.join(MESHES)}, or leave it out")
     if kind != CLOUD and light is not None:

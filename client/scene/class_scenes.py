@@ -2,6 +2,7 @@
 
 from volsplat.client.histogram.density_histogram import LAST
 from volsplat.client.histogram.subject import Subject
+from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, dimmed, scalars
 from volsplat.protocol.description.colours import colour_from_hex
 from volsplat.protocol.description.kind import Band, Kind
@@ -9,7 +10,6 @@ from volsplat.protocol.description.scene import Colour, ColourTable, Scene, Shad
 
 SURFACE = 0.85
 RIM = 0.35  # opacity of a band's lowest value, which is an atom's rim
-HUES = ("#d08068", "#6f9fd8", "#88b868", "#d8b860", "#a888c8", "#60b8a8", "#d080a0", "#c8c0b0")
 
 # After Corey, Pauling and Koltun, as molecules are drawn everywhere; metals and all the rest in one colour.
 CPK = {
@@ -55,19 +55,19 @@ def classes_scene(subject: Subject) -> Scene | None:
 def class_colours(subject: Subject, bands: tuple[Band, ...]) -> ColourTable:
     """A step of the table for each class."""
     points: list[tuple[float, Colour]] = []
-    for n, band in enumerate(sorted(bands, key=lambda band: band.low)):
+    for band in sorted(bands, key=lambda band: band.low):
         start, end = class_bytes(subject, band)
-        colour = _colour(subject, band, n)
+        colour = _colour(subject, band)
         points += [(start / LAST, colour), (end / LAST, colour)]
     return ColourTable(points=tuple(points))
 
 
-def _colour(subject: Subject, band: Band, number: int) -> Colour:
+def _colour(subject: Subject, band: Band) -> Colour:
     if band.colour is not None:
         return band.colour
     if subject.kind is Kind.ELEMENTS:
         return colour_from_hex(CPK.get(band.name, CPK["other"]))
-    return colour_from_hex(HUES[number % len(HUES)])
+    return label_colour(round(band.low))
 
 
 def class_bytes(subject: Subject, band: Band) -> tuple[int, int]:

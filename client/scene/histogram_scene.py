@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from volsplat.client.histogram.density_histogram import LAST, CtScale, DensityHistogram, otsu_byte, zero_position
 from volsplat.client.histogram.subject import Subject
-from volsplat.client.scene.class_scenes import HUES
+from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.table_makers import GLOW, KEY_LIGHT, REFLECTION, colours, dimmed, scalars
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import ColourTable, ScalarTable, Scene, Shading, Tables
@@ -168,4 +168,5 @@ def _are_labels(subject: Subject) -> bool:
 def _label_tint(subject: Subject) -> ColourTable:
     """A colour for each whole number, neighbours well apart."""
     labels = range(int(subject.values.low), int(subject.values.high) + 1)
-    return colours(*((subject.histogram.position(label), HUES[label % len(HUES)]) for label in labels))
+    at = subject.histogram.position
+    return ColourTable(points=tuple((at(label), label_colour(label)) for label in labels))

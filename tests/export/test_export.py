@@ -125,7 +125,7 @@ def test_what_cannot_be_exported_is_one_line_and_leaves_what_was_there(tmp_path:
     np.save(tmp_path / "ball.npy", (200 - 20 * np.sqrt(x**2 + y**2 + z**2)).clip(0).astype(np.uint8))
     (tmp_path / "ball.stl").write_text("before")
     for options, words in {
-        "ball.plyy": "did you mean .ply?",
+        "ball.plyy": "end the name in .ply for Gaussians",
         "ball.stl --level 9000 --preset difference-map": "widen --window",
     }.items():
         answer = person.runs("export", "ball.npy", "-o", *options.split())

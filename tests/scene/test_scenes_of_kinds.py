@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from itertools import combinations
 
 import pytest
 
@@ -12,6 +13,7 @@ from volsplat.client.scene.class_scenes import CPK
 from volsplat.client.scene.contour_scenes import contour_level
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.scene.glow_scenes import phase_colours
+from volsplat.client.scene.label_colours import label_colour
 from volsplat.client.scene.presets import PRESETS, fits, preset_scene
 from volsplat.protocol.description.colours import colour_from_hex
 from volsplat.protocol.description.kind import Band, Kind
@@ -148,6 +150,17 @@ def test_labels_are_solid_in_distinct_colours_about_a_clear_background() -> None
     shown = {label: at(scene, known, label) for label in (1.0, 2.0, 300.0)}
     assert at(scene, known, 0.0)[0] == 0
     assert all(opacity > 0.8 for opacity, _ in shown.values())
+
+
+def test_labels_without_colours_have_each_its_own_whatever_else_the_file_holds() -> None:
+    colours = [label_colour(number) for number in range(1, 193)]
+    assert len(set(colours)) == 192 and label_colour(193) == colours[0]
+    assert min(math.dist(one, other) for one, other in combinations(colours[:24], 2)) > 0.1
+    few, many = ({0.0: 900, 5.0: 30} | {float(n): 20 for n in range(200, last)} for last in (201, 240))
+    shown = [
+        at(default_scene(known), known, 5.0)[1] for known in (subject(v, Kind.LABELS, "uint8") for v in (few, many))
+    ]
+    assert shown[0] == pytest.approx(shown[1])
 
 
 def test_segments_have_the_colours_that_their_file_states() -> None:
