@@ -34,6 +34,7 @@ _BARE = """([x, y, radius, places]) => {
     const top = (angle) => document.elementFromPoint(x + radius * Math.cos(angle), y + radius * Math.sin(angle));
     return angles.filter((angle) => top(angle) === window.volsplatViewport.canvas);
 }"""
+_CANVAS = "() => { const c = window.volsplatViewport.canvas; return [c.clientWidth, c.clientHeight]; }"
 _ROTATION = "() => window.volsplatViewport.view.rotation"
 _NOTES = """() => ({
     sent: window.volsplatViewport.sent.map(({ event, at }) => [event, at]),
@@ -105,6 +106,17 @@ class Drag:
         late = self.latencies()
         third = max(len(late) // 3, 1)
         return statistics.median(late[-third:]) - statistics.median(late[:third])
+
+
+def show_in(tab: Page, side: int) -> None:
+    """Have the volume refined to the end in a picture of `side` pixels each way, by the size of the window."""
+    tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
+    while (size := tab.evaluate(_CANVAS)) != [side, side]:  # what stands around the picture may still grow
+        window = tab.viewport_size
+        assert window is not None
+        tab.set_viewport_size({"width": window["width"] + side - size[0], "height": window["height"] + side - size[1]})
+        tab.wait_for_function(f"(old) => ({_CANVAS})().join() !== old.join()", arg=size, timeout=PAGE_WAIT)
+        tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
 
 
 def dragged(tab: Page, moves: int) -> Drag:

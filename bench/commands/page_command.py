@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 import click
 
-from volsplat.bench.page_drag import PAGE_WAIT, REFINED, dragged
+from volsplat.bench.page_drag import dragged, show_in
 from volsplat.bench.slow_link import slow_link
 from volsplat.bench.subject import subject_of, volume_file
 from volsplat.bench.tables.outputs import Outputs, output_options
@@ -35,7 +35,6 @@ WARM_UP_MOVES = 180
 IMAGE = 512
 GOALS = "Goals on loopback: median 50 ms, 95 % 100 ms, 30 images a second, likeness 0.9, nothing stale."
 _ADDRESS = re.compile(r"http://\S+token=\S+")
-_CANVAS = "() => { const c = window.volsplatViewport.canvas; return [c.clientWidth, c.clientHeight]; }"
 
 
 @click.command()
@@ -132,15 +131,9 @@ def _opened(address: str) -> Iterator[Page]:
         raise BadInput("this benchmark needs Chromium: apt install chromium")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=chromium, args=CHROMIUM_OPTIONS)
-        window = {"width": 1280, "height": 800}
         tab = browser.new_page(viewport={"width": 1280, "height": 800})
         tab.goto(address)
-        tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
-        while (size := tab.evaluate(_CANVAS)) != [IMAGE, IMAGE]:  # what stands around the picture may still grow
-            window = {"width": window["width"] + IMAGE - size[0], "height": window["height"] + IMAGE - size[1]}
-            tab.set_viewport_size({"width": window["width"], "height": window["height"]})
-            tab.wait_for_function(f"(old) => ({_CANVAS})().join() !== old.join()", arg=size, timeout=PAGE_WAIT)
-            tab.wait_for_function(REFINED, timeout=PAGE_WAIT)
+        show_in(tab, IMAGE)
         yield tab
         browser.close()
 

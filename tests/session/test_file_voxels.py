@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from support.files.head_volume import head
+from support.files.head_volume import head, skin
 from support.messages.coordinated import FIRST, SECOND, SPLAT, WHOLE, drawing, opened_store, said, sent, surveyed
 from volsplat.client import Session
 from volsplat.client.coordinator.coordinator_events import AnswerVoxel, Instruction, ServerLost, VoxelAsked
@@ -16,6 +16,7 @@ from volsplat.client.coordinator.file_voxels import MOST_WAITING
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.volume.file_voxel import FileVoxel
+from volsplat.protocol.description.scene import Quantise, ScalarTable, Scene
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
@@ -86,6 +87,12 @@ def values_of(head: Path) -> Any:
     return reader.read(reader.describe().geometry.box)
 
 
+def of_the_brightest(scene: Scene, window: tuple[float, float]) -> Scene:
+    """What shows nothing but voxels at the window's end and beyond."""
+    tables = msgspec.structs.replace(scene.tables, opac=ScalarTable(points=((0.999, 0.0), (0.999, 1.0))))
+    return msgspec.structs.replace(scene, quantise=Quantise(window=window), tables=tables)
+
+
 def test_servers_and_a_single_process_tell_what_the_file_and_memory_hold(head: Path) -> None:
     values, choose = values_of(head), np.random.default_rng(19)
     ni, nj, nk = values.shape[::-1]
@@ -95,6 +102,10 @@ def test_servers_and_a_single_process_tell_what_the_file_and_memory_hold(head: P
         with Session(volume, workers=2) as session, SingleProcess(volume) as single:
             for renderer in (session, single):
                 assert [renderer.file_voxel(index) for index in indices] == expected
+                seen = renderer.probe(of_the_brightest(skin(single), window=(0.0, 400.0)), 48, 40)
+                assert seen is not None and seen.density == 400.0
+                own = renderer.file_voxel(seen.index)
+                assert own is not None and own.density == values[seen.index[::-1]] > 400, "beyond the window"
             assert session.file_voxel(indices[0], within=0.0) in (None, expected[0]), "it is not waited for"
 
 

@@ -17,7 +17,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened, save
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, view, viewed, volume
-from volsplat.bench.page_drag import REFINED, dragged
+from volsplat.bench.page_drag import REFINED, dragged, show_in
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
 from volsplat.client.scene.scene_file import scene_from_toml
@@ -25,6 +25,9 @@ from volsplat.protocol.description.volume import Index
 
 if TYPE_CHECKING:
     from playwright.sync_api import Page
+
+IMAGE = 512
+ENDS = [(end, axis) for axis in "ijk" for end in ("lowest", "end of")]
 
 __all__ = ["browser", "browser_page", "view", "volume"]
 
@@ -203,8 +206,12 @@ def test_without_the_token_there_is_one_line_and_nothing_else(view: Viewed, brow
 def test_through_a_slow_line_nothing_stale_is_shown_and_the_lag_does_not_grow(view: Viewed, browser_page: Page) -> None:
     with slow_link(view.port, bits_per_second=20e6, round_trip=0.04) as port:
         page = opened(browser_page, view.url.replace(f":{view.port}/", f":{port}/"))
-        moves = dragged(page, 90)
+        show_in(page, IMAGE)
+        moves, whole = dragged(page, 90), [page.get_by_label(f"{end} {axis}").input_value() for end, axis in ENDS]
+        size = page.evaluate("() => { const p = window.volsplatViewport.log.at(-1); return [p.width, p.height] }")
         page.goto("about:blank")
+    assert whole == ["0", "48", "0", "64", "0", "56"], "it was turned, and not cut by a handle"
+    assert size == [IMAGE, IMAGE] and sum(moves.drawn_as().values()) == pytest.approx(1.0)
     assert moves.stale() == 0
     events = [event for event, _ in moves.sent]
     shown = [picture.event for picture in moves.shown]
