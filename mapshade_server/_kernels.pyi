@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from typing import Protocol, SupportsInt, type_check_only
 
 from volsplat.protocol.description.volume import Index
+from volsplat.protocol.rules.index_rules import DirectionCode
 
 @type_check_only
 class Array(Protocol):
@@ -74,14 +75,15 @@ def pack(
 def power(base: float, exponent: float) -> float:
     """base^exponent for 0 <= base <= 1, the same bits on every machine."""
 
-def direction_vectors(octahedral: bool) -> Array:
+def direction_vectors(directions: DirectionCode) -> Array:
     """Unit vectors of the direction codes, float64 (32768, 3); zeros for codes without direction."""
 
-def gradient_bytes(octahedral: bool, axes: Sequence[_Vector]) -> Array:
+def gradient_bytes(directions: DirectionCode, axes: Sequence[_Vector]) -> Array:
     """Bytes of the fields gradient i, j, k: uint8 (3, 32768). `axes` are unit vectors along the grid's axes."""
 
 def light_table(
-    octahedral: bool,
+    directions: DirectionCode,
+    roughness: Sequence[_Vector],
     light: _Vector,
     half: _Vector,
     diffuse: bool,
@@ -94,8 +96,11 @@ def light_table(
 def colour_table(colours: Sequence[_Vector]) -> Array:
     """Red, green, blue and 0 of 256 entries: float32 (256, 4)."""
 
-def opacity_table(opac: _Vector, modu: _Vector, exponent: float) -> Array:
-    """12-bit codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8: uint16 (65536,)."""
+def opacity_table(opac: _Vector, modu: _Vector, exponent: float, spread: float) -> Array:
+    """12-bit codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8: uint16 (65536,).
+
+    opac is the mean of what lies within `spread` times the modu index on either side.
+    """
 
 class ClassifiedRows:
     """Which voxels of a box's rows can be seen, for each axis that rows were walked along; see classified_rows.h."""

@@ -105,7 +105,7 @@ def _sheet_walk(
     max_packets: int,
 ) -> _kernels.FrameWalk:
     """Sheet by sheet, shaded."""
-    octahedral = quantisation.directions == "octahedral"
+    directions = quantisation.directions_at(plan.factors)
     cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
     distinct = sorted(set(plan.opacity_exponents))
     return _kernels.FrameWalk(
@@ -122,11 +122,11 @@ def _sheet_walk(
         cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
         emit=shading_tables.colours(shading.emit),
         refl=shading_tables.colours(shading.refl),
-        light=shading_tables.light_of_directions(shading.lighting, octahedral),
+        light=shading_tables.light_of_directions(shading.lighting, directions),
         opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
         opacity_of_class=[distinct.index(exponent) for exponent in plan.opacity_exponents],
         visibility=shading_tables.visibility(rule),
-        gradient_bytes=shading_tables.gradient_bytes(octahedral, geometry.index_to_physical),
+        gradient_bytes=shading_tables.gradient_bytes(directions, geometry.index_to_physical),
         grid_bytes=[
             shading_tables.grid_bytes(size, factor) for size, factor in zip(geometry.dims, plan.factors, strict=True)
         ],

@@ -15,8 +15,9 @@ A Zarr v3 group that `volsplat prepare` writes:
     blocks               float64 (2, bk, bj, bi): least and greatest values of the volume's blocks (block_extremes)
 
 Level L + 1 halves level L: each of its voxels is the mean of 2x2x2 source values, as many as there are and are finite.
-A second scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All
-levels have one quantisation. Packets hold their gradients, so a brick needs no halo.
+Its strength is the mean of theirs, its direction that of their sum, in the code "rough" of index_rules. A second
+scalar, which strength stands for here too, is that of the voxel among them with the greatest value. All levels have one
+quantisation. Packets hold their gradients, so a brick needs no halo.
 
 All that lies on the disk bears a checksum: the attributes theirs, bricks and histograms zstd's, the indices of shards
 the CRC-32C that Zarr gives them. What was changed since is refused by its file's name.
@@ -43,14 +44,15 @@ from volsplat.mapshade_server.readers.zarr_arrays.zarr_folder import folder_stor
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import Box, Geometry, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity
-from volsplat.protocol.rules.index_rules import Quantisation, Survey
+from volsplat.protocol.rules.index_rules import ROUGH_NO_GRADIENT, Quantisation, Survey
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 from volsplat.protocol.text.errors import BadInput
 
 Packets = NDArray[np.uint32]  # shaped (k, j, i), C-contiguous
 
 ATTRIBUTE = "volsplat"
 CHECKSUM = "volsplat_crc32"  # of the attribute
-FORMAT = 3
+FORMAT = 4
 BRICKS = "bricks"
 DENSITY_COUNTS, STRENGTH_COUNTS = "histograms/density", "histograms/strength"
 BLOCKS = "blocks"
@@ -83,8 +85,14 @@ class StoreAttributes(msgspec.Struct, frozen=True, kw_only=True):
     description: VolumeDescription  # of level 0
     survey: Survey
     quantisation: Quantisation
-    background: int  # the packet of all voxels in bricks that are not stored
+    background: int  # the packet of all voxels in bricks of level 0 that are not stored
     levels: tuple[StoredLevel, ...]
+
+    def background_at(self, level: int) -> int:
+        """The background of a level: it has no gradient, which coarser ones say in another code."""
+        if level == 0 or self.background >> NO_DATA_BIT:
+            return self.background
+        return self.background & (1 << DIRECTION_SHIFT) - 1 | ROUGH_NO_GRADIENT << DIRECTION_SHIFT
 
     def as_attributes(self) -> dict[str, Any]:
         """The group's attributes: these, and their checksum."""
@@ -110,7 +118,7 @@ class PacketStore:
         self.quantisation = attributes.quantisation
         self.levels = tuple(Level(level.factor, level.geometry) for level in attributes.levels)
         self._paths = [level.path for level in attributes.levels]
-        self._arrays = [self._packets(level, attributes.background) for level in attributes.levels]
+        self._arrays = [self._packets(level, attributes.background_at(n)) for n, level in enumerate(attributes.levels)]
         self._bricks: dict[int, NDArray[np.uint8]] = {}
 
     @cached_property

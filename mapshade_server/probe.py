@@ -8,7 +8,7 @@ from volsplat.protocol.description.scene import Field
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.messages import ProbedVoxel
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
-from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
 from volsplat.protocol.rules.levels import index_in_volume
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
@@ -58,7 +58,7 @@ def _visible_voxels(
     rule = shading_tables.opacity_rule(shading)
     codes = memoryview(shading_tables.opacity_codes(rule, line.plan.opacity_exponents[0]))
     low, high = (
-        _byte_of(field, geometry, quantisation.directions == "octahedral", line)
+        _byte_of(field, geometry, quantisation.directions_at(line.plan.factors), line)
         for field in shading_tables.opacity_fields(rule)
     )
 
@@ -68,15 +68,15 @@ def _visible_voxels(
     return is_visible
 
 
-def _byte_of(field: Field, geometry: Geometry, octahedral: bool, line: LineOfSight) -> FieldByte:
+def _byte_of(field: Field, geometry: Geometry, directions: DirectionCode, line: LineOfSight) -> FieldByte:
     if field == Field.DENSITY:
         return lambda index, packet: packet & 255
     if field == Field.STRENGTH:
         return lambda index, packet: packet >> 8 & 255
     if field in GRADIENTS:
         axis = GRADIENTS.index(field)
-        directions = memoryview(shading_tables.gradient_bytes(octahedral, geometry.index_to_physical))
-        return lambda index, packet: directions[axis, packet >> DIRECTION_SHIFT & 0x7FFF]
+        components = memoryview(shading_tables.gradient_bytes(directions, geometry.index_to_physical))
+        return lambda index, packet: components[axis, packet >> DIRECTION_SHIFT & 0x7FFF]
     if field in SCREEN:
         dda = line.plan.screen_index[SCREEN.index(field)]
         return lambda index, packet: min(max(dda.at_half_indices(_doubled(index)) >> FRACTION_BITS, 0), 255)

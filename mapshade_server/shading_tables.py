@@ -8,7 +8,7 @@ from volsplat.mapshade_server import _kernels
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
-from volsplat.protocol.rules.index_rules import grid_index_bytes
+from volsplat.protocol.rules.index_rules import ROUGHNESS_COSINES, DirectionCode, grid_index_bytes
 from volsplat.protocol.rules.shading_rule import ONE, Lighting, ShadingRule
 
 # The blocks of A and B come in up to 27 sizes, and a scene is turned through A to F again and again.
@@ -37,6 +37,7 @@ class OpacityRule(NamedTuple):
     modu: ScalarTable
     opac_field: Field
     modu_field: Field
+    density_spread: float  # see ShadingRule
 
     @property
     def by_packet(self) -> bool:
@@ -45,7 +46,8 @@ class OpacityRule(NamedTuple):
 
 
 def opacity_rule(shading: ShadingRule) -> OpacityRule:
-    return OpacityRule(shading.opac, shading.modu, shading.cross_bar.opac, shading.cross_bar.modu)
+    cross_bar = shading.cross_bar
+    return OpacityRule(shading.opac, shading.modu, cross_bar.opac, cross_bar.modu, shading.density_spread)
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:
@@ -60,8 +62,9 @@ def opacity_codes(rule: OpacityRule, exponent: float) -> "_kernels.Array":
     The place in the table is the byte of the first of `opacity_fields` plus 256 times that of the second.
     """
     if rule.by_packet:
-        return _kernels.opacity_table(_factors(rule, Field.DENSITY), _factors(rule, Field.STRENGTH), exponent)
-    return _kernels.opacity_table(scalar_entries(rule.opac), scalar_entries(rule.modu), exponent)
+        by_density, by_strength = (_factors(rule, field) for field in PACKET_SCALARS)
+        return _kernels.opacity_table(by_density, by_strength, exponent, rule.density_spread)
+    return _kernels.opacity_table(scalar_entries(rule.opac), scalar_entries(rule.modu), exponent, 0.0)
 
 
 @lru_cache(KEPT_TABLES)
@@ -72,8 +75,18 @@ def visibility(rule: OpacityRule) -> bytes:
     """
     others = [table for table, field in _tables_of(rule) if field not in PACKET_SCALARS]
     visible = all(max(scalar_entries(table)) > 0.0 for table in others)
-    bits = [sum(1 << n for n, a in enumerate(_factors(rule, field)) if visible and a > 0.0) for field in PACKET_SCALARS]
+    seen = [[n for n, a in enumerate(_factors(rule, field)) if visible and a > 0.0] for field in PACKET_SCALARS]
+    if rule.by_packet and all(seen):
+        seen[0] = _within(seen[0], math.ceil(rule.density_spread * max(seen[1])))
+    bits = [sum(1 << n for n in numbers) for numbers in seen]
     return b"".join(number.to_bytes(TABLE_ENTRIES // 8, "little") for number in bits)
+
+
+def _within(bytes_seen: list[int], distance: int) -> list[int]:
+    """The bytes that are no further than this from one of these; less than a byte away is a byte."""
+    if distance == 0:
+        return bytes_seen
+    return [n for n in range(TABLE_ENTRIES) if any(abs(n - seen) <= distance for seen in bytes_seen)]
 
 
 def _tables_of(rule: OpacityRule) -> tuple[tuple[ScalarTable, Field], ...]:
@@ -94,10 +107,11 @@ def grid_bytes(size: int, factor: int) -> bytes:
 
 
 @lru_cache(KEPT_LIGHT_TABLES)
-def light_of_directions(lighting: Lighting, octahedral: bool) -> "_kernels.Array":
+def light_of_directions(lighting: Lighting, directions: DirectionCode) -> "_kernels.Array":
     """What multiplies the reflected colour, by direction code: float32 (32768,)."""
     return _kernels.light_table(
-        octahedral,
+        directions,
+        ROUGHNESS_COSINES,
         lighting.light,
         lighting.half_way,
         lighting.diffuse,
@@ -108,7 +122,7 @@ def light_of_directions(lighting: Lighting, octahedral: bool) -> "_kernels.Array
 
 
 @lru_cache(KEPT_TABLES)
-def gradient_bytes(octahedral: bool, index_to_physical: Matrix) -> "_kernels.Array":
+def gradient_bytes(directions: DirectionCode, index_to_physical: Matrix) -> "_kernels.Array":
     """The bytes of the fields gradient i, j, k by direction code: uint8 (3, 32768)."""
     axes = [matrices.normalised(matrices.column(index_to_physical, axis)) for axis in range(3)]
-    return _kernels.gradient_bytes(octahedral, axes)
+    return _kernels.gradient_bytes(directions, axes)

@@ -13,7 +13,7 @@ from volsplat.protocol.description.scene import Field
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
-from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT, OPACITY_CODES, opacity_of_code
 from volsplat.protocol.rules.shading_rule import Lighting, ShadingRule
 
@@ -75,8 +75,7 @@ class VoxelSheets:
 
     def light(self, lighting: Lighting) -> NDArray[np.float32]:
         """What multiplies the reflected colour, by the direction's code."""
-        octahedral = self.quantisation.directions == "octahedral"
-        return self._entries(shading_tables.light_of_directions(lighting, octahedral))
+        return self._entries(shading_tables.light_of_directions(lighting, self._directions))
 
     def densities(self) -> Iterator[tuple[Index, NDArray[np.uint8], NDArray[np.bool_]]]:
         """Of each sheet within a sub-cube: where it begins, counted in every `every`th; density bytes and where there
@@ -144,6 +143,10 @@ class VoxelSheets:
         opacities: NDArray[np.float32] = OPACITIES[codes[low | high << 8]]
         return opacities
 
+    @property
+    def _directions(self) -> DirectionCode:
+        return self.quantisation.directions_at(self.plan.factors)
+
     def _entries(self, table: object) -> NDArray[np.float32]:
         return np.asarray(table, dtype=np.float32)
 
@@ -153,8 +156,7 @@ class VoxelSheets:
         if field == Field.STRENGTH:
             return (packets >> 8 & 255).astype(np.uint8)
         if field in GRADIENTS:
-            octahedral = self.quantisation.directions == "octahedral"
-            directions = np.asarray(shading_tables.gradient_bytes(octahedral, self.geometry.index_to_physical))
+            directions = np.asarray(shading_tables.gradient_bytes(self._directions, self.geometry.index_to_physical))
             of_codes: Bytes = directions[GRADIENTS.index(field), packets >> DIRECTION_SHIFT & 0x7FFF]
             return of_codes
         if field in SCREEN:

@@ -223,3 +223,12 @@ SLOPE_BY_DIFFERENCES = 1e-6
 
 CLOUD_LEVELS = 0.02  # mean over a picture: an exported Gaussian has no rim, and is sorted by depth, not by sheets
 MESH_VOLUME = 0.02  # of a ball's volume: a mesh's faces cut corners, and its densities have 256 steps
+
+# Brightness of level 1 over the volume's own where it takes its place, small volumes whose features are few voxels wide
+# among them: 5 % is the worst there (docs/how_it_works/properties.md has the figures of a whole scan).
+LEVEL_BRIGHTNESS = 0.06
+
+# Means that kernels take over few places, and the tests over many: of light around a direction, 0..1, and of opacities,
+# which are coded besides.
+MEAN_LIGHT = 0.02
+MEAN_OPACITY = 0.005

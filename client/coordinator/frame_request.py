@@ -8,7 +8,7 @@ from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import Resolution
+from volsplat.protocol.rules.levels import Resolution, density_spread
 from volsplat.protocol.rules.shading_rule import shading_rule
 
 MUCH_HIDDEN = 0.25  # of the packets that were sent
@@ -59,11 +59,12 @@ def frame_request(
     Raises ValueError where the scene does not fit the volume.
     """
     plan = plan_frame(scene, geometry, step, resolution)
+    spread = density_spread(geometry, resolution.geometry, quantisation) if plan.slabs is None else 0.0
     return messages.RenderFrame(
         frame=frame,
         assignment=assignment,
         plan=plan,
-        shading=shading_rule(scene, step),
+        shading=shading_rule(scene, step, spread),
         geometry=geometry,
         quantisation=quantisation,
         level=resolution.level,

@@ -18,6 +18,7 @@ from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import density_spread
 from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, VolsplatError
@@ -91,7 +92,7 @@ class Probes:
             probe=asked.probe,
             assignment=holding.assignment,
             line=line_of_sight(asked.scene, geometry, asked.x, asked.y, resolution),
-            shading=shading_rule(asked.scene, Step.F),
+            shading=shading_rule(asked.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
             geometry=geometry,
             quantisation=packed_by,
             level=resolution.level,

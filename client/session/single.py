@@ -53,6 +53,7 @@ from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.levels import density_spread
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
@@ -171,8 +172,9 @@ class SingleProcess:
             line = line_of_sight(scene, geometry, x, y, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        sub_cubes = self._held.sub_cubes(resolution.level)
-        return front_most(sub_cubes, geometry, packing.quantisation, shading_rule(scene, Step.F), line)
+        sub_cubes, rules = self._held.sub_cubes(resolution.level), packing.quantisation
+        shading = shading_rule(scene, Step.F, density_spread(geometry, resolution.geometry, rules))
+        return front_most(sub_cubes, geometry, rules, shading, line)
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """A voxel as the volume's file has it, see Session; but what is read is waited for. Raises BadInput."""
@@ -194,7 +196,8 @@ class SingleProcess:
             plan = plan_frame(scene, geometry, Step.F, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        sub_cubes, rule = self._held.sub_cubes(resolution.level), shading_rule(scene, Step.F)
+        sub_cubes = self._held.sub_cubes(resolution.level)
+        rule = shading_rule(scene, Step.F, density_spread(geometry, resolution.geometry, rules))
         return VoxelSheets(sub_cubes, geometry, resolution.geometry, rules, rule, plan, every)
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:

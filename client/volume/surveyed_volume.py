@@ -67,6 +67,7 @@ class SurveyedVolume:
             strength_scale=self.strength_scale,
             directions=quantise.directions,
             strength_low=self.strength_range[0],
+            has_strength=self.description.second_scalar is None,
         )
 
     def density_histogram(self) -> DensityHistogram:

@@ -14,22 +14,29 @@ constexpr int kTableEntries = 256;
 
 using Vector3 = std::array<double, 3>;
 
+// What a direction code stands for; see protocol/rules/index_rules.py.
+enum class Directions { kPaper, kOctahedral, kRough };
+
 // Unit vectors of all direction codes; zeros for codes without direction.
 struct DirectionTable {
-    explicit DirectionTable(bool octahedral);
+    explicit DirectionTable(Directions code);
 
     std::vector<double> x = std::vector<double>(kDirectionCodes), y = x, z = x;
 };
 
-const DirectionTable& direction_table(bool octahedral);
+const DirectionTable& direction_table(Directions code);
 
 // For each of three unit vectors along the grid's axes, the byte of every direction code: 3 x 32768.
-std::vector<std::uint8_t> gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes);
+std::vector<std::uint8_t> gradient_bytes(Directions code, const std::array<Vector3, 3>& axes);
 
-// What multiplies the reflected colour, for every direction code.
-std::vector<float> light_table(bool octahedral, const Lighting& lighting);
+// Cosines of the angles between a mean direction and those that it stands for, all as likely.
+using Cosines = std::vector<double>;
 
-// 12-bit opacity codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8.
-std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent);
+// What multiplies the reflected colour, for every direction code; `roughness` has the cosines of rough ones.
+std::vector<float> light_table(Directions code, const std::vector<Cosines>& roughness, const Lighting& lighting);
+
+// 12-bit opacity codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8. opac is the mean over
+// `spread` times the modu index on either side.
+std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent, double spread);
 
 }  // namespace volsplat

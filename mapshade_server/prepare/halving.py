@@ -58,16 +58,16 @@ def _of_greatest(ranks: NDArray[np.float64], second: Voxels) -> Voxels:
 
 def _means(values: Voxels) -> NDArray[np.float64]:
     if values.dtype.kind in "iu" and values.dtype.itemsize <= 2:
-        means: NDArray[np.float64] = _sums(values.astype(np.int32)) / _counts(values.shape)
+        means: NDArray[np.float64] = sums(values.astype(np.int32)) / _counts(values.shape)
         return means
     exact = values.astype(np.float64)
     has_value = np.isfinite(exact)
     counts = _counts(values.shape)
     if not has_value.all():
         exact = np.where(has_value, exact, 0.0)
-        counts = _sums(has_value.astype(np.float64))
+        counts = sums(has_value.astype(np.float64))
         counts[counts == 0] = np.nan
-    means = _sums(exact) / counts
+    means = sums(exact) / counts
     return means
 
 
@@ -77,7 +77,7 @@ def _counts(shape: tuple[int, ...]) -> NDArray[Any]:
     return k[:, None, None] * j[None, :, None] * i[None, None, :]
 
 
-def _sums(values: NDArray[Any]) -> NDArray[Any]:
+def sums(values: NDArray[Any]) -> NDArray[Any]:
     """Over 2x2x2 voxels: along k, then j, then i."""
     for axis in range(3):
         pairs = values.shape[axis] // 2 * 2

@@ -7,12 +7,14 @@ from numpy.typing import NDArray
 
 from volsplat.mapshade_server.packet_store import BRICK_FIELDS, Packets
 from volsplat.mapshade_server.prepare.brick_extents import brick_extents
+from volsplat.mapshade_server.prepare.gradient_means import halved_gradients, with_gradients
 from volsplat.mapshade_server.prepare.halving import halved, halved_second
 from volsplat.mapshade_server.prepare.journal import Journal
 from volsplat.mapshade_server.prepare.layout import Layout, halved_box
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
+from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import HALO, Box, Geometry
 from volsplat.protocol.rules.index_rules import Quantisation
@@ -58,11 +60,16 @@ class LevelPacker:
         sub_cube = SubCube(self.geometry, box, self.source.second_range)
         with_halo = box.grown(HALO, self.geometry.dims)
         read = self.source.read(box, with_halo)
-        sub_cube.hold(*read)
+        sub_cube.hold(read.values, read.second)
         sub_cube.pack(self.quantisation)
-        packets = np.asarray(memoryview(sub_cube.packets))
-        inside = BlockScalars(read.values[box.slices(with_halo.low)], read.second)
-        means = None if self.coarser is None else _halved(inside)
+        packets, has_strength = np.asarray(memoryview(sub_cube.packets)), self.quantisation.has_strength
+        if read.gradients is not None:
+            packets = with_gradients(packets, read.gradients, has_strength)
+        means = None
+        if self.coarser is not None:
+            code = self.quantisation.directions if read.gradients is None else "rough"
+            gradients = halved_gradients(packets, code, has_strength)
+            means = _halved(read.values[box.slices(with_halo.low)], read.second, gradients)
         extents = brick_extents(packets, self.layout.brick, self.background)
         return PackedBlock(packets, Besides(box, means, extents))
 
@@ -87,6 +94,5 @@ class LevelPacker:
         journal.finish_shards(stored.checksums)
 
 
-def _halved(block: BlockScalars) -> BlockScalars:
-    values, second = block
-    return BlockScalars(halved(values), None if second is None else halved_second(values, second))
+def _halved(values: Voxels, second: Voxels | None, gradients: Packets) -> BlockScalars:
+    return BlockScalars(halved(values), None if second is None else halved_second(values, second), gradients)

@@ -23,7 +23,7 @@ from volsplat.mapshade_server.packet_store import (
 from volsplat.mapshade_server.prepare.executor import Executor, Threads
 from volsplat.mapshade_server.prepare.halving import mean_type
 from volsplat.mapshade_server.prepare.journal import FOLDER, Journal, Wish, alone, check_source, other_options
-from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, memory_plan
+from volsplat.mapshade_server.prepare.layout import MIB, PACKET_BYTES, PROGRAM_BYTES, Layout, memory_plan
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.machines import Machines
@@ -105,7 +105,8 @@ class Preparation:
         greatest = max(item_bytes, np.dtype(mean_type(scalar_type)).itemsize)
         self._item_bytes = sum([item_bytes, *more_bytes])  # of a voxel
         rows = self._description.chunk[0] > options.layout.shard or not self._description.reads_sub_cubes
-        self._plan = memory_plan(options.layout, dims, [greatest, *more_bytes], options.memory, rows)
+        held_bytes = [greatest, *more_bytes, PACKET_BYTES]  # gradients of coarser levels are as packets
+        self._plan = memory_plan(options.layout, dims, held_bytes, options.memory, rows)
 
     @property
     def source_bytes(self) -> int:
@@ -195,7 +196,10 @@ class Preparation:
         if self._second_type is not None:
             second = LevelSource(journal.folder / f"{name}-second.raw", dims, self._second_type.name)
         values = LevelSource(journal.folder / f"{name}.raw", dims, scalar_type)
-        return StoredScalars(values, second, self._description.second_scalar, (dims[0], 1, 1))
+        gradients = None
+        if name != UNPACKED:
+            gradients = LevelSource(journal.folder / f"{name}-gradients.raw", dims, "uint32")
+        return StoredScalars(values, second, self._description.second_scalar, (dims[0], 1, 1), gradients)
 
     def _survey(self, source: Scalars, journal: Journal, executor: Executor) -> None:
         """Surveys the volume and begins the store."""
@@ -241,7 +245,7 @@ class Preparation:
             held = brick_dims(geometry.dims, layout.brick)
             extents = LevelSource(journal.folder / f"{BRICKS}-{n}.raw", held, "uint8")
             packer = LevelPacker(
-                n, geometry, attributes.quantisation, attributes.background, layout, source, coarser, extents
+                n, geometry, attributes.quantisation, attributes.background_at(n), layout, source, coarser, extents
             )
             for stored in executor.stored_blocks(packer, writer, missing[n]):
                 packer.finish(stored, journal)

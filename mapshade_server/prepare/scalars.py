@@ -1,4 +1,4 @@
-"""What a level is packed from: its values and, if the volume has one, its second scalar."""
+"""What a level is packed from: values, a second scalar if the volume has one, and gradients if it is a coarser one."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -33,20 +33,26 @@ class BlockScalars(NamedTuple):
 
     values: Voxels
     second: Voxels | None
+    gradients: Voxels | None = None  # in the bits of packets, see gradient_means
 
 
 @dataclass(frozen=True)
 class Scalars:
-    """`second_range` is what the second scalar lies in, `chunk` how many voxels along i, j, k only come together."""
+    """`second_range` is what the second scalar lies in, `chunk` how many voxels along i, j, k only come together.
+
+    Without `gradients` they are taken between the values.
+    """
 
     values: BoxReader
     second: BoxReader | None
     second_range: tuple[float, float] | None
     chunk: Index
+    gradients: BoxReader | None = None
 
     def read(self, box: Box, around: Box) -> BlockScalars:
-        """The values of `around`, the second scalar of `box`: gradients of the values alone need a halo."""
-        return BlockScalars(self.values.read(around), None if self.second is None else self.second.read(box))
+        """The values of `around`, the rest of `box`: gradients of the values alone need a halo."""
+        second, gradients = (None if one is None else one.read(box) for one in (self.second, self.gradients))
+        return BlockScalars(self.values.read(around), second, gradients)
 
 
 @dataclass(frozen=True)
@@ -55,12 +61,15 @@ class StoredScalars(Scalars):
 
     values: LevelSource
     second: LevelSource | None
+    gradients: LevelSource | None = None
 
     def write(self, box: Box, block: BlockScalars) -> None:
         """Lays down a box for good."""
         self.values.write(box, block.values)
         if self.second is not None and block.second is not None:
             self.second.write(box, block.second)
+        if self.gradients is not None and block.gradients is not None:
+            self.gradients.write(box, block.gradients)
 
 
 def volume_scalars(reader: VolumeReader) -> Scalars:

@@ -89,7 +89,7 @@ def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, surveyed
     _write_whole(group, STRENGTH_COUNTS, surveyed.strength_counts, ("bin",))
     blocks = block_dims(attributes.levels[0].geometry.dims)
     _write_whole(group, BLOCKS, np.array(surveyed.extremes).reshape(2, *blocks[::-1]), ("extreme", *AXES))
-    for level in attributes.levels:
+    for n, level in enumerate(attributes.levels):
         dims = level.geometry.dims
         group.create_array(
             level.path,
@@ -98,7 +98,7 @@ def begin_store(out: Path, attributes: StoreAttributes, layout: Layout, surveyed
             shards=layout.shard_size(dims)[::-1],
             dtype="uint32",
             compressors=_compressor(),
-            fill_value=attributes.background,
+            fill_value=attributes.background_at(n),
             dimension_names=AXES,
             overwrite=True,
         )

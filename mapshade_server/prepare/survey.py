@@ -42,7 +42,8 @@ class Surveyed:
         counts, second = self.density_counts.tolist(), description.second_scalar
         chosen = window or index_rules.density_window(self.survey, counts, description.scalar_type, description.kind)
         if second is not None:
-            return Quantisation(chosen, index_rules.second_scalar_scale(second), directions, strength_low=second[0])
+            scale = index_rules.second_scalar_scale(second)
+            return Quantisation(chosen, scale, directions, strength_low=second[0], has_strength=False)
         return Quantisation(chosen, index_rules.strength_scale(self.survey, self.strength_counts.tolist()), directions)
 
     def background(self, description: VolumeDescription, quantisation: Quantisation) -> int:

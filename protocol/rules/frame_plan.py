@@ -16,6 +16,7 @@ from volsplat.protocol.description.scene import LARGEST_EXTENT, Order, Scene, St
 from volsplat.protocol.description.volume import LONGEST_AXIS, Box, Geometry, Index
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE, LARGEST_POSITION, Dda, GridOnScreen, grid_on_screen
+from volsplat.protocol.rules.level_gain import footprint_gain
 from volsplat.protocol.rules.levels import Resolution, bounds_at_level, dims_at_level, own_resolution
 from volsplat.protocol.rules.packet_layout import BLOCK_ROWS
 from volsplat.protocol.rules.refinement import STEP_RULES
@@ -178,6 +179,7 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: Gr
     traversal = traversal_of(grid.ray_to_viewer(), order)
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
     reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, stride)
+    footprint, gain = _footprint(scene, geometry, grid, stride) if reach == Reach.FOOTPRINT else (None, 1.0)
     plan = FramePlan(
         step=step,
         turned=False,
@@ -191,9 +193,9 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: Gr
         traversal=traversal,
         visits=(i, j, k),
         reach=reach,
-        footprint=footprint_shape(grid, stride, scene.reconstruction) if reach == Reach.FOOTPRINT else None,
+        footprint=footprint,
         slabs=None,
-        opacity_exponents=_opacity_exponents(grid, reach, traversal, (i, j, k)),
+        opacity_exponents=_opacity_exponents(grid, reach, traversal, (i, j, k), gain),
         edges=volume_edges(scene, geometry),
     )
     return plan._exchanged() if abs(down[sample]) > abs(across[sample]) else plan
@@ -228,27 +230,45 @@ def _planned_slabs(scene: Scene, geometry: Geometry, step: Step, grid: GridOnScr
     )
 
 
-def opacity_exponent(grid: GridOnScreen, reach: Reach, axes: Index, stride: int, block: Index) -> float:
+def _footprint(scene: Scene, geometry: Geometry, grid: GridOnScreen, stride: int) -> tuple[FootprintShape, float]:
+    """The footprint of a frame, and how much more opaque it is for being a coarser level's."""
+    shape = footprint_shape(grid, stride, scene.reconstruction)
+    if grid.factors == (1, 1, 1):
+        return shape, 1.0
+    own = footprint_shape(grid_on_screen(scene, geometry), stride, scene.reconstruction)
+    gain = footprint_gain(shape.amplitude, own.amplitude, grid.thickness)
+    return msgspec.structs.replace(shape, amplitude=shape.amplitude * gain), gain
+
+
+def opacity_exponent(
+    grid: GridOnScreen, reach: Reach, axes: Index, stride: int, block: Index, gain: float = 1.0
+) -> float:
     """The t of 1 - (1 - a)^t for a sample whose clipped block has this many voxels along i, j, k.
 
     `axes` are those of sheet, row and sample. a is the opacity of one of the volume's reference spacings; a coarser
-    level's is thicker. Footprints carry thickness in their weights, so there only the stride counts. Cells cover a
+    level's is thicker. Footprints carry thickness in their weights, so there only the stride counts, and what their
+    weights are multiplied by. Cells cover a
     pixel three times in each sheet, so t is a third of the path through the sheet in reference spacings; one pixel
     holds many cells, so there it is the path times the cell's share of the pixel.
     """
     if reach == Reach.FOOTPRINT:
-        return grid.thickness * float(stride)
+        return grid.thickness * float(stride) / gain
     if reach == Reach.PIXEL:
         return grid.thickness * (grid.zoom * grid.zoom * (block[0] * block[1] * block[2]))
     return grid.thickness * (grid.path_through(*axes) * block[axes[0]] / CELLS_IN_A_SHEET)
 
 
 def _opacity_exponents(
-    grid: GridOnScreen, reach: Reach, traversal: Traversal, visits: tuple[AxisVisits, AxisVisits, AxisVisits]
+    grid: GridOnScreen,
+    reach: Reach,
+    traversal: Traversal,
+    visits: tuple[AxisVisits, AxisVisits, AxisVisits],
+    gain: float,
 ) -> tuple[float, ...]:
     sizes_i, sizes_j, sizes_k = (on_axis.block_sizes() for on_axis in visits)
     blocks: list[Index] = [(i, j, k) for k, j, i in itertools.product(sizes_k, sizes_j, sizes_i)]
-    exponents = {block: opacity_exponent(grid, reach, traversal.axes, visits[0].stride, block) for block in set(blocks)}
+    axes, stride = traversal.axes, visits[0].stride
+    exponents = {block: opacity_exponent(grid, reach, axes, stride, block, gain) for block in set(blocks)}
     return tuple(exponents[block] for block in blocks)
 
 

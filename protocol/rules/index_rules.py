@@ -23,14 +23,33 @@ import msgspec
 
 from volsplat.protocol.description.kind import CLASS_KINDS, Kind
 from volsplat.protocol.description.scene import TABLE_ENTRIES
-from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
+
+DirectionCode = Literal["octahedral", "paper", "rough"]
 
 OCTAHEDRAL_SIDE = 181
 OCTAHEDRAL_NO_GRADIENT = OCTAHEDRAL_SIDE * OCTAHEDRAL_SIDE  # 32761
 PAPER_NO_GRADIENT = 16 | 16 << 5 | 16 << 10
 DIRECTION_CODES = 32768
+
+# Coarser levels of a prepared volume have the code "rough": an octahedral one of 89 x 89 directions, four times over,
+# for the less the gradients that it stands for agree, the wider is what light falls on spread about their mean.
+ROUGH_SIDE = 89
+ROUGH_DIRECTIONS = ROUGH_SIDE * ROUGH_SIDE
+ROUGH_NO_GRADIENT = OCTAHEDRAL_NO_GRADIENT
+ROUGHNESSES = 4
+
+# Cosines of the angles between the mean and eight directions that are equally likely, for each roughness: quantiles
+# of von Mises and Fisher's distribution, the means of which are about 1, 0.88, 0.7 and 0.4.
+ROUGHNESS_COSINES = (
+    (1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0),
+    (0.992, 0.975, 0.955, 0.931, 0.901, 0.860, 0.799, 0.667),
+    (0.980, 0.937, 0.887, 0.826, 0.750, 0.649, 0.495, 0.167),
+    (0.955, 0.856, 0.743, 0.609, 0.445, 0.235, -0.057, -0.543),
+)
+AGREEMENTS = tuple(sum(cosines) / len(cosines) for cosines in ROUGHNESS_COSINES)
 
 HISTOGRAM_BINS = 65536
 STRENGTH_PERCENTILE = 0.995  # of the voxels that have a gradient; above it, strength is 255
@@ -43,6 +62,7 @@ class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     strength_scale: float  # bytes per unit of |gradient|, or of the second scalar
     directions: Literal["octahedral", "paper"] = "octahedral"
     strength_low: float = 0.0  # what becomes byte 0
+    has_strength: bool = True  # False if a second scalar takes the place of gradient strength
 
     def __post_init__(self) -> None:
         low, high = self.window
@@ -55,6 +75,10 @@ class Quantisation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(
                 f"strength must have a finite scale, not below 0, and a finite least value, not {strengths}"
             )
+
+    def directions_at(self, factors: Index) -> DirectionCode:
+        """The code of the level each voxel of which stands for so many of the volume's."""
+        return self.directions if factors == (1, 1, 1) else "rough"
 
     @property
     def density_scale(self) -> float:

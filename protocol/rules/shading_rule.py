@@ -1,5 +1,7 @@
 """How the samples of a frame become colour and opacity (paper: "Shading"), with what its step leaves of the scene."""
 
+import math
+
 import msgspec
 
 from volsplat.protocol.description.scene import (
@@ -47,9 +49,14 @@ class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     modu: ScalarTable
     cross_bar: CrossBar
     lighting: Lighting
+    density_spread: float = 0.0  # see levels: of a level, the mean over what its voxels stand for is classified
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.density_spread < math.inf:
+            raise ValueError(f"densities are spread by a finite number from 0 on, not {self.density_spread}")
 
 
-def shading_rule(scene: Scene, step: Step) -> ShadingRule:
+def shading_rule(scene: Scene, step: Step, density_spread: float = 0.0) -> ShadingRule:
     active, tables, cross_bar = active_shading(scene, step), scene.tables, scene.cross_bar
     modulated = scene.shading.modulation
     return ShadingRule(
@@ -59,6 +66,7 @@ def shading_rule(scene: Scene, step: Step) -> ShadingRule:
         modu=tables.modu if modulated else ONE,
         cross_bar=cross_bar if modulated else msgspec.structs.replace(cross_bar, modu=Field.STRENGTH),
         lighting=_lighting(scene, step),
+        density_spread=density_spread,
     )
 
 

@@ -21,7 +21,7 @@ from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.description.volume import HALO, Box, Geometry
 from volsplat.protocol.geometry import matrices
-from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Quantisation, second_scalar_scale
+from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, DirectionCode, Quantisation, second_scalar_scale
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 from volsplat.protocol.text.errors import LocalProtocolError
 
@@ -228,16 +228,16 @@ def test_a_volume_without_any_data_is_surveyed_as_empty() -> None:
     assert survey.no_data == survey.voxels == 12
 
 
-@pytest.mark.parametrize("scheme", ["octahedral", "paper"])
-def test_direction_codes_stand_for_the_references_directions(scheme: str) -> None:
-    vectors = from_dlpack(_kernels.direction_vectors(scheme == "octahedral"))
+@pytest.mark.parametrize("scheme", ["octahedral", "paper", "rough"])
+def test_direction_codes_stand_for_the_references_directions(scheme: DirectionCode) -> None:
+    vectors = from_dlpack(_kernels.direction_vectors(scheme))
     assert torch.equal(vectors, voxel_packets.directions(scheme))
 
 
 @given(geometry=geometries(), scheme=directions)
-def test_gradient_fields_are_those_of_the_reference(geometry: Geometry, scheme: str) -> None:
+def test_gradient_fields_are_those_of_the_reference(geometry: Geometry, scheme: DirectionCode) -> None:
     axes = [matrices.normalised(matrices.column(geometry.index_to_physical, axis)) for axis in range(3)]
-    fields = from_dlpack(_kernels.gradient_bytes(scheme == "octahedral", axes))
+    fields = from_dlpack(_kernels.gradient_bytes(scheme, axes))
     assert torch.equal(fields.to(torch.int64), voxel_packets.gradient_field_bytes(scheme, geometry))
 
 

@@ -168,7 +168,7 @@ def test_an_unfinished_store_is_refused(place: Path, tmp_path: Path) -> None:
 
 
 def test_a_store_of_another_format_or_with_damaged_attributes_is_refused(place: Path, tmp_path: Path) -> None:
-    with pytest.raises(BadInput, match="of format 2, this version reads format 3; prepare the volume again"):
+    with pytest.raises(BadInput, match="of format 2, this version reads format 4; prepare the volume again"):
         open_store(changed(place, tmp_path / "older.zarr", format=2))
     with pytest.raises(BadInput, match="attributes are damaged"):
         open_store(changed(place, tmp_path / "damaged.zarr", quantisation={"window": "wide"}))

@@ -10,6 +10,7 @@ import torch
 
 from support.files.head_volume import skin
 from support.patience import wait_until
+from tolerances import LEVEL_BRIGHTNESS
 from volsplat.client import Session
 from volsplat.client.coordinator.base_level import LevelChoice, budgets
 from volsplat.client.phantoms import make_phantom
@@ -23,7 +24,7 @@ from volsplat.mapshade_server.packet_store import open_store
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.mapshade_server.volume_identity import identified_store
-from volsplat.protocol.description.scene import Quantise, Refine, Scene, Step, View
+from volsplat.protocol.description.scene import Image, Quantise, Refine, Scene, Step, View
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.messages import CountHistograms, LevelBoxes, OpenPackets, VoxelsPacked
 from volsplat.protocol.text.errors import BadInput
@@ -114,6 +115,20 @@ def test_steps_and_zooms_take_levels(single: SingleProcess) -> None:
 
     drawn = single.finish(at_zoom(single, 0.5), Step.F)
     assert why(drawn) == "level 1 of 3: every voxel is the mean of 2 x 2 x 2; the finest that the zoom needs"
+
+
+@pytest.mark.parametrize("preset", ["ct-skin", "ct-bone", "surfaces", "ct-soft-tissue"])
+def test_a_level_is_as_bright_as_the_volume(preset: str, single: SingleProcess, unprepared: SingleProcess) -> None:
+    """Where voxels become a pixel in size, so that zooming on takes the level."""
+    scene = msgspec.structs.replace(
+        preset_scene(preset, single.volume.subject()),
+        view=View(rotation=(0.2, 0.3, 0.1, 0.9), zoom=0.5),
+        image=Image(width=45, height=45),
+    )
+    drawn = single.finish(scene, Step.F)
+    bright, expected = (float(image[..., :3].mean()) for image in (drawn.image, unprepared.render(scene, Step.F)))
+    assert level_of(drawn) == 1
+    assert abs(bright - expected) <= LEVEL_BRIGHTNESS * expected
 
 
 @pytest.mark.parametrize("workers", [1, 2, 3])

@@ -104,7 +104,9 @@ def test_the_volume_itself_is_level_0(step: Step) -> None:
 
 
 @pytest.mark.parametrize("toward", SIDES)
-@pytest.mark.parametrize(("step", "opacity"), [(Step.A, 0.05), (Step.B, 0.05), (Step.C, 0.05), (Step.F, 0.02)])
+@pytest.mark.parametrize(
+    ("step", "opacity"), [(Step.A, 0.05), (Step.B, 0.05), (Step.C, 0.05), (Step.F, 0.02), (Step.F, 0.2)]
+)
 def test_a_slab_is_as_opaque_at_every_level(step: Step, opacity: float, toward: Vector) -> None:
     """With footprints if it is thin: there w A is less than opacity ** w (docs/how_it_works/properties.md)."""
     geometry = Geometry((64, 64, 8))

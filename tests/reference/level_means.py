@@ -1,11 +1,13 @@
-"""The next coarser level of a volume in plain torch: means of 2x2x2 values, and the second scalar of one of them."""
+"""The next coarser level of a volume in plain torch: means of 2x2x2 values and gradients, the second scalar of one."""
 
 from itertools import product
 
 import torch
 from torch import Tensor
 
-from reference.voxel_packets import with_no_data_as_nan
+from reference.voxel_packets import directions, octahedral_codes, with_no_data_as_nan
+from volsplat.protocol.rules.index_rules import AGREEMENTS, ROUGH_DIRECTIONS, ROUGH_NO_GRADIENT, ROUGH_SIDE
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 
 
 def halved(values: Tensor) -> Tensor:
@@ -29,3 +31,37 @@ def strongest(values: Tensor, second: Tensor) -> Tensor:
         greatest[there] = torch.where(greater, corner, greatest[there])
         chosen[there] = torch.where(greater, second[dk::2, dj::2, di::2], chosen[there])
     return chosen
+
+
+def with_gradients_of(finer: Tensor, scheme: str, packed: Tensor, has_strength: bool = True) -> Tensor:
+    """Packets (k, j, i) int64 of a level with gradients of the level before, `finer`, in place of their own.
+
+    Strength is the mean of up to eight, direction that of the sum of their vectors; the longer that is, of what they
+    add up to at most, the less rough.
+    """
+    here = [finer[dk::2, dj::2, di::2] for dk, dj, di in product((0, 1), repeat=3)]
+    mean_of = directions(scheme).clone()
+    if scheme == "rough":
+        mean_of[: len(AGREEMENTS) * ROUGH_DIRECTIONS] *= (
+            torch.tensor(AGREEMENTS).double().repeat_interleave(ROUGH_DIRECTIONS)[:, None]
+        )
+    count = torch.zeros(packed.shape, dtype=torch.int64)
+    strength, weight, total = count.clone(), count.clone(), torch.zeros((*packed.shape, 3), dtype=torch.float64)
+    for corner in here:
+        k, j, i = (slice(0, n) for n in corner.shape)
+        there = corner >> NO_DATA_BIT == 0
+        byte = torch.where(there, corner >> 8 & 255, 0)
+        vector = mean_of[corner >> DIRECTION_SHIFT & 32767]
+        counts = (2 * byte + 1 if has_strength else torch.ones_like(byte)) * (there & vector.any(dim=-1))
+        count[k, j, i] += there
+        strength[k, j, i] += byte
+        weight[k, j, i] += counts
+        total[k, j, i] += vector * counts[..., None]
+    agreement = total.norm(dim=-1) / weight.clamp(min=1)
+    limits = [(one + other) / 2 for one, other in zip(AGREEMENTS, AGREEMENTS[1:], strict=False)]
+    rough = sum((agreement < limit).long() for limit in limits)
+    lit = total.any(dim=-1)
+    code = octahedral_codes(torch.where(lit[..., None], total, 1.0), ROUGH_SIDE) + rough * ROUGH_DIRECTIONS
+    code = torch.where(lit, code, ROUGH_NO_GRADIENT)
+    byte = (strength / count.clamp(min=1) + 0.5).floor().long() if has_strength else packed >> 8 & 255
+    return torch.where(packed >> NO_DATA_BIT == 0, packed & 255 | byte << 8 | code << DIRECTION_SHIFT, packed)

@@ -13,6 +13,9 @@ from volsplat.protocol.rules.index_rules import (
     OCTAHEDRAL_NO_GRADIENT,
     OCTAHEDRAL_SIDE,
     PAPER_NO_GRADIENT,
+    ROUGH_DIRECTIONS,
+    ROUGH_SIDE,
+    ROUGHNESSES,
     Quantisation,
     physical_gradient,
 )
@@ -58,16 +61,17 @@ def strengths(gradient: Tensor) -> Tensor:
     return torch.where(torch.isfinite(size), size, 0.0)
 
 
-def octahedral_codes(gradient: Tensor) -> Tensor:
+def octahedral_codes(gradient: Tensor, side: int = OCTAHEDRAL_SIDE) -> Tensor:
     """int64 direction codes of gradients (…, 3), which must not be zero."""
+    middle = side // 2
     p = gradient / gradient.abs().sum(-1, keepdim=True)
     x, y, z = p.unbind(-1)
     fold = z < 0
     folded_x = torch.where(fold, (1 - y.abs()) * _sign(x), x)
     folded_y = torch.where(fold, (1 - x.abs()) * _sign(y), y)
-    u = torch.floor((folded_x + 1) * 90 + 0.5)
-    v = torch.floor((folded_y + 1) * 90 + 0.5)
-    return (OCTAHEDRAL_SIDE * v + u).to(torch.int64)
+    u = torch.floor((folded_x + 1) * middle + 0.5)
+    v = torch.floor((folded_y + 1) * middle + 0.5)
+    return (side * v + u).to(torch.int64)
 
 
 def paper_codes(gradient: Tensor) -> Tensor:
@@ -108,19 +112,26 @@ def directions(scheme: str) -> Tensor:
     """The unit vectors of all direction codes, float64 (32768, 3), physical axes; zeros for codes without direction."""
     code = torch.arange(DIRECTION_CODES)
     if scheme == "octahedral":
-        u, v = code % OCTAHEDRAL_SIDE, code // OCTAHEDRAL_SIDE
-        x, y = (u - 90).to(torch.float64), (v - 90).to(torch.float64)
-        z = 90 - x.abs() - y.abs()
-        fold = z < 0
-        folded_x = torch.where(fold, (90 - y.abs()) * _sign(x), x)
-        folded_y = torch.where(fold, (90 - x.abs()) * _sign(y), y)
-        d = torch.stack([folded_x, folded_y, z], dim=-1)
-        d = torch.where((code < OCTAHEDRAL_NO_GRADIENT)[:, None], d, 0.0)
+        d = torch.where((code < OCTAHEDRAL_NO_GRADIENT)[:, None], _octahedral(code, OCTAHEDRAL_SIDE), 0.0)
+    elif scheme == "rough":
+        some = (code < ROUGHNESSES * ROUGH_DIRECTIONS)[:, None]
+        d = torch.where(some, _octahedral(code % ROUGH_DIRECTIONS, ROUGH_SIDE), 0.0)
     else:
         d = torch.stack([(code >> shift & 31) - 16 for shift in (0, 5, 10)], dim=-1).to(torch.float64)
     # torch's own square root may be off in the last bit
     size = torch.tensor([[math.sqrt(square)] for square in d.square().sum(-1).tolist()], dtype=torch.float64)
     return torch.where(size > 0, d / torch.where(size > 0, size, 1.0), 0.0)
+
+
+def _octahedral(code: Tensor, side: int) -> Tensor:
+    """The directions of codes (n,), not normalised: float64 (n, 3)."""
+    middle = side // 2
+    x, y = (code % side - middle).to(torch.float64), (code // side - middle).to(torch.float64)
+    z = middle - x.abs() - y.abs()
+    fold = z < 0
+    folded_x = torch.where(fold, (middle - y.abs()) * _sign(x), x)
+    folded_y = torch.where(fold, (middle - x.abs()) * _sign(y), y)
+    return torch.stack([folded_x, folded_y, z], dim=-1)
 
 
 def gradient_field_bytes(scheme: str, geometry: Geometry) -> Tensor:

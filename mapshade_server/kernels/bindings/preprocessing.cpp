@@ -4,11 +4,13 @@
 #include <nanobind/stl/array.h>
 #include <nanobind/stl/optional.h>
 #include <nanobind/stl/pair.h>
+#include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <array>
 #include <optional>
 #include <stdexcept>
+#include <string>
 #include <utility>
 
 #include "arrays.h"
@@ -103,8 +105,15 @@ nb::object python_pack(const SourceArray& source, const Index3& low, const Index
     return memory.array;
 }
 
-nb::object python_direction_vectors(bool octahedral) {
-    const DirectionTable& directions = direction_table(octahedral);
+Directions directions_named(const std::string& code) {
+    if (code == "paper") return Directions::kPaper;
+    if (code == "octahedral") return Directions::kOctahedral;
+    if (code == "rough") return Directions::kRough;
+    throw std::invalid_argument("there is no code of directions " + code);
+}
+
+nb::object python_direction_vectors(const std::string& code) {
+    const DirectionTable& directions = direction_table(directions_named(code));
     std::vector<double> vectors;
     for (int code = 0; code < kDirectionCodes; ++code) {
         vectors.insert(vectors.end(), {directions.x[code], directions.y[code], directions.z[code]});
@@ -112,15 +121,16 @@ nb::object python_direction_vectors(bool octahedral) {
     return owned_array(std::move(vectors), kDirectionCodes, 3);
 }
 
-nb::object python_gradient_bytes(bool octahedral, const std::array<Vector3, 3>& axes) {
-    return owned_array(gradient_bytes(octahedral, axes), 3, kDirectionCodes);
+nb::object python_gradient_bytes(const std::string& code, const std::array<Vector3, 3>& axes) {
+    return owned_array(gradient_bytes(directions_named(code), axes), 3, kDirectionCodes);
 }
 
-nb::object python_light_table(bool octahedral, const Vector3& light, const Vector3& half, bool diffuse, bool specular,
-                              bool two_sided, double specular_power) {
+nb::object python_light_table(const std::string& code, const std::vector<Cosines>& roughness, const Vector3& light,
+                              const Vector3& half, bool diffuse, bool specular, bool two_sided, double specular_power) {
+    if (roughness.size() != kRoughnesses) throw std::invalid_argument("directions have four roughnesses");
     const Lighting lighting{
         {light[0], light[1], light[2]}, {half[0], half[1], half[2]}, diffuse, specular, two_sided, specular_power};
-    return owned_array(light_table(octahedral, lighting), kDirectionCodes);
+    return owned_array(light_table(directions_named(code), roughness, lighting), kDirectionCodes);
 }
 
 nb::object python_colour_table(const std::vector<Vector3>& colours) {
@@ -133,11 +143,12 @@ nb::object python_colour_table(const std::vector<Vector3>& colours) {
     return owned_array(std::move(table), kTableEntries, 4);
 }
 
-nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent) {
+nb::object python_opacity_table(const std::vector<double>& opac, const std::vector<double>& modu, double exponent,
+                                double spread) {
     if (opac.size() != kTableEntries || modu.size() != kTableEntries) {
         throw std::invalid_argument("a scalar table needs 256 entries");
     }
-    std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent);
+    std::vector<std::uint16_t> codes = opacity_table(opac.data(), modu.data(), exponent, spread);
     codes.resize(codes.size() + kSpare);
     return owned_array(std::move(codes), kTableEntries * kTableEntries);
 }
@@ -155,12 +166,12 @@ void bind_preprocessing(nb::module_& m) {
     m.def(
         "power", [](double base, double exponent) { return map_shade_kernels().power(base, exponent); }, "base"_a,
         "exponent"_a);
-    m.def("direction_vectors", &python_direction_vectors, "octahedral"_a);
-    m.def("gradient_bytes", &python_gradient_bytes, "octahedral"_a, "axes"_a);
-    m.def("light_table", &python_light_table, "octahedral"_a, "light"_a, "half"_a, "diffuse"_a, "specular"_a,
-          "two_sided"_a, "specular_power"_a);
+    m.def("direction_vectors", &python_direction_vectors, "directions"_a);
+    m.def("gradient_bytes", &python_gradient_bytes, "directions"_a, "axes"_a);
+    m.def("light_table", &python_light_table, "directions"_a, "roughness"_a, "light"_a, "half"_a, "diffuse"_a,
+          "specular"_a, "two_sided"_a, "specular_power"_a);
     m.def("colour_table", &python_colour_table, "colours"_a);
-    m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a);
+    m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a, "spread"_a);
 }
 
 }  // namespace volsplat

@@ -1,0 +1,96 @@
+"""What a coarser voxel has of the gradients of the voxels that it stands for: their mean strength, the direction of
+their sum, and how far they agree.
+
+A gradient of its own, taken between means, would be weaker than those that it stands for wherever a surface is thinner
+than the coarser voxel, and smoother than they are where they differ: pictures would lose surfaces, and light would fall
+more evenly on what is left.
+"""
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.packet_store import Packets
+from volsplat.mapshade_server.prepare.halving import sums
+from volsplat.protocol.rules.index_rules import (
+    AGREEMENTS,
+    DIRECTION_CODES,
+    ROUGH_DIRECTIONS,
+    ROUGH_NO_GRADIENT,
+    ROUGH_SIDE,
+    DirectionCode,
+)
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
+
+SHEETS_AT_A_TIME = 4  # for each voxel of these some 100 bytes are held
+STRENGTH_BITS = np.uint32(0xFF00)
+DIRECTION_BITS = np.uint32((DIRECTION_CODES - 1) << DIRECTION_SHIFT)
+LIMITS = [(one + next_one) / 2 for one, next_one in zip(AGREEMENTS, AGREEMENTS[1:], strict=False)]
+
+Reals = NDArray[np.float64]
+
+
+def halved_gradients(packets: Packets, code: DirectionCode, has_strength: bool) -> Packets:
+    """Strengths and directions, in the bits of a packet, of 2x2x2 voxels each (k, j, i); no strengths without any.
+
+    `packets` must begin at even indices of the volume, and end so or where the volume ends.
+    """
+    halves = np.empty([(n + 1) // 2 for n in packets.shape], np.uint32)
+    for k in range(0, len(packets), SHEETS_AT_A_TIME):
+        sheets = packets[k : k + SHEETS_AT_A_TIME]
+        halves[k // 2 : (k + len(sheets) + 1) // 2] = _halved(sheets, code, has_strength)
+    return halves
+
+
+def with_gradients(packets: Packets, gradients: Packets, has_strength: bool) -> Packets:
+    """Packets of a coarser level with these gradients in place of their own; there is no data where there was none."""
+    taken = DIRECTION_BITS | STRENGTH_BITS if has_strength else DIRECTION_BITS
+    replaced: Packets = np.where(packets >> NO_DATA_BIT == 0, packets & ~taken | gradients & taken, packets)
+    return replaced
+
+
+def _halved(packets: Packets, code: DirectionCode, has_strength: bool) -> Packets:
+    there = packets >> NO_DATA_BIT == 0
+    strengths = np.where(there, (packets & STRENGTH_BITS) >> 8, 0).astype(np.int64)
+    counts = np.maximum(sums(there.astype(np.int64)), 1)
+    mean_strengths = (2 * sums(strengths) + counts) // (2 * counts)
+
+    # Weights are odd, so that gradients too weak for a byte of strength have one as well
+    directed = _along(code)[(packets & DIRECTION_BITS) >> DIRECTION_SHIFT]
+    has_direction = there & directed.any(axis=-1)
+    weights = np.where(has_direction, 2 * strengths + 1 if has_strength else 1, 0)
+    total = np.stack([sums(directed[..., axis] * weights) for axis in range(3)], axis=-1)
+    codes = _rough_codes(total, sums(weights))
+    gradients: Packets = (mean_strengths << 8 | codes << DIRECTION_SHIFT).astype(np.uint32)
+    return gradients
+
+
+def _rough_codes(total: Reals, weights: NDArray[np.int64]) -> NDArray[np.int64]:
+    """The codes of these sums of directions, (k, j, i, 3), whose weights add up to so much."""
+    x, y, z = (total[..., axis] for axis in range(3))
+    length = np.sqrt(x * x + y * y + z * z)
+    agreement = length / np.maximum(weights, 1)
+    roughness = sum((agreement < limit).astype(np.int64) for limit in LIMITS)
+
+    size = np.abs(x) + np.abs(y) + np.abs(z)
+    whole = np.where(size > 0.0, size, 1.0)
+    x, y, z = x / whole, y / whole, z / whole
+    right, up = np.where(x < 0, -1.0, 1.0), np.where(y < 0, -1.0, 1.0)
+    across = np.where(z < 0, (1.0 - np.abs(y)) * right, x)
+    along = np.where(z < 0, (1.0 - np.abs(x)) * up, y)
+    middle = ROUGH_SIDE // 2
+    u, v = (np.floor((place + 1.0) * middle + 0.5).astype(np.int64) for place in (across, along))
+    codes = roughness * ROUGH_DIRECTIONS + v * ROUGH_SIDE + u
+    return np.where((size > 0.0) & (weights > 0), codes, ROUGH_NO_GRADIENT)
+
+
+@lru_cache(maxsize=3)
+def _along(code: DirectionCode) -> Reals:
+    """The mean of the unit vectors that each code stands for, (codes, 3); zeros for those without direction."""
+    vectors: Reals = np.asarray(memoryview(_kernels.direction_vectors(code))).copy()
+    if code == "rough":
+        for n, agreement in enumerate(AGREEMENTS):
+            vectors[n * ROUGH_DIRECTIONS : (n + 1) * ROUGH_DIRECTIONS] *= agreement
+    return vectors
