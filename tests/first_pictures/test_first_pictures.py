@@ -10,6 +10,8 @@ from statistics import median
 import msgspec
 import numpy as np
 import pytest
+from first_pictures.peer_scripts import TOOLS
+from first_pictures.peers import VOLUMES as PEER_VOLUMES
 from first_pictures.preset_sheet import VOLUMES
 from first_pictures.score import Score, score
 from first_pictures.sheet import first_pictures
@@ -89,3 +91,12 @@ def test_noise_is_told(side: int) -> None:
 
 def test_the_sheet_in_the_docs_has_a_volume_for_each_preset() -> None:
     assert set(VOLUMES) == set(PRESETS)
+
+
+@pytest.mark.parametrize("tool", TOOLS)
+def test_what_other_tools_are_asked_is_python_that_reads_and_writes(tool: str) -> None:
+    scripts = TOOLS[tool].scripts
+    assert set(scripts) <= set(PEER_VOLUMES)
+    for script in scripts.values():
+        assert "FILE" in script and "PICTURE" in script
+        compile(script, tool, "exec")
