@@ -30,6 +30,18 @@ Weights = Callable[[mapping.Samples, Tensor, Tensor], Tensor]
 
 
 @dataclass(frozen=True)
+class Rounding:
+    """What is rounded as it is on the wire."""
+
+    positions: bool = False
+    colours: bool = False
+    opacities: bool = False
+
+
+EXACT, AS_ON_THE_WIRE = Rounding(), Rounding(positions=True, colours=True, opacities=True)
+
+
+@dataclass(frozen=True)
 class Shaded:
     """The samples of a frame that are not transparent, in traversal order, with what the shader made of them."""
 
@@ -46,14 +58,16 @@ def render(
     step: Step,
     exact: bool,
     weights: Weights | None = None,
+    rounding: Rounding | None = None,
 ) -> Tensor:
     """The image (H, W, 4) float64, associated alpha, of voxel packets (k, j, i) int64.
 
     Not `exact`: positions, colours and opacities are those of the wire, and `weights` may give the footprint table
-    of the splat server. `exact`: nothing but the voxel packets is quantised.
+    of the splat server. `exact`: nothing but the voxel packets is quantised; or of footprints what `rounding` says.
     """
+    rounding = rounding or (EXACT if exact else AS_ON_THE_WIRE)
     plan = plan_frame(scene, geometry, step).upright
-    shaded = shaded_samples(packets, geometry, quantisation, scene, plan, exact)
+    shaded = shaded_samples(packets, geometry, quantisation, scene, plan, rounding)
     buffer = torch.zeros((plan.height * plan.width, 4), dtype=torch.float64)
     if plan.reach == Reach.CELL:
         _splat_cells(buffer, shaded, plan, scene, geometry, exact)
@@ -62,12 +76,12 @@ def render(
     else:
         steps = mapping.steps_on_screen(scene, geometry)
         footprint = footprint_of(steps, resolved_zoom(scene, geometry), plan.stride, scene.reconstruction)
-        _splat_footprints(buffer, shaded, plan, scene, footprint, exact, weights)
+        _splat_footprints(buffer, shaded, plan, scene, footprint, rounding, weights)
     return buffer.reshape(plan.height, plan.width, 4)
 
 
 def shaded_samples(
-    packets: Tensor, geometry: Geometry, quantisation: Quantisation, scene: Scene, plan: FramePlan, exact: bool
+    packets: Tensor, geometry: Geometry, quantisation: Quantisation, scene: Scene, plan: FramePlan, rounding: Rounding
 ) -> Shaded:
     """Map and shade every visited sample; what is transparent or has no data is left out."""
     samples = mapping.samples_of(scene, geometry, plan)
@@ -77,8 +91,9 @@ def shaded_samples(
     exponent = shading.opacity_exponents(plan, samples.indices)
     directions = voxel_packets.directions(quantisation.directions)
     colour, opacity = shading.shade(here, fields, scene, plan.step, exponent, directions)
-    if not exact:
+    if rounding.colours:
         colour = torch.floor(255 * colour + 0.5) / 255
+    if rounding.opacities:
         opacity = coded(opacity)
     kept = opacity > 0
     return Shaded(
@@ -105,14 +120,14 @@ def _splat_footprints(
     plan: FramePlan,
     scene: Scene,
     footprint: Footprint,
-    exact: bool,
+    rounding: Rounding,
     weights: Weights | None,
 ) -> None:
     """Add every sample, weighted by its footprint at the pixel centres around it."""
     half_x, half_y = footprint.half_size
     columns, rows = torch.arange(int(2 * half_x) + 3), torch.arange(int(2 * half_y) + 3)
     at_once = max(CONTRIBUTIONS_AT_ONCE // (len(columns) * len(rows)), 1)
-    positions = shaded.samples.exact if exact else shaded.samples.lattice.double() / LATTICE
+    positions = shaded.samples.lattice.double() / LATTICE if rounding.positions else shaded.samples.exact
     for start in range(0, len(positions), at_once):
         here = slice(start, start + at_once)
         x, y = positions[here].unbind(1)

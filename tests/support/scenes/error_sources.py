@@ -1,0 +1,97 @@
+"""Which part of a picture's error each rounding has: switched on one by one in the reference.
+
+Prints a table of docs/how_it_works/properties.md. Run it in tests/: `python -m support.scenes.error_sources`.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+from torch import Tensor
+
+from reference import render, voxel_packets
+from reference.render import EXACT, Rounding
+from support.scenes.blobs import SIZE, blobs, scene_of
+from support.scenes.phantoms import QUANTISATION
+from support.scenes.rendering import TableWeights, rendered
+from tolerances import ONE_LEVEL
+from volsplat.protocol.description.scene import Kernel, Order, Reconstruction, Scene, Step
+from volsplat.protocol.description.volume import Geometry
+
+GEOMETRY = Geometry((SIZE,) * 3, ((1.28, 0.0, 0.0), (0.0, 1.28, 0.0), (0.0, 0.0, 0.6)))
+VIEWS = ("oblique", "from the front", "rolled by 45 degrees")
+ZOOMS = (1.73, 4.3)
+WIDER = 3.0  # voxels, for a kernel that is cut further out
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Situation:
+    """A scene, with its picture of which nothing but the voxel packets is rounded."""
+
+    packets: Tensor
+    values: Tensor
+    scene: Scene
+    exact: Tensor
+
+    def drawn(self, rounding: Rounding = EXACT, table: bool = False, scene: Scene | None = None) -> Tensor:
+        """As the reference draws it with some roundings."""
+        scene = scene or self.scene
+        weights = TableWeights(scene, GEOMETRY, Step.F) if table else None
+        return render.render(self.packets, GEOMETRY, QUANTISATION, scene, Step.F, True, weights, rounding)
+
+    def with_reconstruction(self, reconstruction: Reconstruction) -> Scene:
+        return msgspec.structs.replace(self.scene, reconstruction=reconstruction)
+
+    def in_order(self, order: Order) -> Tensor:
+        """Only front to back freezes pixels."""
+        return self.drawn(scene=msgspec.structs.replace(self.scene, order=order))
+
+
+# What is drawn, and from what it differs by one source of errors alone
+SOURCES: dict[str, Callable[[Situation], tuple[Tensor, Tensor]]] = {
+    "positions of 1/64 pixel": lambda on: (on.drawn(Rounding(positions=True)), on.exact),
+    "the table's offsets and positions": lambda on: (on.drawn(Rounding(positions=True), table=True), on.exact),
+    "the same, `precise`": lambda on: (
+        on.drawn(Rounding(positions=True), True, on.with_reconstruction(Reconstruction(precise=True))),
+        on.exact,
+    ),
+    "8-bit colours": lambda on: (on.drawn(Rounding(colours=True)), on.exact),
+    "12-bit opacities": lambda on: (on.drawn(Rounding(opacities=True)), on.exact),
+    "frozen pixels": lambda on: (on.in_order(Order.FRONT_TO_BACK), on.in_order(Order.BACK_TO_FRONT)),
+    "the program": lambda on: (rendered(on.values, GEOMETRY, on.scene, Step.F).double(), on.exact),
+    "the Gaussian's cut, at 2 for 3 voxels": lambda on: (
+        on.exact,
+        on.drawn(scene=on.with_reconstruction(Reconstruction(radius=WIDER))),
+    ),
+}
+
+
+def situations(view: str) -> list[Situation]:
+    values = blobs(SEED)
+    packets = voxel_packets.pack(values, GEOMETRY, QUANTISATION)
+    made = []
+    for zoom in ZOOMS:
+        scene = scene_of(view, zoom, "thin", Kernel.GAUSSIAN)
+        exact = render.render(packets, GEOMETRY, QUANTISATION, scene, Step.F, exact=True)
+        made.append(Situation(packets, values, scene, exact))
+    return made
+
+
+def worst(source: str, some: list[Situation]) -> str:
+    """The greatest share of pixels that are off by more than 1/255, and the greatest error."""
+    errors = [(one - other).abs().amax(dim=2) for one, other in map(SOURCES[source], some)]
+    share = max(float((off > ONE_LEVEL).double().mean()) for off in errors)
+    return f"{100 * share:.2f} %, {255 * max(float(off.max()) for off in errors):.2f}"
+
+
+def main() -> None:
+    print("| source |", " | ".join(VIEWS), "|")
+    print("|---|" + "---|" * len(VIEWS))
+    by_view = [situations(view) for view in VIEWS]
+    for source in SOURCES:
+        print("|", source, "|", " | ".join(worst(source, some) for some in by_view), "|", flush=True)
+
+
+if __name__ == "__main__":
+    main()
