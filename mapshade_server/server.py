@@ -25,6 +25,8 @@ from volsplat.mapshade_server.kept_packets import GivenUp
 from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
+from volsplat.mapshade_server.slice_parts import slice_parts
+from volsplat.mapshade_server.visible_voxels import VoxelFields
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.mapshade_server.voxel_answers import VoxelAnswers
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
@@ -38,6 +40,7 @@ from volsplat.protocol.messages.message import MOST_THREADS
 from volsplat.protocol.messages.refusals import refusal, why_unheard
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.messages.vocabulary import taken_by
+from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 from volsplat.protocol.wire.connection import Connection
 from volsplat.protocol.wire.encryption import Encryption
@@ -313,7 +316,7 @@ class MapShadeServer:
 
     def _goes_beside(self, request: messages.Message) -> bool:
         """Whether it can be answered from what is held now, or by others."""
-        if isinstance(request, messages.ProbeVoxels):
+        if isinstance(request, messages.ProbeVoxels | messages.ReadSlice):
             return request.assignment == self._held.assignment
         return isinstance(request, messages.ReadVoxel)
 
@@ -323,6 +326,17 @@ class MapShadeServer:
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
         voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
         self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
+
+    @takes(messages.ReadSlice)
+    def _read_slice(self, request: messages.ReadSlice) -> None:
+        self._held.check(request.assignment, f"slice {request.probe}")
+        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
+        if request.plane.dims != dims_at_level(request.geometry.dims, request.plan.factors):
+            raise BadInput(f"slice {request.probe} is of another grid than level {request.level}")
+        fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan)
+        parts = list(slice_parts(sub_cubes, fields, request.plane))
+        read = messages.SliceRead(request.probe, request.assignment, parts=[part for part, _ in parts])
+        self._client.send(read, *(samples for _, samples in parts))
 
 
 def _over(walking: "list[Future[FrameTally]]") -> bool:

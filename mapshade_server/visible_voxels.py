@@ -22,6 +22,61 @@ SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
 GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 
 Bytes = NDArray[np.uint8]
+Indices = NDArray[np.int64]  # (n, 3) i, j, k, of the level that the plan draws
+Packets = NDArray[np.uint32]  # (n,)
+Colours = NDArray[np.float32]  # (n, 3), 0 to 1, before light
+
+
+@dataclass(frozen=True)
+class VoxelFields:
+    """What a frame by these rules makes of many voxels at once; `geometry` is the volume's."""
+
+    geometry: Geometry
+    quantisation: Quantisation
+    shading: ShadingRule
+    plan: FramePlan
+
+    @property
+    def directions(self) -> DirectionCode:
+        return self.quantisation.directions_at(self.plan.factors)
+
+    def opacity(self, index: Indices, packets: Packets, thickness: float) -> NDArray[np.float32]:
+        """Of cells so thick, in reference spacings of the volume."""
+        rule = shading_tables.opacity_rule(self.shading)
+        codes = np.asarray(memoryview(shading_tables.opacity_codes(rule, thickness)))
+        low, high = (
+            self.bytes_of(field, index, packets).astype(np.int64) for field in shading_tables.opacity_fields(rule)
+        )
+        opacities: NDArray[np.float32] = OPACITIES[codes[low | high << 8]]
+        return opacities
+
+    def colours(self, index: Indices, packets: Packets) -> tuple[Colours, Colours]:
+        """Emitted and reflected."""
+        tables, cross_bar = (self.shading.emit, self.shading.refl), self.shading.cross_bar
+        emitted, reflected = (
+            np.asarray(shading_tables.colours(table), dtype=np.float32)[self.bytes_of(field, index, packets), :3]
+            for table, field in zip(tables, (cross_bar.emit, cross_bar.refl), strict=True)
+        )
+        return emitted, reflected
+
+    def bytes_of(self, field: Field, index: Indices, packets: Packets) -> Bytes:
+        if field == Field.DENSITY:
+            return (packets & 255).astype(np.uint8)
+        if field == Field.STRENGTH:
+            return (packets >> 8 & 255).astype(np.uint8)
+        if field in GRADIENTS:
+            directions = np.asarray(shading_tables.gradient_bytes(self.directions, self.geometry.index_to_physical))
+            of_codes: Bytes = directions[GRADIENTS.index(field), packets >> DIRECTION_SHIFT & 0x7FFF]
+            return of_codes
+        if field in SCREEN:
+            dda = self.plan.screen_index[SCREEN.index(field)]
+            place = dda.origin + 2 * index @ np.array(dda.half_steps, dtype=np.int64)
+            of_screen: Bytes = np.clip(place >> FRACTION_BITS, 0, 255).astype(np.uint8)
+            return of_screen
+        axis = GRID.index(field)
+        grid = np.frombuffer(shading_tables.grid_bytes(self.geometry.dims[axis], self.plan.factors[axis]), np.uint8)
+        of_axis: Bytes = grid[index[:, axis]]
+        return of_axis
 
 
 class Voxels(NamedTuple):
@@ -62,20 +117,19 @@ class VoxelSheets:
 
     def visible(self, least: float) -> Iterator[Voxels]:
         """Those voxels, sheet by sheet."""
-        refl, emit = (self._entries(shading_tables.colours(t)) for t in (self.shading.refl, self.shading.emit))
         for cube, k in self._all_sheets():
             index, packets = self._sheet(cube, k)
             opacity = self._opacity(index, packets)
             seen = opacity >= least
             index, packets = index[seen], packets[seen]
-            emitted = emit[self._bytes(self.shading.cross_bar.emit, index, packets), :3]
-            reflected = refl[self._bytes(self.shading.cross_bar.refl, index, packets), :3]
+            emitted, reflected = self._fields.colours(index, packets)
             directions = (packets >> DIRECTION_SHIFT & 0x7FFF).astype(np.int64)
             yield Voxels(index, opacity[seen], emitted, reflected, directions)
 
     def light(self, lighting: Lighting) -> NDArray[np.float32]:
         """What multiplies the reflected colour, by the direction's code."""
-        return self._entries(shading_tables.light_of_directions(lighting, self._directions))
+        codes = self._fields.directions
+        return np.asarray(shading_tables.light_of_directions(lighting, codes), dtype=np.float32)
 
     def densities(self) -> Iterator[tuple[Index, NDArray[np.uint8], NDArray[np.bool_]]]:
         """Of each sheet within a sub-cube: where it begins, counted in every `every`th; density bytes and where there
@@ -134,40 +188,12 @@ class VoxelSheets:
         return np.stack(places, axis=-1), packets[rows, samples]
 
     def _opacity(self, index: NDArray[np.int64], packets: NDArray[np.uint32]) -> NDArray[np.float32]:
-        rule = shading_tables.opacity_rule(self.shading)
         thickness = self.every * self.level.reference_spacing / self.geometry.reference_spacing
-        codes = np.asarray(memoryview(shading_tables.opacity_codes(rule, thickness)))
-        low, high = (
-            self._bytes(field, index, packets).astype(np.int64) for field in shading_tables.opacity_fields(rule)
-        )
-        opacities: NDArray[np.float32] = OPACITIES[codes[low | high << 8]]
-        return opacities
+        return self._fields.opacity(index, packets, thickness)
 
     @property
-    def _directions(self) -> DirectionCode:
-        return self.quantisation.directions_at(self.plan.factors)
-
-    def _entries(self, table: object) -> NDArray[np.float32]:
-        return np.asarray(table, dtype=np.float32)
-
-    def _bytes(self, field: Field, index: NDArray[np.int64], packets: NDArray[np.uint32]) -> Bytes:
-        if field == Field.DENSITY:
-            return (packets & 255).astype(np.uint8)
-        if field == Field.STRENGTH:
-            return (packets >> 8 & 255).astype(np.uint8)
-        if field in GRADIENTS:
-            directions = np.asarray(shading_tables.gradient_bytes(self._directions, self.geometry.index_to_physical))
-            of_codes: Bytes = directions[GRADIENTS.index(field), packets >> DIRECTION_SHIFT & 0x7FFF]
-            return of_codes
-        if field in SCREEN:
-            dda = self.plan.screen_index[SCREEN.index(field)]
-            place = dda.origin + 2 * index @ np.array(dda.half_steps, dtype=np.int64)
-            of_screen: Bytes = np.clip(place >> FRACTION_BITS, 0, 255).astype(np.uint8)
-            return of_screen
-        axis = GRID.index(field)
-        grid = np.frombuffer(shading_tables.grid_bytes(self.geometry.dims[axis], self.plan.factors[axis]), np.uint8)
-        of_axis: Bytes = grid[index[:, axis]]
-        return of_axis
+    def _fields(self) -> VoxelFields:
+        return VoxelFields(self.geometry, self.quantisation, self.shading, self.plan)
 
 
 OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)

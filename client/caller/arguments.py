@@ -24,6 +24,7 @@ MAKE_A_SCENE = (
     "session.default_scene() gives one, volsplat.client.scene.presets.preset_scene a preset's, and "
     "msgspec.structs.replace changes parts of it"
 )
+GRID_AXES = ("i", "j", "k")
 _SHOWN = 60  # characters of a value that is refused
 _Word = TypeVar("_Word", bound=StrEnum)
 
@@ -75,6 +76,21 @@ def checked_index(index: Any, name: str = "index") -> Index:
         raise BadInput(f"{name} must be three whole numbers (i, j, k), not {_shown(index)}")
     i, j, k = parts
     return (i, j, k)
+
+
+def checked_axis(value: str, name: str = "axis") -> int:
+    """The number of a grid axis, told by its letter. Raises BadInput."""
+    if not isinstance(value, str) or value not in GRID_AXES:
+        raise BadInput(f"{name} must be one of {', '.join(GRID_AXES)}, not {_shown(value)}")
+    return GRID_AXES.index(value)
+
+
+def checked_place(value: int, name: str) -> int:
+    """A whole number from 0 on. Raises BadInput."""
+    number = _own(value)
+    if isinstance(number, bool) or not isinstance(number, int) or number < 0:
+        raise BadInput(f"{name} must be a whole number from 0 on, not {_shown(value)}")
+    return number
 
 
 def checked_bytes(value: int | str, name: str) -> int:

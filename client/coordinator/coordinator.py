@@ -29,6 +29,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
+    SliceAsked,
     VolumeAsked,
     VoxelAsked,
 )
@@ -102,7 +103,7 @@ class Coordinator:
         match event:
             case FrameAsked(frame=frame):
                 return [EndFrame(frame, failure)]
-            case ProbeAsked(probe=probe):
+            case ProbeAsked(probe=probe) | SliceAsked(probe=probe):
                 return [AnswerProbe(probe, None, failure)]
             case VoxelAsked(probe=probe):
                 return [AnswerVoxel(probe, None, failure)]
@@ -364,7 +365,7 @@ class Coordinator:
         moves = assignments.moving and assignments.may_move
         if not holding.refused(server, message.request, message.held):
             return [ReportProgress(f"{error}; the sub-cubes stay where they are")] if moves else []
-        waiting = [probe.probe for probe in self.probes.waiting()]
+        waiting = [probe.number for probe in self.probes.waiting()]
         return [*self.frames.end(error), *(told for probe in waiting for told in self.probes.refused(probe, error))]
 
     @takes(FrameFinished, *SURVEYED_PHASES)

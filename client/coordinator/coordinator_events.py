@@ -3,6 +3,7 @@
 import secrets
 from dataclasses import dataclass, field
 
+from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
@@ -125,6 +126,17 @@ class VoxelAsked:
     index: Index
 
 
+@dataclass(frozen=True)
+class SliceAsked:
+    """A slice of the volume is wanted, with at most `longest` samples along a side, and in this scene's colours."""
+
+    probe: int  # of one row with those of ProbeAsked
+    scene: Scene
+    axis: int
+    index: int
+    longest: int
+
+
 Event = (
     ServerJoined
     | ServerLost
@@ -136,6 +148,7 @@ Event = (
     | AbortAsked
     | ProbeAsked
     | VoxelAsked
+    | SliceAsked
 )
 
 # -- instructions -----------------------------------------------------------------------------------------------
@@ -207,12 +220,15 @@ class EndFrame:
     error: VolsplatError | None = None
 
 
+Found = messages.ProbedVoxel | VolumeSlice | None
+
+
 @dataclass(frozen=True)
 class AnswerProbe:
-    """What is seen there: a voxel, nothing, or the reason why it is not known."""
+    """What was asked for: what is seen there, if anything is, the slice, or the reason why it is not known."""
 
     probe: int
-    voxel: messages.ProbedVoxel | None
+    found: Found
     error: VolsplatError | None = None
 
 

@@ -1,9 +1,8 @@
-"""Probes on their way, as the coordinator knows them: asked of every server that holds voxels, answered by the
-front-most one that is found.
+"""Probes on their way, as the coordinator knows them: asked of every server that holds voxels, answered once by what
+all of them have found.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
 
 from volsplat.client.coordinator.coordinator_events import (
     AnswerProbe,
@@ -11,30 +10,16 @@ from volsplat.client.coordinator.coordinator_events import (
     MessageReceived,
     ProbeAsked,
     Send,
+    SliceAsked,
 )
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
+from volsplat.client.coordinator.probe_kinds import PointProbe, Probe, SliceProbe
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.scene import Step
-from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
+from volsplat.protocol.messages.frame_messages import VoxelProbed
 from volsplat.protocol.messages.handlers import takes
-from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import density_spread
-from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.messages.slice_messages import SliceRead
 from volsplat.protocol.text.errors import BadInput, VolsplatError
-
-
-@dataclass
-class _Probe:
-    asked: ProbeAsked
-    line: LineOfSight
-    pending: set[int] | None = None  # servers that were asked and have not answered; None before
-    found: list[ProbedVoxel] = field(default_factory=list)
-
-    @property
-    def answer(self) -> AnswerProbe:
-        front_most = min(self.found, key=lambda voxel: self.line.place(voxel.index), default=None)
-        return AnswerProbe(self.asked.probe, front_most)
 
 
 class Probes:
@@ -42,24 +27,29 @@ class Probes:
 
     def __init__(self, holding: VolumeHolding) -> None:
         self._holding = holding
-        self._probes: dict[int, _Probe] = {}
+        self._probes: dict[int, Probe] = {}
 
     @takes(ProbeAsked)
     def _asked(self, event: ProbeAsked) -> list[Instruction]:
+        return self._begin(PointProbe, event)
+
+    @takes(SliceAsked)
+    def _slice_asked(self, event: SliceAsked) -> list[Instruction]:
+        return self._begin(SliceProbe, event)
+
+    def _begin(self, kind: type[PointProbe] | type[SliceProbe], event: ProbeAsked | SliceAsked) -> list[Instruction]:
         """Take a probe, or refuse it if it does not fit the volume."""
         volume = self._holding.volume
         assert volume is not None, "who asks knows the volume"
-        asked = replace(event, scene=volume.settled(event.scene))
         try:
-            line = line_of_sight(asked.scene, volume.description.geometry, asked.x, asked.y)
+            self._probes[event.probe] = kind.of(event, volume)  # type: ignore[arg-type]  # each of its own event
         except ValueError as error:
-            return [AnswerProbe(asked.probe, None, BadInput(str(error)))]
-        self._probes[asked.probe] = _Probe(asked, line)
+            return [AnswerProbe(event.probe, None, BadInput(str(error)))]
         return []
 
-    def waiting(self) -> Iterator[ProbeAsked]:
+    def waiting(self) -> Iterator[Probe]:
         """Those that no server was asked."""
-        return (probe.asked for probe in self._probes.values() if probe.pending is None)
+        return (probe for probe in self._probes.values() if probe.pending is None)
 
     def send(self) -> list[Instruction]:
         """Send the probes that wait and can be answered by what is packed; pack for the first that cannot."""
@@ -71,51 +61,48 @@ class Probes:
             try:
                 packing = holding.wanted(probe.scene, Step.F, steady=True)
             except BadInput as error:
-                sent += self.refused(probe.probe, error)
+                sent += self.refused(probe.number, error)
                 continue
             except ValueError as error:
-                sent += self.refused(probe.probe, BadInput(str(error)))
+                sent += self.refused(probe.number, BadInput(str(error)))
                 continue
             if holding.packing is None or packing.quantisation != holding.packing.quantisation:
                 return sent + holding.prepare(packing)  # any level will do
-            ask = self._request(probe, packing.quantisation)
+            ask = probe.request(holding, packing.quantisation)
+            probe.pending = set(holding.boxes)  # whose answers are waited for from now on
             sent += [Send(worker, ask) for worker in holding.boxes]
         return sent
-
-    def _request(self, asked: ProbeAsked, packed_by: Quantisation) -> ProbeVoxels:
-        """What to ask all servers, whose answers are waited for from now on."""
-        holding = self._holding
-        assert holding.volume is not None
-        geometry, resolution = holding.volume.description.geometry, holding.finest()
-        self._probes[asked.probe].pending = set(holding.boxes)
-        return ProbeVoxels(
-            probe=asked.probe,
-            assignment=holding.assignment,
-            line=line_of_sight(asked.scene, geometry, asked.x, asked.y, resolution),
-            shading=shading_rule(asked.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
-            geometry=geometry,
-            quantisation=packed_by,
-            level=resolution.level,
-        )
 
     @takes(VoxelProbed, *SURVEYED_PHASES)
     def _received(self, message: VoxelProbed, event: MessageReceived) -> list[Instruction]:
         probe = self._probes.get(message.probe)
-        if probe is None or probe.pending is None:
+        if not isinstance(probe, PointProbe) or probe.pending is None:
             return []
-        probe.found += message.voxels
-        probe.pending.discard(event.server)
+        probe.take(message)
+        return self._answered(probe, event.server)
+
+    @takes(SliceRead, *SURVEYED_PHASES)
+    def _slice_read(self, message: SliceRead, event: MessageReceived) -> list[Instruction]:
+        probe = self._probes.get(message.probe)
+        if not isinstance(probe, SliceProbe) or probe.pending is None or not probe.answers(message):
+            return []
+        probe.take(message, event.payload)
+        return self._answered(probe, event.server)
+
+    def _answered(self, probe: Probe, server: int) -> list[Instruction]:
+        assert probe.pending is not None
+        probe.pending.discard(server)
         if probe.pending:
             return []
-        del self._probes[message.probe]
-        return [probe.answer]
+        del self._probes[probe.number]
+        return [AnswerProbe(probe.number, probe.found)]
 
     def lost(self, server: int) -> None:
         """Nothing more will come from this server: ask anew, of whoever then holds what it held."""
         for probe in self._probes.values():
             if probe.pending is not None and server in probe.pending:
                 probe.pending = None
-                probe.found.clear()
+                probe.forget()
 
     def refused(self, number: int, error: VolsplatError) -> list[Instruction]:
         """One ends in an error."""

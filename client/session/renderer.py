@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Protocol
 from volsplat.client.coordinator.coordinator_events import FrameOutcome
 from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_volume
 from volsplat.client.session.published_image import PublishedImage
+from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.messages import ImageRead, ProbedVoxel
 from volsplat.protocol.rules.regions import Rectangle
+from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -91,6 +93,9 @@ class Renderer(Finisher, Protocol):
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """A voxel as the volume's file has it; None if that is not known `within` so many seconds."""
+
+    def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
+        """A slice of the volume across a grid axis, in the scene's colours."""
 
 
 def refined(

@@ -27,10 +27,12 @@ import msgspec
 
 from volsplat.client.caller.arguments import (
     checked_address,
+    checked_axis,
     checked_bytes,
     checked_count,
     checked_index,
     checked_number,
+    checked_place,
     checked_scene,
     checked_step,
     checked_volume,
@@ -53,6 +55,7 @@ from volsplat.client.coordinator.coordinator_events import (
     PublishVolume,
     ReportProgress,
     Send,
+    SliceAsked,
     VolumeAsked,
     VoxelAsked,
 )
@@ -72,6 +75,7 @@ from volsplat.client.session.renderer import (
     refined,
 )
 from volsplat.client.session.server_links import ServerLinks
+from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -84,6 +88,7 @@ from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_name import absolute_name
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.session_messages import LEAST_SILENCE, MOST_SILENCE
+from volsplat.protocol.rules.slice_plane import MOST_SAMPLES
 from volsplat.protocol.text.errors import BadInput, PeerLost, VolsplatError
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 from volsplat.protocol.wire.encryption import Encryption
@@ -161,7 +166,7 @@ class Session:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._frames = AskedFrames()
-        self._probe_answers = LateAnswers[messages.ProbedVoxel]()
+        self._probe_answers = LateAnswers[messages.ProbedVoxel | VolumeSlice]()
         self._voxel_answers = LateAnswers[FileVoxel]()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
@@ -347,7 +352,34 @@ class Session:
         self.volume  # noqa: B018  until it is known there is nothing to be seen
         probe, answer = self._probe_answers.ask()
         self._events.put(ProbeAsked(probe, scene, x, y))
-        return answer.result()
+        found = answer.result()
+        assert not isinstance(found, VolumeSlice), "it was not asked for"
+        return found
+
+    def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
+        """What the servers hold of a slice across "i", "j" or "k", with the colours that the scene gives its voxels.
+
+        At most `longest` samples lie along a side. No image need be drawn, and a frame that runs goes on. What no
+        server holds any more is missing from it.
+        Raises BadInput if the volume has no such slice, and PeerLost if nothing can be drawn any more.
+        """
+        scene, across = checked_scene(scene), checked_axis(axis)
+        index, longest = checked_place(index, "index"), checked_count(longest, "longest")
+        self.volume  # noqa: B018  until it is known there is nothing to be seen
+        probe, answer = self._probe_answers.ask()
+        self._events.put(SliceAsked(probe, scene, across, index, longest))
+        found = answer.result()
+        assert isinstance(found, VolumeSlice), "a slice was asked for"
+        return found
+
+    def slice(self, axis: str, index: int) -> Tensor:
+        """The densities of a slice across "i", "j" or "k", float32 in the data's units; NaN where there are none.
+
+        The earlier of the other two axes runs along a row: across "k" it is (j, i). Values are those that pictures are
+        drawn with, of 256 steps between the ends of the density window, those of a prepared volume of the level held.
+        Raises BadInput if the volume has no such slice or torch is not installed, PeerLost if a part of it is gone.
+        """
+        return self.read_slice(self.default_scene(), axis, index).tensor
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
         """The voxel (i, j, k) as the volume's file has it, not as the 8 bits that it is drawn with.

@@ -12,10 +12,12 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from volsplat.client.caller.arguments import (
+    checked_axis,
     checked_bytes,
     checked_count,
     checked_index,
     checked_number,
+    checked_place,
     checked_scene,
     checked_step,
     checked_volume,
@@ -35,6 +37,7 @@ from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, FILE_SECONDS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
+from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.single_frame import note_frame
 from volsplat.client.volume.file_voxel import FileVoxel, check_is_voxel
@@ -43,7 +46,8 @@ from volsplat.mapshade_server.file_voxels import FileVoxels
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
-from volsplat.mapshade_server.visible_voxels import VoxelSheets
+from volsplat.mapshade_server.slice_parts import slice_parts
+from volsplat.mapshade_server.visible_voxels import VoxelFields, VoxelSheets
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
@@ -56,6 +60,7 @@ from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.levels import density_spread
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.rules.slice_plane import MOST_SAMPLES, level_plane
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
 from volsplat.splat_server.frame_assembly import FrameAssembly
@@ -186,6 +191,24 @@ class SingleProcess:
         told, payload = self._file_voxels.read(messages.ReadVoxel(probe=1, path=path, identity=identity, index=index))
         assert isinstance(told, messages.VoxelRead)
         return FileVoxel.of_bytes(told.scalar_types, memoryview(b"".join(payload))) if told.scalar_types else None
+
+    def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
+        """A slice across "i", "j" or "k", in the scene's colours; see Session. Raises BadInput."""
+        scene, across = checked_scene(scene), checked_axis(axis)
+        index, longest = checked_place(index, "index"), checked_count(longest, "longest")
+        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
+        rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
+        try:
+            plan = plan_frame(scene, geometry, Step.F, resolution)
+            plane = level_plane(geometry.dims, plan.factors, across, index, longest)
+        except ValueError as error:
+            raise BadInput(str(error)) from error
+        rule = shading_rule(scene, Step.F, density_spread(geometry, resolution.geometry, rules))
+        fields = VoxelFields(geometry, rules, rule, plan)
+        whole = VolumeSlice.empty(plane, plan.factors, rules)
+        for part, samples in slice_parts(self._held.sub_cubes(resolution.level), fields, plane):
+            whole.take([part], samples)
+        return whole
 
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""

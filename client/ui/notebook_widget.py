@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import posixpath
 import re
 from typing import Any
 
@@ -19,21 +20,24 @@ from volsplat.client.ui.viewport.viewport_talk import ViewportTalk
 from volsplat.protocol.description.scene import Scene
 
 VIEWPORT = STATIC / "viewport"
-START = "viewport.js"
+START = "viewport/viewport.js"
 HEIGHT = 512  # CSS pixels
-_IMPORTED = re.compile(r"""from\s+["']\./([\w.]+)["']""")
+_IMPORTED = re.compile(r"""from\s+["'](\.{1,2}/[\w./]+)["']""")
 
 
 def modules_from(start: str) -> dict[str, str]:
-    """The page's own modules that `start` needs, itself last: each after all that it imports."""
+    """The modules that `start` needs, itself last: each after all that it imports, and naming them as here."""
     ordered: dict[str, str] = {}
 
     def add(name: str) -> None:
+        def named(imported: str) -> str:
+            return posixpath.normpath(posixpath.join(posixpath.dirname(name), imported))
+
         if name not in ordered:
-            source = (VIEWPORT / name).read_text(encoding="utf-8")
+            source = (STATIC / name).read_text(encoding="utf-8")
             for imported in _IMPORTED.findall(source):
-                add(imported)
-            ordered[name] = source
+                add(named(imported))
+            ordered[name] = _IMPORTED.sub(lambda found: f'from "./{named(found[1])}"', source)
 
     add(start)
     return ordered

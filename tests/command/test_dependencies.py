@@ -35,6 +35,7 @@ MAY_USE = {
     "client/scene/colour_maps.py": {ALWAYS, "matplotlib"},
     "client/script/rendered_image.py": {ALWAYS, "ui"},
     "client/session/published_image.py": {ALWAYS, "torch"},  # a tensor for whoever asks for one
+    "client/slices/volume_slice.py": {ALWAYS, "torch"},  # likewise
     "client/ui": {ALWAYS, "ui"},
     "client/ui/notebook_widget.py": {ALWAYS, "notebook"},
     "bench": {ALWAYS, "bench", "torch"},

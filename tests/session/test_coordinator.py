@@ -37,6 +37,7 @@ from support.messages.message_samples import IDENTITY
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     AnswerProbe,
+    CutOff,
     EndFrame,
     Event,
     FailSession,
@@ -51,14 +52,17 @@ from volsplat.client.coordinator.coordinator_events import (
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
+    SliceAsked,
     VolumeAsked,
 )
 from volsplat.client.coordinator.phase import Phase
+from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.index_rules import Survey
+from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 
@@ -612,6 +616,28 @@ def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
     told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert (SECOND, messages.ProbeVoxels) in sent(told)
     assert coordinator.handle(seen(SECOND, NEAR, FAR)) == [AnswerProbe(5, NEAR)]
+
+
+def test_a_slice_is_asked_anew_after_a_loss_of_who_then_holds_more() -> None:
+    coordinator = drawing()
+    ask = SliceAsked(5, SCENE, axis=2, index=4, longest=99)
+    assert sent(coordinator.handle(ask)) == [(FIRST, messages.ReadSlice), (SECOND, messages.ReadSlice)]
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    half, whole = Rectangle(0, 0, 4, 9), Rectangle(0, 0, 8, 9)
+    late = said(SECOND, messages.SliceRead(5, 1, [half]), bytes(8 * 36))  # it held the half when it was asked
+    read_ahead(coordinator, told)
+    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    assert (SECOND, messages.ReadSlice) in sent(told)
+    assert coordinator.handle(late) == []
+    (answer,) = coordinator.handle(said(SECOND, messages.SliceRead(5, 2, [whole]), bytes(8 * 72)))
+    assert isinstance(answer, AnswerProbe) and isinstance(answer.found, VolumeSlice) and answer.found.held.all()
+
+
+def test_a_slice_that_a_server_makes_larger_than_it_is_costs_that_server_its_place() -> None:
+    coordinator = drawing()
+    coordinator.handle(SliceAsked(5, SCENE, axis=2, index=4, longest=99))
+    told = coordinator.handle(said(FIRST, messages.SliceRead(5, 1, [Rectangle(0, 0, 9, 9)]), bytes(8 * 81)))
+    assert any(isinstance(one, CutOff) and one.server == FIRST for one in told)
 
 
 def test_a_failed_session_ends_all_probes() -> None:

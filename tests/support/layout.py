@@ -35,7 +35,7 @@ FLOORS = {
     ),
     "client": (
         "caller histogram phantoms trace",
-        "image scene ui/doors memory",
+        "image scene slices ui/doors memory",
         "volume",
         "coordinator/shares figure",
         "coordinator",

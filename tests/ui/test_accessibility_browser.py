@@ -80,11 +80,15 @@ def test_the_page_has_a_language_one_main_and_headings(page: Page) -> None:
 
 
 def test_whatever_can_be_operated_has_a_name_and_sliders_have_values(page: Page) -> None:
+    page.keyboard.press("s")
+    page.wait_for_function("() => document.querySelectorAll('.vs-slice[data-shown]').length === 3")
     operated = [node for node in tree(page) if node.role in OPERATED]
     assert len(operated) > 100
     assert [node for node in operated if not node.name] == []
     sliders = [node for node in operated if node.role == "slider"]
-    assert {"specular power", "bounds on i", "Opacity, point 1 of 5"} <= {node.name for node in sliders}
+    assert {"specular power", "bounds on i", "Opacity, point 1 of 5", "axial slice across k"} <= {
+        node.name for node in sliders
+    }
     for slider in sliders:
         assert slider.value is not None and slider.properties["valuemin"] < slider.properties["valuemax"]
 

@@ -104,7 +104,7 @@ def with_zoom(scene: Scene, zoom: Any) -> Scene:
 
 def test_each_module_comes_after_all_that_it_imports() -> None:
     seen: set[str] = set()
-    for name, source in modules_from("viewport.js").items():
-        assert set(re.findall(r"""from\s+["']\./([\w.]+)["']""", source)) <= seen
+    for name, source in modules_from("viewport/viewport.js").items():
+        assert set(re.findall(r"""from\s+["']\./([\w./]+)["']""", source)) <= seen
         seen.add(name)
-    assert name == "viewport.js"
+    assert name == "viewport/viewport.js"

@@ -6,6 +6,7 @@ import io
 from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 from PIL import Image as PillowImage
 
 from volsplat.client.image.image_file import coded
@@ -27,6 +28,13 @@ def encoded(image: PublishedImage, background: Colour, *, lossless: bool, enlarg
         picture = PillowImage.frombuffer("RGB", size, screen_levels(image, background), "raw", "RGBX", 0, 1)
         quality = ENLARGED_JPEG_QUALITY if enlarged else JPEG_QUALITY
         picture.save(out, "JPEG", quality=quality, subsampling=0)
+    return out.getvalue()
+
+
+def png_of(levels: NDArray[np.uint8]) -> bytes:
+    """(rows, columns, 4) as they are: red, green, blue and opacity."""
+    out = io.BytesIO()
+    PillowImage.fromarray(levels, "RGBA").save(out, "PNG", compress_level=PNG_EFFORT)
     return out.getvalue()
 
 

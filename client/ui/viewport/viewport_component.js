@@ -1,5 +1,6 @@
 // The viewport as a component of the page.
 
+import { Slices } from "volsplat/slices/slices.js";
 import { Viewport } from "volsplat/viewport/viewport.js";
 import { ViewportSocket } from "volsplat/viewport/viewport_socket.js";
 
@@ -12,7 +13,9 @@ export default {
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.searchParams.set("tab", this.tab);
     this.socket = new ViewportSocket(url, under("alive"));
-    this.viewport = new Viewport(this.$el, this.socket, { home: this.home, wholePage: true });
+    const makeSlices = (listener) => new Slices(this.$el, listener);
+    this.viewport = new Viewport(this.$el, this.socket, { home: this.home, wholePage: true, makeSlices });
+    this.socket.onslice((header, bytes) => void this.viewport.slices.show(header, bytes));
     /** @type {any} */ (window).volsplatViewport = this.viewport; // for tests, and for measuring latency
     this.socket.open();
   },

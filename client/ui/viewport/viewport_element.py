@@ -18,6 +18,7 @@ class ViewportElement(Element, component="viewport_component.js", esm=MODULES):
     def __init__(self, tab: str, home: Quaternion, prefix: str) -> None:
         super().__init__()
         ui.add_css(STATIC / "viewport" / "viewport.css")
+        ui.add_css(STATIC / "slices" / "slices.css")
         self._props["tab"] = tab
         self._props["home"] = list(home)
         self._props["prefix"] = prefix

@@ -13,6 +13,8 @@ from volsplat.client.scene.view_sides import sides
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
+from volsplat.client.ui.viewport.message_base import Said
+from volsplat.client.ui.viewport.slice_messages import SlicesAsked, SliceShown, VoxelAsked, VoxelTold
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.scales import Scale, scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -29,10 +31,6 @@ from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_cent
 
 HEADER_LENGTH_BYTES = 4  # little-endian, before a picture's header
 Extent = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_EXTENT)]  # of an image, in pixels
-
-
-class Said(msgspec.Struct, tag_field="type", forbid_unknown_fields=True):
-    """Base of what is said, either way."""
 
 
 # -- by the page
@@ -94,7 +92,19 @@ class PictureShown(Said, tag="shown"):
     number: int
 
 
-PageMessage = Size | ViewTurned | BoundsMoved | ProbeAsked | CenterAsked | UndoAsked | RedoAsked | PictureShown
+PageMessage = (
+    Size
+    | ViewTurned
+    | BoundsMoved
+    | ProbeAsked
+    | CenterAsked
+    | UndoAsked
+    | RedoAsked
+    | PictureShown
+    | SlicesAsked
+    | SliceShown
+    | VoxelAsked
+)
 _decoder = msgspec.json.Decoder(PageMessage)
 
 
@@ -185,7 +195,7 @@ class TroubleTold(Said, tag="trouble"):
     lasting: bool = False
 
 
-ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | TroubleTold
+ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | VoxelTold | TroubleTold
 
 
 class NextStep(msgspec.Struct):

@@ -21,6 +21,8 @@ from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.trouble import Trouble
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport import viewport_messages as said
+from volsplat.client.ui.viewport.slice_messages import SlicesAsked, SliceShown, VoxelAsked
+from volsplat.client.ui.viewport.slices_talk import SlicesTalk
 from volsplat.client.ui.viewport.under_way import UnderWay
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.client.volume.value_certainty import Certainty
@@ -52,6 +54,7 @@ class ViewportTalk:
         self._reading_file = asyncio.Lock()  # held while the file is read for this viewport: once at a time
         self._tasks: set[asyncio.Task[None]] = set()
         self._subscriptions = contextlib.ExitStack()
+        self._slices = SlicesTalk(viewing, send)
 
     def begin(self) -> None:
         """Tell all that there is, and from now on what changes."""
@@ -60,13 +63,14 @@ class ViewportTalk:
         if trouble is not None and trouble.lasting:
             self._on_trouble(trouble)
         self._subscriptions.callback(self._viewing.model.subscribe(self._on_scene))
-        self._subscriptions.callback(self._viewing.pictures.subscribe(lambda picture: self._give_picture()))
+        self._subscriptions.callback(self._viewing.pictures.subscribe(self._on_picture))
         self._subscriptions.callback(self._viewing.troubles.subscribe(self._on_trouble))
         self._give_picture()
 
     def end(self) -> None:
         """The viewport is gone: what its person was at is settled, and the image has another window's size."""
         self._subscriptions.close()
+        self._slices.end()
         for task in self._tasks:
             task.cancel()
         now = self._viewing.model.now
@@ -91,6 +95,7 @@ class ViewportTalk:
             self._say(said.scene_told(state, self._geometry, self._fit(state)))
         except ValueError as error:  # bounds or a centre that the volume does not have
             self._say(said.TroubleTold(str(error)))
+        self._slices.on_scene(state)
 
     def _fit(self, state: SceneState) -> said.Fit | None:
         """Found out anew at every movement of the hand, it would delay the picture."""
@@ -103,6 +108,10 @@ class ViewportTalk:
 
     def _on_trouble(self, trouble: Trouble) -> None:
         self._say(said.TroubleTold(trouble.text, trouble.lasting))
+
+    def _on_picture(self, picture: Picture) -> None:
+        self._give_picture()
+        self._slices.on_picture(picture)
 
     def _give_picture(self) -> None:
         picture: Picture | None = self._viewing.pictures.newest
@@ -145,6 +154,12 @@ class ViewportTalk:
                 self._in_background(self._probe(x, y))
             case said.CenterAsked(x=x, y=y):
                 self._in_background(self._center(x, y))
+            case SlicesAsked():
+                self._slices.asked(message)
+            case SliceShown():
+                self._slices.shown()
+            case VoxelAsked(index=index):
+                self._say(self._slices.voxel(index))
             case _:
                 assert_never(message)
 

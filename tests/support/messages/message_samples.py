@@ -30,8 +30,9 @@ from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.levels import Prepared
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.packet_layout import ROW_RUN
-from volsplat.protocol.rules.regions import Region
+from volsplat.protocol.rules.regions import Rectangle, Region
 from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.rules.slice_plane import SlicePlane
 from volsplat.protocol.wire.framing import HEADER, MAGIC
 
 RECORDED = ROOT / "tests" / "recorded" / f"protocol-{SPOKEN.newest}"
@@ -60,6 +61,7 @@ SCENE = Scene(
     )
 )
 PLAN, SHADING = plan_frame(SCENE, GEOMETRY, Step.F), shading_rule(SCENE, Step.F)
+PLANE = SlicePlane(GEOMETRY.dims, 2, 3)
 LINE = line_of_sight(SCENE, GEOMETRY, 12.5, 7.25)
 REGIONS = [Region(3, 0, 0), Region(3, 0, 256), Region(4, 256, PLAN.height)]
 PART = messages.Part(server=2, sub_cube=0, scalar=0, scalar_type="int16", box=Box((0, 1, 3), (4, 2, 4)))
@@ -142,6 +144,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.TilesClosed(7, 260, 4, 9), struct.pack("<4Q", 1 << 63 | 5, 1, 0, 0)),
         (messages.ProbeVoxels(5, 1, LINE, SHADING, GEOMETRY, QUANTISATION, 0), b""),
         (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
+        (messages.ReadSlice(6, 1, PLANE, PLAN, SHADING, GEOMETRY, QUANTISATION, 0), b""),
+        (messages.SliceRead(6, 1, [Rectangle(0, 1, 2, 1)]), struct.pack("<2I8B", 1 << 31, 7, *range(8))),
         (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
         (messages.EndSession(), b""),
     )
@@ -388,6 +392,15 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         messages.VoxelProbed,
         ids,
         st.lists(st.builds(messages.ProbedVoxel, _voxel, finite, finite), max_size=1),
+    ),
+    messages.ReadSlice: st.builds(
+        messages.ReadSlice, ids, ids, st.just(PLANE), _plans, _shadings, geometries(), quantisations, _level_numbers
+    ),
+    messages.SliceRead: st.builds(
+        messages.SliceRead,
+        ids,
+        ids,
+        st.lists(st.builds(Rectangle, *[st.integers(0, 9)] * 2, *[st.integers(1, 9)] * 2), max_size=3),
     ),
     messages.Refused: st.builds(
         messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none, st.booleans()

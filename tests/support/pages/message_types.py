@@ -2,7 +2,7 @@
 
     python -m support.pages.message_types
 
-writes them anew from client/ui/viewport/viewport_messages.py.
+writes them anew from client/ui/viewport/viewport_messages.py and slice_messages.py beside it.
 """
 
 import enum
@@ -15,6 +15,7 @@ import msgspec
 
 from support.checkout import ROOT
 from volsplat.client.ui.viewport import viewport_messages as said
+from volsplat.client.ui.viewport.slice_messages import SliceHeader
 
 HEAD = (
     "// What page and process say to each other, made from viewport_messages.py (tests/support/pages/message_types.py)."
@@ -76,7 +77,9 @@ def interface(struct: type[msgspec.Struct]) -> str:
 
 def message_types() -> str:
     """The whole file."""
-    structs = dict.fromkeys([*structs_in(said.PageMessage | said.ProcessMessage), *structs_in(said.PictureHeader)])
+    structs = dict.fromkeys(
+        [*structs_in(said.PageMessage | said.ProcessMessage), *structs_in(said.PictureHeader), *structs_in(SliceHeader)]
+    )
     unions = [
         f"export type {name} = {' | '.join(part.__name__ for part in get_args(union))};"
         for name, union in UNIONS.items()

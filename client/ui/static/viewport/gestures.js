@@ -1,6 +1,6 @@
 // Pointers and wheel over a viewport: mouse, pen and fingers.
 //
-//   left drag turns · right or middle drag, or Shift, pans · Ctrl rolls · a click centres · the wheel zooms
+//   left drag turns · right or middle drag, or Shift, pans · Ctrl rolls · a click centres, or measures · the wheel zooms
 //   one finger turns · two zoom and pan
 
 import { panned, pinched, rolled, turned, zoomed } from "./camera.js";
@@ -82,7 +82,7 @@ export class Gestures {
     const clicked = byPerson && !this.#moved;
     if (clicked) this.#viewport.steering.abandon();
     else this.#viewport.steering.release(event.timeStamp);
-    if (clicked && this.#began.kind === "turn") this.#viewport.centerOn(event);
+    if (clicked && this.#began.kind === "turn") this.#viewport.click(event);
     this.#began = null;
     this.#moved = false;
   }

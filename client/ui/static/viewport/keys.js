@@ -22,6 +22,9 @@ const PLAIN = {
   i: (viewport) => viewport.actions.toggleInertia(),
   p: (viewport) => viewport.alone?.toggle(),
   c: (viewport) => viewport.alone?.toggleColours(),
+  s: (viewport) => viewport.slices?.toggle(),
+  m: (viewport) => viewport.measuring.toggle(),
+  g: (viewport) => viewport.slices?.toggleColours(),
   "?": (viewport) => viewport.toggleHelp(),
   ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.actions.lookFrom(name)])),
 };
@@ -47,6 +50,10 @@ const LIST = [
   ["I", "go on turning when let go, or not"],
   ["P", "the picture alone, over the whole screen"],
   ["C", "show or hide the colours of the tables"],
+  ["S", "show or hide three slices"],
+  ["G", "slices grey, or in the colours of the tables"],
+  ["M", "measure a distance or an angle, or no longer"],
+  ["Shift and pointing", "slices through what is seen there"],
   ["Ctrl C", "copy the picture"],
   ["Ctrl Z", "undo"],
   ["Ctrl Shift Z", "redo"],
@@ -86,6 +93,7 @@ export function obeyKey(event, viewport) {
     return true;
   }
   if (key === "Escape" && viewport.helpShown) viewport.toggleHelp();
+  else if (key === "Escape" && viewport.measuring.on) viewport.measuring.toggle();
   else if (key === "Escape" && viewport.alone?.on) viewport.alone.toggle();
   else if (Object.hasOwn(PLAIN, key)) PLAIN[key](viewport);
   else return false;

@@ -11,15 +11,22 @@ import { ValueReadout } from "./value_readout.js";
 /** @typedef {import("./camera.js").Point} Point */
 
 export class Marks {
+  #measuring;
+  #measured = svg("g", { class: "vs-measured-lines" });
+  #pointed; // where slices cross
+  /** The voxel where slices cross, if there are any. @type {import("./rotation.js").Vector | null} */
+  point = null;
+
   /**
    * @param {import("./viewport_messages.d.ts").VolumeTold} volume
    * @param {{
    *   moveBounds: (bounds: Bounds, settled: boolean, at: number) => void,
    *   probe: (at: Point) => void,
    *   lookFrom: (side: string) => void,
+   *   measuring: import("../measure/measuring.js").Measuring,
    * }} listeners of what the person does to them
    */
-  constructor(volume, { moveBounds, probe, lookFrom }) {
+  constructor(volume, { moveBounds, probe, lookFrom, measuring }) {
     this.grid = new Grid(volume);
     this.box = new BoundsBox(this.grid, moveBounds);
     this.value = new ValueReadout(volume, probe);
@@ -27,10 +34,12 @@ export class Marks {
     this.scale = new ScaleBars(volume);
     this.missing = svg("g"); // boxes of what no server holds any more
     this.undrawn = svg("g", { class: "vs-undrawn" }); // parts of the picture that a splat server was lost with
-    this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.undrawn, this.box.element]);
+    this.#pointed = svg("g", { class: "vs-point" }, [svg("circle", { r: "5" }), svg("path", { d: "M-11 0h8M3 0h8M0 -11v8M0 3v8" })]);
+    this.overlay = svg("svg", { class: "vs-overlay" }, [this.missing, this.undrawn, this.#pointed, this.#measured, this.box.element]);
+    this.#measuring = measuring;
     const corner = document.createElement("div");
     corner.className = "vs-corner";
-    corner.append(this.value.element, this.scale.element);
+    corner.append(measuring.element, this.value.element, this.scale.element);
     this.elements = [this.overlay, corner, this.cube.element];
   }
 
@@ -45,6 +54,14 @@ export class Marks {
     this.box.place(projection, frame);
     this.cube.draw(picture.view.rotation);
     this.scale.draw(picture.view.zoom * frame.scale);
+    const at = (/** @type {import("./rotation.js").Vector} */ point) =>
+      frame.toElement(/** @type {Point} */ (projection.at(point).slice(0, 2)));
+    this.#measuring.draw(this.#measured, (point) => ({ at: at(point), near: true }));
+    this.#pointed.toggleAttribute("hidden", this.point === null);
+    if (this.point !== null) {
+      const [x, y] = at(this.point);
+      this.#pointed.setAttribute("transform", `translate(${x.toFixed(1)} ${y.toFixed(1)})`);
+    }
     this.missing.replaceChildren(
       ...picture.missing.map(([low, high]) => {
         const wires = new Wires("vs-missing");

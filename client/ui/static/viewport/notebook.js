@@ -5,7 +5,7 @@ async function loaded(sources) {
   const addresses = new Map();
   let last = "";
   for (const [name, source] of Object.entries(sources)) {
-    const linked = source.replace(/from\s+["']\.\/([\w.]+)["']/g, (_, imported) => `from "${addresses.get(imported)}"`);
+    const linked = source.replace(/from\s+["']\.\/([\w./]+)["']/g, (_, imported) => `from "${addresses.get(imported)}"`);
     last = URL.createObjectURL(new Blob([linked], { type: "text/javascript" }));
     addresses.set(name, last);
   }

@@ -38,6 +38,19 @@ const BUTTONS = [
     ofPage: true,
     press: (viewport) => viewport.alone.toggleColours(),
   },
+  {
+    title: "three slices",
+    key: "S",
+    icon: "M2.5 2.5h11v11h-11zM8 2.5v11M2.5 8h11",
+    ofPage: true,
+    press: (viewport) => viewport.slices?.toggle(),
+  },
+  {
+    title: "measure",
+    key: "M",
+    icon: "M2 11 11 2l3 3-9 9zM5 8l1.5 1.5M8 5l1.5 1.5",
+    press: (viewport) => viewport.measuring.toggle(),
+  },
   { title: "copy the picture", key: "Ctrl C", icon: "M6 6h7v7H6zM3 10V3h7", press: (viewport) => void viewport.copy() },
 ];
 

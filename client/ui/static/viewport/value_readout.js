@@ -6,6 +6,7 @@ import { tellValues } from "./value_event.js";
 const REST = 60; // milliseconds
 
 /** @typedef {import("./camera.js").Point} Point */
+/** @typedef {Pick<import("./viewport_messages.d.ts").ProbeAnswered, "found" | "density_is" | "strength_is">} Found */
 /** @typedef {import("./viewport_messages.d.ts").VolumeTold} VolumeTold an axis' index n stands for first + n * step */
 
 export class ValueReadout {
@@ -51,7 +52,17 @@ export class ValueReadout {
 
   /** @param {import("./viewport_messages.d.ts").ProbeAnswered} answer */
   answer({ x, y, found, density_is, strength_is }) {
-    if (!this.#isAsked(x, y)) return;
+    if (this.#isAsked(x, y)) this.#tell({ found, density_is, strength_is });
+  }
+
+  /** What a slice shows of a voxel. @param {Found} told */
+  tell(told) {
+    this.#asked = null;
+    this.#tell(told);
+  }
+
+  /** @param {Found} told */
+  #tell({ found, density_is, strength_is }) {
     this.#told = null;
     if (found === null) return this.#hide();
     const { index, density, strength } = found;

@@ -1,6 +1,7 @@
 // The viewport: the picture of the volume, and everything that is done with a pointer or a key over it. It knows a
 // transport only, so that the same module works in volsplat's page (viewport_socket.js) and in a notebook.
 
+import { Measuring } from "../measure/measuring.js";
 import { Frame } from "./frame.js";
 import { Gestures } from "./gestures.js";
 import { isFree, keyList, obeyKey } from "./keys.js";
@@ -23,11 +24,14 @@ const LABEL = "The volume. Drag or use the arrow keys to turn it; press ? for al
 /** @typedef {import("./camera.js").Size} Size */
 /** @typedef {import("./camera.js").View} View */
 /** @typedef {import("./rotation.js").Quaternion} Quaternion */
+/** @typedef {import("./rotation.js").Vector} Vector */
 
 /** @typedef {import("./viewport_messages.d.ts").PageMessage} PageMessage */
 /** @typedef {import("./viewport_messages.d.ts").ProcessMessage} ProcessMessage */
 /** @typedef {import("./viewport_messages.d.ts").PictureHeader} PictureHeader */
 /** @typedef {import("./viewport_messages.d.ts").SceneTold} SceneTold */
+/** @typedef {import("../slices/slices.js").Slices} Slices */
+/** @typedef {import("../slices/slices.js").SlicesListener} SlicesListener */
 /** @typedef {import("./viewport_messages.d.ts").VolumeTold} VolumeTold */
 
 /**
@@ -54,7 +58,9 @@ export class Viewport {
   #fit = /** @type {Partial<View>} */ ({});
   #marks = /** @type {Marks | null} */ (null); // once the volume is known
   #pointer = /** @type {Point | null} */ (null); // where it rests or moves, in the element
+  #pointing = false; // with Shift: the slices are to go through what is seen there
   #contained = 0; // the last event of ours that the process has told of
+  #picked = /** @type {{at: Point, then: (index: Vector) => void} | null} */ (null); // asked for, but not found yet
   #trouble = new TroubleBar();
   #help = document.createElement("div");
   #asked = { width: 0, height: 0 }; // the size of pictures last asked for
@@ -67,10 +73,11 @@ export class Viewport {
   /**
    * @param {HTMLElement} host filled by the viewport
    * @param {Transport} transport
-   * @param {{home?: Quaternion, wholePage?: boolean}} options `home`: the rotation that reset goes to; `wholePage`: keys
-   *   are for the viewport wherever on the page nothing else wants them
+   * @param {{home?: Quaternion, wholePage?: boolean, makeSlices?: (listener: SlicesListener) => Slices}} options `home`:
+   *   the rotation that reset goes to; `wholePage`: keys are for the viewport wherever on the page nothing else wants
+   *   them; `makeSlices`: gives the slices beside it
    */
-  constructor(host, transport, { home = namedView("front"), wholePage = false } = {}) {
+  constructor(host, transport, { home = namedView("front"), wholePage = false, makeSlices = undefined } = {}) {
     this.#transport = transport;
     /**
      * Pictures that were drawn, newest last.
@@ -80,6 +87,7 @@ export class Viewport {
     this.log = [];
     this.steering = new Steering((view, settled, at) => this.#outbox.post({ type: "view", ...view, settled }, at));
     this.actions = new ViewActions(this, home);
+    this.measuring = new Measuring(() => this.#drawMeasured());
     this.#outbox = new Outbox((message) => transport.send(message));
     this.element = document.createElement("div");
     this.element.className = "vs-viewport";
@@ -96,6 +104,7 @@ export class Viewport {
     this.element.append(this.canvas, pictureButtons(this, wholePage), this.#help, this.#trouble.element);
     host.append(this.element);
     new Gestures(this);
+    this.slices = makeSlices?.(this.#ofSlices()) ?? null;
     const { signal } = this.#closing;
     this.alone = wholePage ? new PictureAlone(signal) : null;
     (wholePage ? document : this.element).addEventListener("keydown", (event) => this.#onKey(event), { signal });
@@ -113,6 +122,7 @@ export class Viewport {
     this.#trouble.close();
     this.#outbox.close();
     this.steering.close();
+    this.slices?.close();
     this.element.remove();
   }
 
@@ -181,16 +191,26 @@ export class Viewport {
     return new Frame(this.size, this.#box).toPicture(this.#inElement(event));
   }
 
-  /** The visible voxel under an event becomes the centre. @param {MouseEvent} event */
-  centerOn(event) {
+  /** The visible voxel under an event becomes the centre, or a point of what is measured. @param {MouseEvent} event */
+  click(event) {
     if (this.#picture === null) return;
+    if (this.measuring.on) return this.pick(event, (index) => this.measuring.add(index));
     const [x, y] = this.pointAt(event);
     this.#transport.send({ type: "center", x, y });
+    if (this.slices?.on) this.pick(event, (index) => this.slices.goTo(index));
+  }
+
+  /** Find the visible voxel under an event. @param {MouseEvent} event @param {(index: Vector) => void} then with what is found first */
+  pick(event, then) {
+    const [x, y] = this.pointAt(event);
+    this.#picked = { at: [x, y], then };
+    this.#transport.send({ type: "probe", x, y });
   }
 
   /** The pointer is there without a button; null if it is away, or drags. @param {MouseEvent | null} event */
   hover(event) {
     this.#pointer = event && this.#inElement(event);
+    this.#pointing = event !== null && event.shiftKey;
     if (event === null) this.#marks?.value.clear();
     else this.#askValue();
   }
@@ -209,6 +229,7 @@ export class Viewport {
     this.#box = this.#measured();
     this.#sendSize();
     this.#outbox.repeatAfter(this.#contained);
+    this.slices?.reconnected();
   }
 
   /** @param {ProcessMessage} message */
@@ -219,14 +240,28 @@ export class Viewport {
       case "scene":
         return this.#onScene(message);
       case "probe":
-        return this.#marks?.value.answer(message);
+        return this.#onProbe(message);
       case "value":
         return this.#marks?.value.fileValue(message);
+      case "voxel":
+        return this.#marks?.value.tell(message);
       case "trouble":
         return this.#trouble.ofProcess(message.text, message.lasting);
     }
     /** @type {never} */ const unknown = message; // a message without a case is found by its type
     return unknown;
+  }
+
+  /** @param {import("./viewport_messages.d.ts").ProbeAnswered} answer */
+  #onProbe(answer) {
+    this.#marks?.value.answer(answer);
+    if (answer.found === null) return;
+    const { index } = answer.found;
+    const [picked, pointer] = [this.#picked, this.#pointer];
+    if (picked !== null && picked.at[0] === answer.x && picked.at[1] === answer.y) {
+      this.#picked = null;
+      picked.then(index);
+    } else if (this.#pointing && pointer !== null && this.slices?.on) this.slices.goTo(index);
   }
 
   /** @param {VolumeTold} volume */
@@ -236,8 +271,11 @@ export class Viewport {
       moveBounds: (bounds, settled, at) => this.#outbox.post({ type: "bounds", ...bounds, settled }, at),
       probe: ([x, y]) => this.#transport.send({ type: "probe", x, y }),
       lookFrom: (side) => this.actions.lookFrom(side),
+      measuring: this.measuring,
     });
+    this.measuring.volume = volume;
     this.canvas.after(...this.#marks.elements);
+    if (this.slices !== null) this.slices.volume = volume;
     this.#takeOver();
     this.#place();
   }
@@ -277,7 +315,9 @@ export class Viewport {
     if (this.#scene === null || this.#contained < this.#outbox.event || this.steering.busy) return;
     const { view, width, height } = this.#scene;
     this.steering.follow(view, { width, height });
-    if (this.#marks !== null && !this.#marks.box.busy) this.#marks.box.bounds = this.#scene.bounds;
+    if (this.#marks === null || this.#marks.box.busy) return;
+    this.#marks.box.bounds = this.#scene.bounds;
+    if (this.slices !== null) this.slices.bounds = this.#scene.bounds;
   }
 
   // -- the rest
@@ -324,6 +364,24 @@ export class Viewport {
     // With a button held the element stays where it is; to ask would lay out the page, for every event of a drag.
     if (event.type !== "pointermove" || event.buttons === 0) this.#corner = this.element.getBoundingClientRect();
     return [event.clientX - this.#corner.left, event.clientY - this.#corner.top];
+  }
+
+  #drawMeasured() {
+    this.#place();
+    this.slices?.drawMeasured();
+  }
+
+  /** What slices do to the rest. @returns {SlicesListener} */
+  #ofSlices() {
+    return {
+      send: (message) => this.#transport.send(message),
+      moved: () => {
+        if (this.#marks !== null) this.#marks.point = this.slices?.point ?? null;
+        this.#place();
+      },
+      left: () => this.#marks?.value.clear(),
+      measuring: this.measuring,
+    };
   }
 
   #makeCanvas() {

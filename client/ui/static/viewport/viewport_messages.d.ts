@@ -58,6 +58,25 @@ export interface PictureShown {
   number: number;
 }
 
+/** The slices through this voxel are wanted from now on, or none any more. */
+export interface SlicesAsked {
+  type: "slices";
+  at: [number, number, number] | null;
+  coloured: boolean;
+  longest: number;
+}
+
+/** The slice that came last is on its canvas. */
+export interface SliceShown {
+  type: "slice_shown";
+}
+
+/** What is the value of this voxel of a slice? */
+export interface VoxelAsked {
+  type: "voxel";
+  index: [number, number, number];
+}
+
 /** What the indices of one grid axis stand for, where that is more than a length: inlines, time, velocity, ... */
 export interface GridAxis {
   name: string;
@@ -148,6 +167,15 @@ export interface FileValueTold {
   strength: string | null;
 }
 
+/** What a slice shows of a voxel. */
+export interface VoxelTold {
+  type: "voxel";
+  index: [number, number, number];
+  found: ProbedVoxel | null;
+  density_is: "" | "≈" | "≥" | "≤";
+  strength_is: "" | "≈" | "≥" | "≤";
+}
+
 /** A line for the person. */
 export interface TroubleTold {
   type: "trouble";
@@ -179,6 +207,14 @@ export interface PictureHeader {
   undrawn: ([number, number, number, number])[];
 }
 
-export type PageMessage = Size | ViewTurned | BoundsMoved | ProbeAsked | CenterAsked | UndoAsked | RedoAsked | PictureShown;
+/** What goes before a slice's PNG, in which the earlier of the two other axes runs to the right. */
+export interface SliceHeader {
+  slice: number;
+  index: number;
+  step: [number, number];
+  missing: boolean;
+}
 
-export type ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | TroubleTold;
+export type PageMessage = Size | ViewTurned | BoundsMoved | ProbeAsked | CenterAsked | UndoAsked | RedoAsked | PictureShown | SlicesAsked | SliceShown | VoxelAsked;
+
+export type ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | VoxelTold | TroubleTold;

@@ -17,6 +17,7 @@ const TOKEN_MISSING = "This page may no longer see the volume: open the whole ad
 /** @typedef {import("./viewport_messages.d.ts").PageMessage} PageMessage */
 /** @typedef {import("./viewport_messages.d.ts").ProcessMessage} ProcessMessage */
 /** @typedef {import("./viewport_messages.d.ts").PictureHeader} PictureHeader */
+/** @typedef {import("./viewport_messages.d.ts").SliceHeader} SliceHeader */
 /** @typedef {import("./viewport.js").TransportState} TransportState */
 
 export class ViewportSocket {
@@ -33,6 +34,7 @@ export class ViewportSocket {
   #stalled = false; // given up until an answer comes
   #message = /** @type {(message: ProcessMessage) => void} */ (() => {});
   #picture = /** @type {(header: PictureHeader, bytes: Uint8Array) => void} */ (() => {});
+  #slice = /** @type {(header: SliceHeader, bytes: Uint8Array) => void} */ (() => {});
   #state = /** @type {(state: TransportState) => void} */ (() => {});
   #onVisible = () => this.#woken();
   #onOnline = () => this.#again();
@@ -72,6 +74,11 @@ export class ViewportSocket {
     this.#picture = listener;
   }
 
+  /** @param {(header: SliceHeader, bytes: Uint8Array) => void} listener */
+  onslice(listener) {
+    this.#slice = listener;
+  }
+
   /** @param {(state: TransportState) => void} listener */
   onstate(listener) {
     this.#state = listener;
@@ -89,9 +96,15 @@ export class ViewportSocket {
     socket.onopen = () => this.#found();
     socket.onmessage = ({ data }) => {
       if (typeof data === "string") this.#message(JSON.parse(data));
-      else this.#picture(...pictureParts(data));
+      else this.#take(...pictureParts(data));
     };
     socket.onclose = ({ code }) => this.#closed(code);
+  }
+
+  /** @param {PictureHeader | SliceHeader} header @param {Uint8Array} bytes */
+  #take(header, bytes) {
+    if ("slice" in header) this.#slice(header, bytes);
+    else this.#picture(header, bytes);
   }
 
   #closed(code) {
@@ -188,7 +201,7 @@ export class ViewportSocket {
   }
 }
 
-/** A binary message's header and image. @param {ArrayBuffer} data @returns {[PictureHeader, Uint8Array]} */
+/** A binary message's header and image. @param {ArrayBuffer} data @returns {[any, Uint8Array]} */
 export function pictureParts(data) {
   const length = new DataView(data).getUint32(0, true);
   const header = JSON.parse(new TextDecoder().decode(new Uint8Array(data, 4, length)));

@@ -1,0 +1,151 @@
+"""What can be asked of the voxels that servers hold: what is seen at a point of the image, and a slice of the volume.
+
+Each knows what to ask of every server that holds voxels, and makes one answer of theirs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from volsplat.client.coordinator.coordinator_events import Found, ProbeAsked, SliceAsked
+from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.slices.volume_slice import VolumeSlice
+from volsplat.client.volume.surveyed_volume import SurveyedVolume
+from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
+from volsplat.protocol.messages.message import Message
+from volsplat.protocol.messages.slice_messages import ReadSlice, SliceRead
+from volsplat.protocol.rules.frame_plan import plan_frame
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import density_spread
+from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
+from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.rules.slice_plane import level_plane
+
+
+class Probe(Protocol):
+    """One of them, on its way."""
+
+    pending: set[int] | None  # servers that were asked and have not answered; None before
+
+    @property
+    def number(self) -> int: ...
+
+    @property
+    def scene(self) -> Scene: ...
+
+    @property
+    def found(self) -> Found:
+        """The answer, once all have given theirs."""
+
+    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> Message:
+        """What to ask all servers. Raises ValueError for what cannot be computed with."""
+
+    def forget(self) -> None:
+        """What was told: everybody is asked anew."""
+
+
+@dataclass
+class PointProbe:
+    """The front-most visible voxel at a point of the image."""
+
+    asked: ProbeAsked
+    line: LineOfSight
+    pending: set[int] | None = None
+    voxels: list[ProbedVoxel] = field(default_factory=list)
+
+    @classmethod
+    def of(cls, asked: ProbeAsked, volume: SurveyedVolume) -> PointProbe:
+        """Raises ValueError if it does not fit the volume."""
+        settled = replace(asked, scene=volume.settled(asked.scene))
+        return cls(settled, line_of_sight(settled.scene, volume.description.geometry, asked.x, asked.y))
+
+    @property
+    def number(self) -> int:
+        return self.asked.probe
+
+    @property
+    def scene(self) -> Scene:
+        return self.asked.scene
+
+    @property
+    def found(self) -> ProbedVoxel | None:
+        return min(self.voxels, key=lambda voxel: self.line.place(voxel.index), default=None)
+
+    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ProbeVoxels:
+        geometry, resolution = holding.description.geometry, holding.finest()
+        return ProbeVoxels(
+            probe=self.number,
+            assignment=holding.assignment,
+            line=line_of_sight(self.scene, geometry, self.asked.x, self.asked.y, resolution),
+            shading=shading_rule(self.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
+            geometry=geometry,
+            quantisation=packed_by,
+            level=resolution.level,
+        )
+
+    def take(self, message: VoxelProbed) -> None:
+        self.voxels += message.voxels
+
+    def forget(self) -> None:
+        self.voxels.clear()
+
+
+@dataclass
+class SliceProbe:
+    """A slice, from all who hold a part of it."""
+
+    asked: SliceAsked
+    pending: set[int] | None = None
+    slice: VolumeSlice | None = None  # once it was asked for
+    assignment: int = 0  # by which it was asked for
+
+    @classmethod
+    def of(cls, asked: SliceAsked, volume: SurveyedVolume) -> SliceProbe:
+        """Raises ValueError if it does not fit the volume."""
+        settled = replace(asked, scene=volume.settled(asked.scene))
+        geometry = volume.description.geometry
+        level_plane(geometry.dims, (1, 1, 1), asked.axis, asked.index, asked.longest)
+        plan_frame(settled.scene, geometry, Step.F)
+        return cls(settled)
+
+    @property
+    def number(self) -> int:
+        return self.asked.probe
+
+    @property
+    def scene(self) -> Scene:
+        return self.asked.scene
+
+    @property
+    def found(self) -> VolumeSlice | None:
+        return self.slice
+
+    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ReadSlice:
+        geometry, resolution, axis = holding.description.geometry, holding.finest(), self.asked.axis
+        plan = plan_frame(self.scene, geometry, Step.F, resolution)
+        plane = level_plane(geometry.dims, plan.factors, axis, self.asked.index, self.asked.longest)
+        self.slice, self.assignment = VolumeSlice.empty(plane, plan.factors, packed_by), holding.assignment
+        return ReadSlice(
+            probe=self.number,
+            assignment=holding.assignment,
+            plane=plane,
+            plan=plan,
+            shading=shading_rule(self.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
+            geometry=geometry,
+            quantisation=packed_by,
+            level=resolution.level,
+        )
+
+    def take(self, message: SliceRead, payload: memoryview) -> None:
+        """Raises RemoteProtocolError for what is no part of it."""
+        assert self.slice is not None, "it was asked for"
+        self.slice.take(message.parts, payload)
+
+    def answers(self, message: SliceRead) -> bool:
+        """Whether it is of the boxes that are held now: before a loss the server may have held fewer."""
+        return message.assignment == self.assignment
+
+    def forget(self) -> None:
+        self.slice = None

@@ -1,0 +1,148 @@
+"""Three slices beside the picture, on the real page: seen, moved through, linked with one another and the picture."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from support.pages.browser import browser, browser_page
+from support.pages.page_tab import after, drag, opened
+from support.pages.tables_tab import box, until
+from support.pages.viewed import Viewed, phantom, view, volume
+
+if TYPE_CHECKING:
+    from playwright.sync_api import Locator, Page
+
+__all__ = ["browser", "browser_page", "phantom", "view", "volume"]
+
+PIXELS = """(slice) => {
+    const canvas = slice.querySelector("canvas");
+    return Array.from(canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data).join();
+}"""
+
+
+@pytest.fixture
+def page(view: Viewed, browser_page: Page) -> Page:
+    """With the slices shown."""
+    opened(browser_page, view.url)
+    browser_page.get_by_role("button", name="three slices").click()
+    for name in "ijk":
+        shown(browser_page, name)
+    return browser_page
+
+
+def slice_across(page: Page, name: str) -> Locator:
+    return page.get_by_role("slider", name=f"slice across {name}")
+
+
+def index_of(page: Page, name: str) -> int:
+    return int(slice_across(page, name).get_attribute("aria-valuenow") or "-1")
+
+
+def shown(page: Page, name: str) -> str:
+    """The pixels of a slice once the one is there that it is to show."""
+    across = slice_across(page, name)
+    until(page, lambda: across.get_attribute("data-shown") == across.get_attribute("aria-valuenow"))
+    return str(across.evaluate(PIXELS))
+
+
+def test_a_click_in_one_slice_moves_the_others_and_the_mark_in_the_picture(page: Page) -> None:
+    mark = page.locator(".vs-point")
+    before, marked = {name: index_of(page, name) for name in "ijk"}, mark.get_attribute("transform")
+    place = box(slice_across(page, "k"))
+    page.mouse.click(place["x"] + 0.35 * place["width"], place["y"] + 0.6 * place["height"])
+    assert index_of(page, "k") == before["k"]
+    assert index_of(page, "i") != before["i"] and index_of(page, "j") != before["j"]
+    assert mark.get_attribute("transform") != marked
+    for name in "ij":
+        shown(page, name)
+
+
+def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> None:
+    sent = page.evaluate("() => window.volsplatViewport.sent.length")
+    across, begin = slice_across(page, "k"), index_of(page, "k")
+    pixels = shown(page, "k")
+    across.hover()
+    page.mouse.wheel(0, -100)
+    until(page, lambda: index_of(page, "k") == begin + 2)
+    assert shown(page, "k") != pixels
+    across.focus()
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowLeft")
+    assert index_of(page, "k") == begin and shown(page, "k") == pixels
+    page.keyboard.press("End")
+    assert index_of(page, "k") == 27
+    page.keyboard.press("PageDown")
+    assert index_of(page, "k") == 17 and page.evaluate("() => window.volsplatViewport.sent.length") == sent
+
+
+def test_a_pointer_on_a_slice_is_told_its_value_and_shift_pointing_at_the_picture_moves_all(page: Page) -> None:
+    place = box(slice_across(page, "k"))
+    page.mouse.move(place["x"] + place["width"] / 2, place["y"] + place["height"] / 2)
+    value = page.locator(".vs-value")
+    value.wait_for()
+    assert re.search(rf"density .* at \(\d+, \d+, {index_of(page, 'k')}\)", value.inner_text())
+    picture = box(page.locator(".vs-viewport canvas").first)
+    page.keyboard.down("Shift")
+    page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2 + 4)
+    page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2)
+    page.keyboard.up("Shift")
+
+    def goes_through_it() -> bool:
+        through = ", ".join(str(index_of(page, name)) for name in "ijk")
+        return value.is_visible() and value.inner_text().endswith(f"({through})")
+
+    until(page, goes_through_it)
+
+
+def test_slices_follow_tables_and_bounds_but_not_the_turning_hand(page: Page) -> None:
+    pixels = shown(page, "k")
+    page.keyboard.press("g")
+    until(page, lambda: shown(page, "k") != pixels)
+    page.keyboard.press("g")
+    until(page, lambda: shown(page, "k") == pixels)
+    after(page, lambda: drag(page, 40, 10))
+    assert shown(page, "k") == pixels
+    outline = slice_across(page, "k").locator(".vs-slice-bounds")
+    before = outline.get_attribute("points")
+    page.get_by_label("lowest i").fill("8")
+    page.keyboard.press("Enter")
+    until(page, lambda: outline.get_attribute("points") != before)
+    page.get_by_role("button", name="5–95 %").click()
+    until(page, lambda: shown(page, "k") != pixels)
+    page.get_by_role("button", name="automatic").click()
+    until(page, lambda: shown(page, "k") == pixels)
+
+
+def test_slices_are_there_again_after_loading_anew_and_in_a_small_window(page: Page) -> None:
+    page.set_viewport_size({"width": 390, "height": 844})
+    page.reload()
+    places = []
+    for name in "ijk":
+        shown(page, name)
+        places.append(box(slice_across(page, name)))
+    assert min(place["width"] for place in places) > 150 and min(place["height"] for place in places) > 150
+    page.keyboard.press("s")
+    slice_across(page, "k").wait_for(state="detached")
+    assert box(page.locator(".vs-viewport canvas").first)["width"] == 390
+
+
+def test_on_slices_distances_are_measured_by_hand_and_by_keys(page: Page) -> None:
+    from playwright.sync_api import expect
+
+    page.keyboard.press("m")
+    told, across = page.locator(".vs-measured"), slice_across(page, "k")
+    across.focus()
+    page.keyboard.press("Enter")
+    for _ in range(3):
+        page.keyboard.press("ArrowUp")
+    page.keyboard.press("Enter")
+    length = page.evaluate("() => Math.hypot(...window.volsplatViewport.grid.toUpright.map((row) => row[2])) * 3")
+    expect(told).to_have_text(f"{length:.4g} mm")
+    before, place = index_of(page, "i"), box(across)
+    page.mouse.click(place["x"] + 0.4 * place["width"], place["y"] + place["height"] / 2)
+    expect(told).to_contain_text("°")
+    assert index_of(page, "i") == before
+    assert across.locator(".vs-measured-lines circle").count() == 3
