@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.client.export.view_light import HARMONIC, Light, light_harmonics
+from volsplat.client.export.view_light import HARMONIC, HARMONICS, Light, light_harmonics
 from volsplat.client.image.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
@@ -24,9 +24,11 @@ from volsplat.protocol.text.errors import BadInput
 
 PEAK = 1.0 / (2.0 * math.pi * GAUSSIAN_SIGMA**2)  # of a footprint
 LEAST_OPACITY = 1.0 / 255.0  # of a Gaussian: viewers leave out what is fainter
-MOST_GAUSSIANS = 20_000_000  # 3.3 GB; viewers draw some millions
+MOST_GAUSSIANS = 20_000_000  # 5 GB; viewers draw some millions
 BEFORE_REST = "x y z nx ny nz f_dc_0 f_dc_1 f_dc_2".split()
+REST = [f"f_rest_{n}" for n in range(3 * (HARMONICS - 1))]
 AFTER_REST = "opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
+NAMES = [*BEFORE_REST, *REST, *AFTER_REST]
 FEWER = "--every 2 takes each second voxel on each axis, --bounds a part, --window and --preset show less"
 
 
@@ -44,7 +46,6 @@ def write_gaussians(
     """
     voxels = single.voxels(scene, every)
     by_direction = light_harmonics(voxels, single.volume.settled(scene), light)
-    names = [*BEFORE_REST, *(f"f_rest_{n}" for n in range(3 * (by_direction.shape[1] - 1))), *AFTER_REST]
     least, sheets = LEAST_OPACITY / PEAK, max(2 * voxels.sheets, 1)
     count = 0
     for done, found in enumerate(voxels.counts(least), 1):
@@ -55,9 +56,9 @@ def write_gaussians(
     origin = np.array(voxels.level.origin)
     scales, rotation = ellipsoid(every * to_physical)
     with whole_file(path) as file:
-        file.write(_header(count, voxels.geometry.dims, names))
+        file.write(_header(count, voxels.geometry.dims))
         for done, some in enumerate(voxels.visible(least), 1):
-            rows = np.zeros((len(some.indices), len(names)), dtype="<f4")
+            rows = np.zeros((len(some.indices), len(NAMES)), dtype="<f4")
             rows[:, 0:3] = some.indices @ to_physical.T + origin
             rows[:, 6:-8] = _colours(some.emitted, some.reflected, by_direction[some.directions])
             alpha = PEAK * some.opacity.astype(np.float64)
@@ -115,7 +116,7 @@ def _check_count(count: int) -> None:
         raise BadInput(f"{count} voxels are visible, more than the {MOST_GAUSSIANS} of a file; {FEWER}")
 
 
-def _header(count: int, dims: tuple[int, int, int], names: list[str]) -> bytes:
-    properties = "".join(f"property float {name}\n" for name in names)
+def _header(count: int, dims: tuple[int, int, int]) -> bytes:
+    properties = "".join(f"property float {name}\n" for name in NAMES)
     made = f"comment volsplat export of {dims[0]} x {dims[1]} x {dims[2]} voxels\n"
     return f"ply\nformat binary_little_endian 1.0\n{made}element vertex {count}\n{properties}end_header\n".encode()

@@ -19,7 +19,7 @@ from tolerances import CLOUD_LEVELS, MESH_VOLUME
 from volsplat.client.export.export import check_export, write_export
 from volsplat.client.export.gaussians import ellipsoid
 from volsplat.client.export.mesh import edge_of_table
-from volsplat.client.export.view_light import Light, harmonics
+from volsplat.client.export.view_light import HARMONICS, Light, harmonics
 from volsplat.client.memory.array_volume import Volume
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Scene
@@ -54,6 +54,16 @@ def test_a_gaussian_has_the_shape_of_its_voxel(entries: list[float]) -> None:
     covariance = turned @ np.diag(scales**2) @ turned.T
     assert np.allclose(covariance, GAUSSIAN_SIGMA**2 * to_physical @ to_physical.T)
     assert math.isclose(float(quaternion @ quaternion), 1.0)
+
+
+def test_the_light_s_harmonics_are_orthonormal() -> None:
+    heights, weights = np.polynomial.legendre.leggauss(8)
+    around = np.arange(16) * math.pi / 8
+    z, azimuth = (grid.ravel() for grid in np.meshgrid(heights, around, indexing="ij"))
+    flat = np.sqrt(1.0 - z * z)
+    values = harmonics(np.stack([flat * np.cos(azimuth), flat * np.sin(azimuth), z], axis=-1))
+    over_the_sphere = np.repeat(weights, len(around))[:, None] * math.pi / 8
+    assert np.allclose(values.T @ (over_the_sphere * values), np.eye(HARMONICS))
 
 
 def drawn(path: Path, single: SingleProcess, scene: Scene) -> NDArray[np.float64]:
