@@ -32,9 +32,10 @@ def pixels_reached(reach: PixelReach, plan: FramePlan) -> int:
         return min(reach.width, plan.width) * min(reach.height, plan.height)
     if reach is None:
         return 1
-    cell = [(axis, max(plan.visits[axis].block_sizes())) for axis in plan.traversal.axes[1:]]
+    sizes = [max(visits.block_sizes()) for visits in plan.visits]  # of a block, whose outline on the screen is reached
     width, height = (
-        sum(abs(dda.half_steps[axis]) * 2 * size / FIXED_ONE for axis, size in cell) for dda in (plan.x, plan.y)
+        sum(abs(half_step) * 2 * size / FIXED_ONE for half_step, size in zip(dda.half_steps, sizes, strict=True))
+        for dda in (plan.x, plan.y)
     )
     rows = min(math.ceil(height) + CELL_MARGIN, plan.height)
     return rows * (min(math.ceil(width), plan.width) + CELL_ROW)

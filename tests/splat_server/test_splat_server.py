@@ -10,7 +10,7 @@ from random import Random
 import msgspec
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from support.patience import PATIENCE
@@ -523,6 +523,7 @@ def test_images_asked_for_at_once_are_each_answered(bench: Bench) -> None:
 
 @settings(max_examples=40)
 @given(st.floats(0.3, 200), st.sampled_from(PAPER_STEPS), st.tuples(*[st.floats(-1, 1)] * 3))
+@example(104.0, Step.C, (0.5, 0.5, 1.0))  # the sheet axis adds the most to what a cell reaches
 def test_a_packet_reaches_no_more_pixels_than_a_turn_of_the_splatter_counts(
     zoom: float, step: Step, turn: tuple[float, float, float]
 ) -> None:
