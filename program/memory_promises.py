@@ -79,7 +79,10 @@ class MemoryPromises:
     def _tell(self) -> None:
         if self._file is not None and self._slot is not None:
             left = 0 if self._aim is None else max(self._aim - _own_memory(), 0)
-            os.pwrite(self._file, AMOUNT.pack(left), self._slot * AMOUNT.size)
+            try:
+                os.pwrite(self._file, AMOUNT.pack(left), self._slot * AMOUNT.size)
+            except OSError as error:  # the file system is full, or may not be written any more
+                log.debug("other servers are not told what memory is promised: %s", error)
 
 
 def _opened(path: Path) -> int | None:

@@ -16,6 +16,7 @@ from volsplat.protocol.text.errors import NoRoom
 
 MIB = 1 << 20
 SERVER = """
+import resource
 import sys
 from pathlib import Path
 from volsplat.program.memory_budget import MemoryBudget
@@ -27,8 +28,10 @@ for line in sys.stdin:
         budget.take(int(amount), 0, 0)
     elif what == "takes":
         taken.append(b"1" * int(amount))
-    else:
+    elif what == "settles":
         budget.taken()
+    else:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))
     print("done", flush=True)
 """
 
@@ -91,7 +94,18 @@ def test_of_two_that_want_most_of_what_is_left_one_is_refused(tmp_path: Path, mo
 
 def test_what_is_let_go_is_promised_to_nobody_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(memory_budget, "available_memory", lambda: 100 * MIB)
-    MemoryBudget(promises=MemoryPromises(tmp_path)).take(500 * MIB, held=450 * MIB, let_go=450 * MIB)
+    budget = MemoryBudget(promises=MemoryPromises(tmp_path))
+    budget.take(500 * MIB, held=450 * MIB, let_go=450 * MIB)
+    budget.taken()
+
+
+def test_who_cannot_write_its_promise_takes_all_the_same(tmp_path: Path) -> None:
+    with another(tmp_path) as first:
+        first.does("full")
+        first.does("promises", 100 * MIB)
+        first.does("takes", 90 * MIB)
+        first.does("settles")
+    assert promised(MemoryPromises(tmp_path)) == 0
 
 
 def test_a_file_of_somebody_else_s_is_left_alone(tmp_path: Path) -> None:
