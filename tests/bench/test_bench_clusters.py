@@ -57,7 +57,10 @@ def test_each_size_of_a_cluster_is_a_row_with_its_links_and_limits(person: Perso
     cluster = str(cluster_file(person.folder, "lab", LOCAL))
     done = person.runs("bench", command, "shells.nrrd", "--cluster", cluster, "--repeats", "2", *images, *files)
     assert done.returncode == 0, done.stderr
-    found, markdown = read_record(person.folder / "found.json"), (person.folder / "found.md").read_text()
+    found, markdown = (
+        read_record(person.folder / "found.json"),
+        (person.folder / "found.md").read_text(encoding="utf-8"),
+    )
     assert "| 1989, 4 over 1 Sun-4 | 1 server | 2 servers |" in markdown and "| efficiency | 1.12 | 1.00 |" in markdown
     assert markdown.count(" | client | ") == 2 and markdown.count("| map/shade server ") == 3
     assert "what limits 2 servers" in found.facts

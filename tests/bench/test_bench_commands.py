@@ -45,7 +45,11 @@ def measured(person: Person, command: str, *options: str, plot: bool = False) ->
         assert read_image(person.folder / "found.png").shape[2] >= 3
     wait_until(lambda: not person.servers(), "without servers")  # those started by hand end after the client
     assert not [path for path in person.folder.iterdir() if path.name.startswith(".")]
-    return read_record(person.folder / "found.json"), (person.folder / "found.md").read_text(), done.stdout
+    return (
+        read_record(person.folder / "found.json"),
+        (person.folder / "found.md").read_text(encoding="utf-8"),
+        done.stdout,
+    )
 
 
 needs_matplotlib = pytest.mark.skipif(find_spec("matplotlib") is None, reason="matplotlib is not installed")

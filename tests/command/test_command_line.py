@@ -67,7 +67,7 @@ def test_all_six_steps_and_a_report_are_written(person: Person, head: Path) -> N
     assert [image.name for image in images] == [f"step-{step}.png" for step in "ABCDEF"]
     assert len({image.read_bytes() for image in images}) == 6
     assert images[-1].read_bytes() == final
-    steps = json.loads((person.folder / "report.json").read_text())["steps"]
+    steps = json.loads((person.folder / "report.json").read_text(encoding="utf-8"))["steps"]
     assert [step["step"] for step in steps] == list("ABCDEF")
     assert steps[2]["voxels_visited"] == 32 * 40 * 36 == 8 * steps[1]["voxels_visited"]
     assert all(step["packets_sent"] * 8 < step["bytes_uncoded"] for step in steps)

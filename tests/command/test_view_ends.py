@@ -45,7 +45,7 @@ class Begun:
             self.process = subprocess.Popen(command, env=self.person.environment, stderr=stderr, cwd=folder)
 
     def said(self) -> str:
-        return self._said.read_text()
+        return self._said.read_text(encoding="utf-8")
 
     def ends_by(self, number: signal.Signals) -> None:
         """With its status, hardly a word, and nothing left."""

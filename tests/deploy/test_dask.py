@@ -118,7 +118,7 @@ def test_the_token_is_in_no_log_and_on_no_command_line(engine: DaskCluster, pers
     brought_up(person, cluster)
     wait_until(lambda: "running" in status(person, cluster), "placed")
     (token_file,) = (person.folder / "state").rglob("token")
-    token = token_file.read_text().strip()
+    token = token_file.read_text(encoding="utf-8").strip()
     assert token_file.stat().st_mode & 0o777 == 0o600
     lines = [" ".join(process.info["cmdline"] or ()) for process in psutil.process_iter(["cmdline"])]
     assert any("--name dask" in line for line in lines) and not any(token in line for line in lines)
@@ -127,7 +127,9 @@ def test_the_token_is_in_no_log_and_on_no_command_line(engine: DaskCluster, pers
 
 
 def test_a_server_that_cannot_run_is_ended_with_what_it_said(person: Person, cluster: Path) -> None:
-    text = cluster.read_text().replace('launcher = "dask"', 'launcher = "dask"\ncommand = "/nowhere/volsplat"')
+    text = cluster.read_text(encoding="utf-8").replace(
+        'launcher = "dask"', 'launcher = "dask"\ncommand = "/nowhere/volsplat"'
+    )
     cluster.write_text(text)
     brought_up(person, cluster)
     wait_until(lambda: "ended" in status(person, cluster), "ended")

@@ -157,7 +157,7 @@ def test_a_file_that_has_changed_since_is_told(person: Person) -> None:
     path = cluster_file(person.folder, "changed", LOCAL + "map-shade-servers = 1\nsplat-servers = 1\n")
     assert person.runs("deploy", "up", str(path)).returncode == 0
     try:
-        path.write_text(path.read_text() + "\n# another\n")
+        path.write_text(path.read_text(encoding="utf-8") + "\n# another\n")
         said = person.runs("render", "head.nrrd", "-o", "x.png", "--cluster", str(path))
         assert said.returncode == 2 and "has changed since" in said.stderr and said.stderr.count("\n") == 1
     finally:
@@ -184,11 +184,13 @@ def test_the_state_is_its_owner_s_alone_and_holds_no_secret_where_others_look(pe
     assert person.runs("deploy", "up", str(path)).returncode == 0
     try:
         (folder,) = (person.folder / "state").glob("volsplat/clusters/secret")
-        token = (folder / "token").read_text().strip()
+        token = (folder / "token").read_text(encoding="utf-8").strip()
         assert folder.stat().st_mode & 0o777 == 0o700
         for place in (person.folder / "state").rglob("*"):
             if place.is_file():
-                assert place.stat().st_mode & 0o077 == 0 and (place.name == "token") == (token in place.read_text())
+                assert place.stat().st_mode & 0o077 == 0 and (place.name == "token") == (
+                    token in place.read_text(encoding="utf-8")
+                )
         for process in processes(person):
             assert token not in " ".join(psutil.Process(process).cmdline())
     finally:
@@ -219,13 +221,13 @@ def test_servers_log_and_hand_out_metrics_as_the_file_says(person: Person) -> No
     port, token = free_port(), person.folder / "scrape"
     metrics = f'metrics = "127.0.0.1:{port}"\nmetrics-token = "{token}"\n'
     path = cluster_file(person.folder, "told", LOCAL + metrics + "map-shade-servers = 1\nsplat-servers = 1\n")
-    path.write_text(f'log-format = "json"\n{path.read_text()}')
+    path.write_text(f'log-format = "json"\n{path.read_text(encoding="utf-8")}')
     assert person.runs("deploy", "up", str(path)).returncode == 0
     try:
         drawn(person, "--cluster", str(path))
         for number, counted in enumerate(("volsplat_frame_seconds", "volsplat_packets")):
             asked = urllib.request.Request(f"http://127.0.0.1:{port + number}/metrics")
-            asked.add_header("Authorization", f"Bearer {token.read_text().strip()}")
+            asked.add_header("Authorization", f"Bearer {token.read_text(encoding='utf-8').strip()}")
             with urllib.request.urlopen(asked, timeout=PATIENCE) as answer:
                 assert counted in answer.read().decode()
         lines = [line.partition(": ")[2] for line in person.runs("deploy", "logs", str(path)).stdout.splitlines()]

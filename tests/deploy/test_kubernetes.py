@@ -42,7 +42,7 @@ def cluster(person: Person) -> Iterator[Path]:
     )
     here = f'command = "{VOLSPLAT}"\ndata-root = "{person.folder}"\nadvertise = "127.0.0.1"\n'
     path = cluster_file(person.folder, "A.lab_1", MACHINE + keys + here)
-    path.write_text(f'client = "127.0.0.1:{free_port()}"\n{path.read_text()}')
+    path.write_text(f'client = "127.0.0.1:{free_port()}"\n{path.read_text(encoding="utf-8")}')
     try:
         yield path
     finally:
@@ -55,7 +55,7 @@ def manifests(person: Person, cluster: Path) -> list[Manifest]:
     assert up.returncode == 0, up.stderr
     (path,) = (person.folder / "state").glob("volsplat/clusters/A.lab_1/*splat.json")
     assert f"kubectl apply -f {path}" in up.stdout + up.stderr and path.stat().st_mode & 0o777 == 0o600
-    items: list[Manifest] = json.loads(path.read_text())["items"]
+    items: list[Manifest] = json.loads(path.read_text(encoding="utf-8"))["items"]
     return items
 
 
@@ -81,7 +81,7 @@ def test_the_token_is_in_the_secret_alone(person: Person, cluster: Path) -> None
     items = manifests(person, cluster)
     (secret,) = [item for item in items if item["kind"] == "Secret"]
     (token,) = secret["stringData"].values()
-    assert token == next((person.folder / "state").rglob("token")).read_text().strip()
+    assert token == next((person.folder / "state").rglob("token")).read_text(encoding="utf-8").strip()
     assert token not in json.dumps([item for item in items if item is not secret])
     for container in containers(items):
         (variable,) = container["env"]
@@ -113,6 +113,6 @@ def test_their_commands_draw_as_a_single_process(person: Person, cluster: Path) 
 def test_what_no_manifest_can_be_made_of_is_one_line(person: Person, keys: str, said: str) -> None:
     path = cluster_file(person.folder, "bad", MACHINE + keys)
     if "client" not in said:
-        path.write_text(f'client = "10.0.0.1:7400"\n{path.read_text()}')
+        path.write_text(f'client = "10.0.0.1:7400"\n{path.read_text(encoding="utf-8")}')
     up = person.runs("deploy", "up", str(path))
     assert up.returncode == 2 and said in up.stderr, up.stderr

@@ -97,7 +97,7 @@ def test_who_waits_is_queued_with_slurm_s_reason_and_is_cancelled_there(person: 
 def test_the_token_is_in_a_private_file_alone(person: Person, cluster: Path) -> None:
     assert person.runs("deploy", "up", str(cluster)).returncode == 0
     (token_file,) = (person.folder / "state").rglob("slurm/token")
-    token = token_file.read_text().strip()
+    token = token_file.read_text(encoding="utf-8").strip()
     assert token_file.stat().st_mode & 0o777 == 0o600
     for handle in handles(person):
         told = asked("scontrol", "show", "job", "--details", handle["job"])

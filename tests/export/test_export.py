@@ -149,7 +149,7 @@ def test_what_cannot_be_exported_is_one_line_and_leaves_what_was_there(tmp_path:
     for path, level, light, words in refused:
         with pytest.raises(BadInput, match=words):
             check_export(tmp_path / path, level, light)
-    assert (tmp_path / "ball.stl").read_text() == "before"
+    assert (tmp_path / "ball.stl").read_text(encoding="utf-8") == "before"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["ball.npy", "ball.stl"]
 
 

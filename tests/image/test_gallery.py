@@ -50,7 +50,7 @@ def test_there_are_sixteen_images_on_four_plates() -> None:
 @pytest.mark.parametrize(("image", "measured"), KINDS, ids=lambda value: getattr(value, "name", str(value)))
 def test_a_scene_file_says_all_that_decides_the_picture(image: PlateImage, measured: bool) -> None:
     """So that it draws the same over any other scene; and the volume's boundary is seen, as in the paper."""
-    text = scene_path(image, measured).read_text()
+    text = scene_path(image, measured).read_text(encoding="utf-8")
     for key in ("emit", "refl", "opac", "modu"):
         assert f"[tables.{key}]" in text
     for part in ("[cross_bar]", "[shading]", "[view]", "[quantise]"):

@@ -206,6 +206,6 @@ def test_every_path_that_this_cpu_can_run_is_built() -> None:
     info = Path("/proc/cpuinfo")
     if not info.exists():
         pytest.skip("this system has no /proc/cpuinfo to tell what the CPU can do")
-    flags = set(info.read_text().split())
+    flags = set(info.read_text(encoding="utf-8").split())
     able = {path for path, needed in CPU_FLAGS.items() if needed <= flags}
     assert set(_kernels.cpu_paths()) == {"baseline"} | able

@@ -62,7 +62,7 @@ def test_a_type_that_a_format_cannot_hold_leaves_the_old_file(
     with pytest.raises(BadInput) as refusal:
         write_volume(path, VALUES.to(torch.int64), GEOMETRY)
     assert "\n" not in str(refusal.value)
-    assert path.read_text() == "what was there before"
+    assert path.read_text(encoding="utf-8") == "what was there before"
     assert list(tmp_path.iterdir()) == [path]
     assert capfd.readouterr() == ("", "")
 

@@ -80,7 +80,7 @@ def test_bricks_tell_what_their_voxels_hold(store: PacketStore) -> None:
 
 
 def read_so_far() -> int:
-    lines = Path("/proc/self/io").read_text().splitlines()
+    lines = Path("/proc/self/io").read_text(encoding="utf-8").splitlines()
     return next(int(line.split()[1]) for line in lines if line.startswith("rchar"))
 
 
@@ -152,7 +152,7 @@ def test_a_store_is_told_from_other_folders(place: Path, tmp_path: Path) -> None
 def changed(place: Path, copy: Path, **fields: object) -> str:
     """A copy that tells other things, as if it had been written so."""
     shutil.copytree(place, copy)
-    metadata = json.loads((copy / "zarr.json").read_text())
+    metadata = json.loads((copy / "zarr.json").read_text(encoding="utf-8"))
     told = metadata["attributes"]["volsplat"]
     told.update(fields)
     metadata["attributes"]["volsplat_crc32"] = zlib.crc32(json.dumps(told, sort_keys=True).encode())

@@ -27,7 +27,7 @@ def _compiles(source: Path, headers: Path) -> bool:
 def test_a_table_that_lacks_a_kernel_does_not_compile(tmp_path: Path) -> None:
     header = tmp_path / "kernels" / "constants.h"
     subprocess.run([sys.executable, "kernels/write_constants.py", str(header), *NUMBERS], cwd=ROOT, check=True)
-    rows = (ROOT / TABLE).read_text().splitlines(keepends=True)
+    rows = (ROOT / TABLE).read_text(encoding="utf-8").splitlines(keepends=True)
     source = tmp_path / "path_table.cpp"
     source.write_text("".join(rows))
     assert _compiles(source, tmp_path)

@@ -32,7 +32,7 @@ def test_kernels_were_built_with_the_numbers_of_the_protocol(kernels: ModuleType
         for name, value in vars(module).items()
         if name.isupper()
         and isinstance(value, int | float)
-        and f"\n{name} = " in Path(module.__file__ or "").read_text()
+        and f"\n{name} = " in Path(module.__file__ or "").read_text(encoding="utf-8")
     }
     assert {"FROZEN_ALPHA", "TILE_SIDE", "NO_DATA_BIT", "ROW_RUN_BYTES", "OCTAHEDRAL_SIDE"} <= named.keys()
     assert kernels.constants() == named, "compile the kernels again: see CONTRIBUTING.md"
@@ -51,7 +51,7 @@ def is_type(node: ast.FunctionDef | ast.ClassDef) -> bool:
 @pytest.mark.parametrize("kernels", MODULES, ids=lambda module: module.__name__)
 def test_the_stub_names_what_the_module_offers(kernels: ModuleType) -> None:
     part = kernels.__name__.split(".")[1]
-    stub = ast.parse((ROOT / part / "_kernels.pyi").read_text())
+    stub = ast.parse((ROOT / part / "_kernels.pyi").read_text(encoding="utf-8"))
     named = {node.name for node in stub.body if isinstance(node, ast.FunctionDef | ast.ClassDef) and not is_type(node)}
     assert named == {name for name in dir(kernels) if not name.startswith("_")}
 
@@ -63,7 +63,7 @@ def test_numbers_become_a_header_that_is_left_alone_when_nothing_changes(tmp_pat
     )
     command = [sys.executable, str(ROOT / "kernels" / "write_constants.py"), str(target), str(module)]
     subprocess.run(command, check=True)
-    text, written = target.read_text(), target.stat().st_mtime_ns
+    text, written = target.read_text(encoding="utf-8"), target.stat().st_mtime_ns
     for line in ("int kFirstBit = 3;", "int kMask = 7;", f"double kThird = {1 / 3!r};", "float kHalf = 0.5f;"):
         assert f"constexpr {line}\n" in text
     assert "NAME" not in text

@@ -223,7 +223,7 @@ def test_of_a_large_file_little_is_read(tmp_path: Path) -> None:
 
 def read_bytes() -> int:
     """By this process so far, from the page cache too."""
-    lines = Path("/proc/self/io").read_text().splitlines()
+    lines = Path("/proc/self/io").read_text(encoding="utf-8").splitlines()
     return int(next(line for line in lines if line.startswith("rchar")).split()[1])
 
 

@@ -251,7 +251,9 @@ def test_codecs_that_run_programs_are_not_used(tmp_path: Path) -> None:
     )
     array[...] = 1
     metadata = tmp_path / "v.zarr" / ".zarray"
-    metadata.write_text(metadata.read_text().replace('"compressor": null', '"compressor": {"id": "pickle"}'))
+    metadata.write_text(
+        metadata.read_text(encoding="utf-8").replace('"compressor": null', '"compressor": {"id": "pickle"}')
+    )
     with pytest.raises(BadInput, match="pickle"):
         open_volume(str(tmp_path / "v.zarr"))
 

@@ -94,7 +94,11 @@ def test_the_notes_that_converters_write_beside_a_nifti_state_the_kind(tmp_path:
 @pytest.mark.parametrize(("modality", "kind"), [("MET_MOD_MR", Kind.MR), ("MET_MOD_OTHER", Kind.UNKNOWN)])
 def test_metaimage_states_its_modality(tmp_path: Path, modality: str, kind: Kind) -> None:
     path = written(tmp_path / "volume.mhd", VALUES)
-    path.write_text(f"Modality = {modality}\n".join(path.read_text().split("NDims", 1)).replace("\n =", "\nNDims =", 1))
+    path.write_text(
+        f"Modality = {modality}\n".join(path.read_text(encoding="utf-8").split("NDims", 1)).replace(
+            "\n =", "\nNDims =", 1
+        )
+    )
     assert kind_of(path)[0] is kind
 
 

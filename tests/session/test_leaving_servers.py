@@ -122,7 +122,7 @@ def test_in_the_place_of_the_only_one_the_client_starts_another(
     with Session(head, workers=1) as session:
         check_whole(refined(session, scene), single, scene)
         for pid in session.server_processes:
-            if f"volsplat.{program}" in Path(f"/proc/{pid}/cmdline").read_text().split("\0"):
+            if f"volsplat.{program}" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").split("\0"):
                 os.kill(pid, signal.SIGTERM)
         wait_until(lambda: any(server.lost for server in session.servers), "gone")
         check_whole(refined(session, scene), single, scene)

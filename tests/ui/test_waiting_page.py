@@ -34,8 +34,8 @@ def person(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Person:
 def opened_addresses(person: Person) -> list[str]:
     """What the browser was to open, once it was."""
     path = person.folder / "opened"
-    wait_until(lambda: path.exists() and path.read_text().endswith("\n"), "opened")
-    return path.read_text().splitlines()
+    wait_until(lambda: path.exists() and path.read_text(encoding="utf-8").endswith("\n"), "opened")
+    return path.read_text(encoding="utf-8").splitlines()
 
 
 def test_no_command_line_holds_what_opens_the_page(person: Person, browser_page: Page) -> None:

@@ -33,7 +33,7 @@ def test_a_token_file_is_never_overwritten(tmp_path: Path) -> None:
     path.write_text("mine")
     with pytest.raises(BadInput, match="cannot be made"):
         new_token().write(path)
-    assert path.read_text() == "mine"
+    assert path.read_text(encoding="utf-8") == "mine"
 
 
 @pytest.mark.parametrize("mode", [0o640, 0o604, 0o620, 0o644])

@@ -86,7 +86,7 @@ def read_bytes() -> int:
     counters = Path("/proc/self/io")
     if not counters.is_file():
         pytest.skip("this system does not tell what is read")
-    return int(counters.read_text().split()[1])
+    return int(counters.read_text(encoding="utf-8").split()[1])
 
 
 @given(

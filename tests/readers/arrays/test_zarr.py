@@ -162,7 +162,7 @@ def test_times_and_channels_are_chosen_where_there_are_several(tmp_path: Path) -
 
 def test_older_versions_name_no_axes(tmp_path: Path) -> None:
     path = image(tmp_path / "v.zarr", [cube(4)[None, None]], "0.2", axes=[])
-    attributes = json.loads((path / ".zattrs").read_text())
+    attributes = json.loads((path / ".zattrs").read_text(encoding="utf-8"))
     for axes in (None, ["t", "c", "z", "y", "x"]):
         if axes is None:
             del attributes["multiscales"][0]["axes"]
@@ -349,7 +349,7 @@ def test_a_missing_library_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def replaced(path: Path, file: str, old: str, new: str) -> Path:
-    text = (path / file).read_text()
+    text = (path / file).read_text(encoding="utf-8")
     assert old in text
     (path / file).write_text(text.replace(old, new))
     return path
@@ -357,7 +357,7 @@ def replaced(path: Path, file: str, old: str, new: str) -> Path:
 
 def edited(path: Path, change: Callable[[Any], object]) -> Path:
     """An image's metadata changed."""
-    metadata = json.loads((path / "zarr.json").read_text())
+    metadata = json.loads((path / "zarr.json").read_text(encoding="utf-8"))
     change(metadata["attributes"]["ome"])
     (path / "zarr.json").write_text(json.dumps(metadata))
     return path

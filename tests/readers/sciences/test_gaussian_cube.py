@@ -69,7 +69,7 @@ def test_the_benzene_orbital_has_the_numbers_of_its_text(shared_data: Path) -> N
     corner = [x * ANGSTROM_PER_BOHR for x in (-9.021977, -9.069442, -6.512782)]
     assert description.geometry.origin == pytest.approx(corner, rel=tolerances.GEOMETRY_FLOAT64)
     header_lines = 2 + 4 + 12 + 1
-    words = " ".join(path.read_text().splitlines()[header_lines:]).split()
+    words = " ".join(path.read_text(encoding="utf-8").splitlines()[header_lines:]).split()
     assert_same(read_whole(str(path)), np.array(words, np.float64).reshape(55, 55, 40))
 
 

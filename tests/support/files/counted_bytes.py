@@ -10,4 +10,4 @@ def bytes_read() -> int:
     counts = Path("/proc/self/io")
     if not counts.is_file():
         pytest.skip("this system does not count the bytes that a process reads")
-    return int(counts.read_text().split()[1])
+    return int(counts.read_text(encoding="utf-8").split()[1])

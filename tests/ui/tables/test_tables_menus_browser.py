@@ -159,7 +159,7 @@ def test_a_table_is_saved_and_loaded(tab: Tab, tmp_path: Path) -> None:
     assert download.value.suggested_filename == "opac.toml"
     saved = tmp_path / "opac.toml"
     download.value.save_as(saved)
-    assert saved.read_text() == table_toml(SCENE, "opac")
+    assert saved.read_text(encoding="utf-8") == table_toml(SCENE, "opac")
     load(tab, "modu", saved)
     tab.waits_for(lambda scene: scene.tables.modu == SCENE.tables.opac)
 
