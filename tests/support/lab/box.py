@@ -73,7 +73,8 @@ class Box:
 
     def ssh(self, name: str, command: Sequence[str], at: Host | None = None) -> subprocess.Popen[bytes]:
         """A command on the host of this name, by ssh from another: this process's unless one is named."""
-        words = ["ssh", "-F", str(self.ssh_config), name, "exec", *command]
+        # A host's last word may be lost with its link; without asking, ssh would wait for ever then.
+        words = ["ssh", "-F", str(self.ssh_config), "-o", "ServerAliveInterval=5", name, "exec", *command]
         return (at or self.own).start(words)
 
     def machine(self, name: str, servers: str) -> str:
