@@ -365,7 +365,7 @@ class Coordinator:
         moves = assignments.moving and assignments.may_move
         if not holding.refused(server, message.request, message.held):
             return [ReportProgress(f"{error}; the sub-cubes stay where they are")] if moves else []
-        waiting = [probe.number for probe in self.probes.waiting()]
+        waiting = [probe.asked.probe for probe in self.probes.waiting()]
         return [*self.frames.end(error), *(told for probe in waiting for told in self.probes.refused(probe, error))]
 
     @takes(FrameFinished, *SURVEYED_PHASES)

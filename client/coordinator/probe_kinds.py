@@ -5,14 +5,14 @@ Each knows what to ask of every server that holds voxels, and makes one answer o
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Protocol
 
 from volsplat.client.coordinator.coordinator_events import Found, ProbeAsked, SliceAsked
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.slices.volume_slice import VolumeSlice
-from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import Scene, Step
+from volsplat.protocol.description.scene import Step
+from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
 from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.slice_messages import ReadSlice, SliceRead
@@ -30,10 +30,7 @@ class Probe(Protocol):
     pending: set[int] | None  # servers that were asked and have not answered; None before
 
     @property
-    def number(self) -> int: ...
-
-    @property
-    def scene(self) -> Scene: ...
+    def asked(self) -> ProbeAsked | SliceAsked: ...
 
     @property
     def found(self) -> Found:
@@ -56,18 +53,9 @@ class PointProbe:
     voxels: list[ProbedVoxel] = field(default_factory=list)
 
     @classmethod
-    def of(cls, asked: ProbeAsked, volume: SurveyedVolume) -> PointProbe:
-        """Raises ValueError if it does not fit the volume."""
-        settled = replace(asked, scene=volume.settled(asked.scene))
-        return cls(settled, line_of_sight(settled.scene, volume.description.geometry, asked.x, asked.y))
-
-    @property
-    def number(self) -> int:
-        return self.asked.probe
-
-    @property
-    def scene(self) -> Scene:
-        return self.asked.scene
+    def of(cls, asked: ProbeAsked, geometry: Geometry) -> PointProbe:
+        """Of a scene that is settled. Raises ValueError if it does not fit the volume."""
+        return cls(asked, line_of_sight(asked.scene, geometry, asked.x, asked.y))
 
     @property
     def found(self) -> ProbedVoxel | None:
@@ -76,10 +64,10 @@ class PointProbe:
     def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ProbeVoxels:
         geometry, resolution = holding.description.geometry, holding.finest()
         return ProbeVoxels(
-            probe=self.number,
+            probe=self.asked.probe,
             assignment=holding.assignment,
-            line=line_of_sight(self.scene, geometry, self.asked.x, self.asked.y, resolution),
-            shading=shading_rule(self.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
+            line=line_of_sight(self.asked.scene, geometry, self.asked.x, self.asked.y, resolution),
+            shading=shading_rule(self.asked.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
             geometry=geometry,
             quantisation=packed_by,
             level=resolution.level,
@@ -102,21 +90,11 @@ class SliceProbe:
     assignment: int = 0  # by which it was asked for
 
     @classmethod
-    def of(cls, asked: SliceAsked, volume: SurveyedVolume) -> SliceProbe:
-        """Raises ValueError if it does not fit the volume."""
-        settled = replace(asked, scene=volume.settled(asked.scene))
-        geometry = volume.description.geometry
+    def of(cls, asked: SliceAsked, geometry: Geometry) -> SliceProbe:
+        """Of a scene that is settled. Raises ValueError if it does not fit the volume."""
         level_plane(geometry.dims, (1, 1, 1), asked.axis, asked.index, asked.longest)
-        plan_frame(settled.scene, geometry, Step.F)
-        return cls(settled)
-
-    @property
-    def number(self) -> int:
-        return self.asked.probe
-
-    @property
-    def scene(self) -> Scene:
-        return self.asked.scene
+        plan_frame(asked.scene, geometry, Step.F)
+        return cls(asked)
 
     @property
     def found(self) -> VolumeSlice | None:
@@ -124,15 +102,15 @@ class SliceProbe:
 
     def request(self, holding: VolumeHolding, packed_by: Quantisation) -> ReadSlice:
         geometry, resolution, axis = holding.description.geometry, holding.finest(), self.asked.axis
-        plan = plan_frame(self.scene, geometry, Step.F, resolution)
+        plan = plan_frame(self.asked.scene, geometry, Step.F, resolution)
         plane = level_plane(geometry.dims, plan.factors, axis, self.asked.index, self.asked.longest)
         self.slice, self.assignment = VolumeSlice.empty(plane, plan.factors, packed_by), holding.assignment
         return ReadSlice(
-            probe=self.number,
+            probe=self.asked.probe,
             assignment=holding.assignment,
             plane=plane,
             plan=plan,
-            shading=shading_rule(self.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
+            shading=shading_rule(self.asked.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
             geometry=geometry,
             quantisation=packed_by,
             level=resolution.level,

@@ -3,6 +3,7 @@ all of them have found.
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from volsplat.client.coordinator.coordinator_events import (
     AnswerProbe,
@@ -42,7 +43,9 @@ class Probes:
         volume = self._holding.volume
         assert volume is not None, "who asks knows the volume"
         try:
-            self._probes[event.probe] = kind.of(event, volume)  # type: ignore[arg-type]  # each of its own event
+            settled = replace(event, scene=volume.settled(event.scene))
+            geometry = volume.description.geometry
+            self._probes[event.probe] = kind.of(settled, geometry)  # type: ignore[arg-type]  # each of its own event
         except ValueError as error:
             return [AnswerProbe(event.probe, None, BadInput(str(error)))]
         return []
@@ -59,12 +62,12 @@ class Probes:
             if holding.volume is None or not holding.settled or not holding.boxes:
                 break
             try:
-                packing = holding.wanted(probe.scene, Step.F, steady=True)
+                packing = holding.wanted(probe.asked.scene, Step.F, steady=True)
             except BadInput as error:
-                sent += self.refused(probe.number, error)
+                sent += self.refused(probe.asked.probe, error)
                 continue
             except ValueError as error:
-                sent += self.refused(probe.number, BadInput(str(error)))
+                sent += self.refused(probe.asked.probe, BadInput(str(error)))
                 continue
             if holding.packing is None or packing.quantisation != holding.packing.quantisation:
                 return sent + holding.prepare(packing)  # any level will do
@@ -94,8 +97,8 @@ class Probes:
         probe.pending.discard(server)
         if probe.pending:
             return []
-        del self._probes[probe.number]
-        return [AnswerProbe(probe.number, probe.found)]
+        del self._probes[probe.asked.probe]
+        return [AnswerProbe(probe.asked.probe, probe.found)]
 
     def lost(self, server: int) -> None:
         """Nothing more will come from this server: ask anew, of whoever then holds what it held."""
