@@ -10,7 +10,7 @@ import os
 from enum import StrEnum
 from numbers import Real
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeGuard, TypeVar
 
 import msgspec
 
@@ -61,7 +61,7 @@ def checked_number(value: float, name: str, least: float | None = None) -> float
 def checked_count(value: int, name: str) -> int:
     """A whole number from 1 on. Raises BadInput."""
     number = _own(value)
-    if isinstance(number, bool) or not isinstance(number, int):
+    if not _is_whole(number):
         raise BadInput(f"{name} must be a whole number, not {_shown(value)}")
     if number < 1:
         raise BadInput(f"{name} must be 1 or more, not {number}")
@@ -72,7 +72,7 @@ def checked_index(index: Any, name: str = "index") -> Index:
     """The three indices of a voxel. Raises BadInput."""
     own = _own(index)
     parts = [_own(part) for part in own] if isinstance(own, list | tuple) else []
-    if len(parts) != 3 or any(isinstance(part, bool) or not isinstance(part, int) for part in parts):
+    if len(parts) != 3 or not all(map(_is_whole, parts)):
         raise BadInput(f"{name} must be three whole numbers (i, j, k), not {_shown(index)}")
     i, j, k = parts
     return (i, j, k)
@@ -88,7 +88,7 @@ def checked_axis(value: str, name: str = "axis") -> int:
 def checked_place(value: int, name: str) -> int:
     """A whole number from 0 on. Raises BadInput."""
     number = _own(value)
-    if isinstance(number, bool) or not isinstance(number, int) or number < 0:
+    if not _is_whole(number) or number < 0:
         raise BadInput(f"{name} must be a whole number from 0 on, not {_shown(value)}")
     return number
 
@@ -124,6 +124,10 @@ def _checked_word(value: _Word, words: type[_Word], name: str) -> _Word:
         return words(value)
     except ValueError:
         raise BadInput(f"{name} must be one of {', '.join(words)}, not {_shown(value)}") from None
+
+
+def _is_whole(own: Any) -> TypeGuard[int]:
+    return isinstance(own, int) and not isinstance(own, bool)
 
 
 def _own(value: Any) -> Any:
