@@ -20,7 +20,8 @@ from volsplat.client.ui.viewing.drawing_loop import DrawingLoop
 from volsplat.client.ui.viewing.pacing import Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneModel
-from volsplat.client.ui.viewport.viewport_messages import HEADER_LENGTH_BYTES, picture_message
+from volsplat.client.ui.viewport.message_base import HEADER_LENGTH_BYTES
+from volsplat.client.ui.viewport.viewport_messages import picture_message
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.text.errors import VolsplatError
 

@@ -10,8 +10,6 @@ import asyncio
 import logging
 from collections.abc import Callable
 
-import msgspec
-
 from volsplat.client.caller.arguments import GRID_AXES
 from volsplat.client.slices.slice_picture import slice_picture
 from volsplat.client.slices.volume_slice import VolumeSlice
@@ -19,6 +17,7 @@ from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.picture_encoding import png_of
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.client.ui.viewport.message_base import framed
 from volsplat.client.ui.viewport.slice_messages import SlicesAsked, VoxelTold, slice_header, voxel_told
 from volsplat.protocol.description.scene import Field, Scene
 from volsplat.protocol.description.volume import Index
@@ -26,7 +25,6 @@ from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
 
-HEADER_LENGTH_BYTES = 4  # little-endian, as before a picture
 SCREEN = {Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z}
 NONE = SlicesAsked(None, False, 1)
 
@@ -102,9 +100,8 @@ class SlicesTalk:
                 log.info("no slice across %s: %s", GRID_AXES[axis], error)
                 return
             self._told[axis], self._parts[axis], self._next = decides, part, axis + 1
-            header = msgspec.json.encode(slice_header(part, index))
             self._shown.clear()
-            self._send(len(header).to_bytes(HEADER_LENGTH_BYTES, "little") + header + png)
+            self._send(framed(slice_header(part, index), png))
             await self._shown.wait()
 
     def _lacking(self) -> int | None:

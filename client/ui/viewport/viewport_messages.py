@@ -13,7 +13,7 @@ from volsplat.client.scene.view_sides import sides
 from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
-from volsplat.client.ui.viewport.message_base import Said
+from volsplat.client.ui.viewport.message_base import Said, framed
 from volsplat.client.ui.viewport.slice_messages import SlicesAsked, SliceShown, VoxelAsked, VoxelTold
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.scales import Scale, scales_of
@@ -29,7 +29,6 @@ from volsplat.protocol.rules.refinement import finer, finest_step
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_center, resolved_zoom
 
-HEADER_LENGTH_BYTES = 4  # little-endian, before a picture's header
 Extent = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_EXTENT)]  # of an image, in pixels
 
 
@@ -295,8 +294,7 @@ def picture_message(picture: Picture, tab: str, geometry: Geometry, pacing: Paci
         missing=tuple(picture.outcome.servers.missing) if picture.outcome else (),
         undrawn=picture.undrawn,
     )
-    encoded = msgspec.json.encode(header)
-    return len(encoded).to_bytes(HEADER_LENGTH_BYTES, "little") + encoded + picture.data
+    return framed(header, picture.data)
 
 
 def _following(picture: Picture) -> Step | None:
