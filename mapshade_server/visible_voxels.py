@@ -93,15 +93,12 @@ class Voxels(NamedTuple):
 class VoxelSheets:
     """Every `every`th voxel on each axis of some sub-cubes, within the bounds of a plan.
 
-    `geometry` is the volume's; the sub-cubes and all indices are of the level that the plan draws.
+    The sub-cubes, `level` and all indices are of the level that the plan of `fields` draws.
     """
 
     sub_cubes: Sequence[SubCube]
-    geometry: Geometry
+    fields: VoxelFields
     level: Geometry
-    quantisation: Quantisation
-    shading: ShadingRule
-    plan: FramePlan
     every: int
 
     @property
@@ -122,13 +119,13 @@ class VoxelSheets:
             opacity = self._opacity(index, packets)
             seen = opacity >= least
             index, packets = index[seen], packets[seen]
-            emitted, reflected = self._fields.colours(index, packets)
+            emitted, reflected = self.fields.colours(index, packets)
             directions = (packets >> DIRECTION_SHIFT & 0x7FFF).astype(np.int64)
             yield Voxels(index, opacity[seen], emitted, reflected, directions)
 
     def light(self, lighting: Lighting) -> NDArray[np.float32]:
         """What multiplies the reflected colour, by the direction's code."""
-        codes = self._fields.directions
+        codes = self.fields.directions
         return np.asarray(shading_tables.light_of_directions(lighting, codes), dtype=np.float32)
 
     def densities(self) -> Iterator[tuple[Index, NDArray[np.uint8], NDArray[np.bool_]]]:
@@ -155,7 +152,7 @@ class VoxelSheets:
         return (i, j, k)
 
     def _wanted(self, axis: int) -> range:
-        low, high = self.plan.bounds.low[axis], self.plan.bounds.high[axis]
+        low, high = self.fields.plan.bounds.low[axis], self.fields.plan.bounds.high[axis]
         start = low + min(self.every, high - low) // 2
         return range(start, high, self.every)
 
@@ -188,12 +185,8 @@ class VoxelSheets:
         return np.stack(places, axis=-1), packets[rows, samples]
 
     def _opacity(self, index: NDArray[np.int64], packets: NDArray[np.uint32]) -> NDArray[np.float32]:
-        thickness = self.every * self.level.reference_spacing / self.geometry.reference_spacing
-        return self._fields.opacity(index, packets, thickness)
-
-    @property
-    def _fields(self) -> VoxelFields:
-        return VoxelFields(self.geometry, self.quantisation, self.shading, self.plan)
+        thickness = self.every * self.level.reference_spacing / self.fields.geometry.reference_spacing
+        return self.fields.opacity(index, packets, thickness)
 
 
 OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)

@@ -18,9 +18,8 @@ from volsplat.protocol.messages.message import Message
 from volsplat.protocol.messages.slice_messages import ReadSlice, SliceRead
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.levels import density_spread
 from volsplat.protocol.rules.line_of_sight import LineOfSight, line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.rules.shading_rule import shading_at_level
 from volsplat.protocol.rules.slice_plane import level_plane
 
 
@@ -67,7 +66,7 @@ class PointProbe:
             probe=self.asked.probe,
             assignment=holding.assignment,
             line=line_of_sight(self.asked.scene, geometry, self.asked.x, self.asked.y, resolution),
-            shading=shading_rule(self.asked.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
+            shading=shading_at_level(self.asked.scene, Step.F, geometry, resolution.geometry, packed_by),
             geometry=geometry,
             quantisation=packed_by,
             level=resolution.level,
@@ -110,7 +109,7 @@ class SliceProbe:
             assignment=holding.assignment,
             plane=plane,
             plan=plan,
-            shading=shading_rule(self.asked.scene, Step.F, density_spread(geometry, resolution.geometry, packed_by)),
+            shading=shading_at_level(self.asked.scene, Step.F, geometry, resolution.geometry, packed_by),
             geometry=geometry,
             quantisation=packed_by,
             level=resolution.level,

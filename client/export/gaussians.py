@@ -56,7 +56,7 @@ def write_gaussians(
     origin = np.array(voxels.level.origin)
     scales, rotation = ellipsoid(every * to_physical)
     with whole_file(path) as file:
-        file.write(_header(count, voxels.geometry.dims))
+        file.write(_header(count, voxels.fields.geometry.dims))
         for done, some in enumerate(voxels.visible(least), 1):
             rows = np.zeros((len(some.indices), len(NAMES)), dtype="<f4")
             rows[:, 0:3] = some.indices @ to_physical.T + origin

@@ -57,9 +57,9 @@ from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.handlers import handlers
 from volsplat.protocol.rules.frame_plan import plan_frame
-from volsplat.protocol.rules.levels import density_spread
+from volsplat.protocol.rules.levels import Resolution
 from volsplat.protocol.rules.line_of_sight import line_of_sight
-from volsplat.protocol.rules.shading_rule import shading_rule
+from volsplat.protocol.rules.shading_rule import shading_at_level
 from volsplat.protocol.rules.slice_plane import MOST_SAMPLES, level_plane
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server._kernels import Bell, Owners
@@ -178,7 +178,7 @@ class SingleProcess:
         except ValueError as error:
             raise BadInput(str(error)) from error
         sub_cubes, rules = self._held.sub_cubes(resolution.level), packing.quantisation
-        shading = shading_rule(scene, Step.F, density_spread(geometry, resolution.geometry, rules))
+        shading = shading_at_level(scene, Step.F, geometry, resolution.geometry, rules)
         return front_most(sub_cubes, geometry, rules, shading, line)
 
     def file_voxel(self, index: Index, within: float = FILE_SECONDS) -> FileVoxel | None:
@@ -196,16 +196,12 @@ class SingleProcess:
         """A slice across "i", "j" or "k", in the scene's colours; see Session. Raises BadInput."""
         scene, across = checked_scene(scene), checked_axis(axis)
         index, longest = checked_place(index, "index"), checked_count(longest, "longest")
-        geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
-        rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
+        fields, resolution = self._fields(scene)
         try:
-            plan = plan_frame(scene, geometry, Step.F, resolution)
-            plane = level_plane(geometry.dims, plan.factors, across, index, longest)
+            plane = level_plane(fields.geometry.dims, fields.plan.factors, across, index, longest)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        rule = shading_rule(scene, Step.F, density_spread(geometry, resolution.geometry, rules))
-        fields = VoxelFields(geometry, rules, rule, plan)
-        whole = VolumeSlice.empty(plane, plan.factors, rules)
+        whole = VolumeSlice.empty(plane, fields.plan.factors, fields.quantisation)
         for part, samples in slice_parts(self._held.sub_cubes(resolution.level), fields, plane):
             whole.take([part], samples)
         return whole
@@ -213,15 +209,19 @@ class SingleProcess:
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""
         scene, every = checked_scene(scene), checked_count(every, "every")
+        fields, resolution = self._fields(scene)
+        return VoxelSheets(self._held.sub_cubes(resolution.level), fields, resolution.geometry, every)
+
+    def _fields(self, scene: Scene) -> tuple[VoxelFields, Resolution]:
+        """What step F of a scene makes of the voxels that are held for it, and which these are. Raises BadInput."""
         geometry, scene = self.volume.description.geometry, self.volume.settled(scene)
         rules, resolution = self._packed(scene, Step.F).quantisation, self._holding.finest()
         try:
             plan = plan_frame(scene, geometry, Step.F, resolution)
         except ValueError as error:
             raise BadInput(str(error)) from error
-        sub_cubes = self._held.sub_cubes(resolution.level)
-        rule = shading_rule(scene, Step.F, density_spread(geometry, resolution.geometry, rules))
-        return VoxelSheets(sub_cubes, geometry, resolution.geometry, rules, rule, plan, every)
+        shading = shading_at_level(scene, Step.F, geometry, resolution.geometry, rules)
+        return VoxelFields(geometry, rules, shading, plan), resolution
 
     def _drawn(self, scene: Scene, step: Step, partial_interval: float) -> Iterator[Refinement]:
         """Partial images of the bare buffer, then the finished one."""

@@ -13,8 +13,11 @@ from volsplat.protocol.description.scene import (
     Shading,
     Step,
 )
+from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
+from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.levels import density_spread
 from volsplat.protocol.rules.refinement import active_shading
 from volsplat.protocol.rules.resolved_view import screen_rotation
 
@@ -54,6 +57,11 @@ class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         if not 0.0 <= self.density_spread < math.inf:
             raise ValueError(f"densities are spread by a finite number from 0 on, not {self.density_spread}")
+
+
+def shading_at_level(scene: Scene, step: Step, geometry: Geometry, level: Geometry, rules: Quantisation) -> ShadingRule:
+    """Of samples that are voxels of a level, packed by these rules; `geometry` is the volume's."""
+    return shading_rule(scene, step, density_spread(geometry, level, rules))
 
 
 def shading_rule(scene: Scene, step: Step, density_spread: float = 0.0) -> ShadingRule:
