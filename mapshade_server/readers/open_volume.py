@@ -4,35 +4,84 @@ import os
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote
 
-from volsplat.mapshade_server.readers.arrays import hdf5_dataset, netcdf_classic, numpy_array, raw_voxels, shared_array
-from volsplat.mapshade_server.readers.astronomy import fits_cube
-from volsplat.mapshade_server.readers.geology import segy
-from volsplat.mapshade_server.readers.medicine import (
-    analyze,
-    dicom_series,
-    metaimage,
-    mgh,
-    nifti,
-    nrrd,
-    picture_folder,
-    tiff_folder,
-    tiff_stack,
-)
-from volsplat.mapshade_server.readers.molecules import atoms, density_map, gaussian_cube, mmcif, structure_factors
 from volsplat.mapshade_server.readers.reading.file_marks import check_is_file, mark_of, told_head
 from volsplat.mapshade_server.readers.reading.gzip_files import GZIP_MAGIC
 from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
-from volsplat.mapshade_server.readers.vtk_files import legacy_vtk, vtk_image
-from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 
 HEAD_BYTES = 4096
 LOCAL_URL = "file://"
 SHORT_EXAMPLE = "dims=256x256x113,type=uint16"  # of raw voxels
+
+
+class _Reader:
+    """A reader's module, imported when one of its functions is called: each takes time, and few are ever needed."""
+
+    def __init__(self, module: str) -> None:
+        self._module = f"{__package__}.{module}"
+
+    def __getattr__(self, function: str) -> Callable[..., Any]:
+        def called(*given: Any) -> Any:
+            return getattr(import_module(self._module), function)(*given)
+
+        return called
+
+
+if TYPE_CHECKING:
+    from volsplat.mapshade_server.readers.arrays import (
+        hdf5_dataset,
+        netcdf_classic,
+        numpy_array,
+        raw_voxels,
+        shared_array,
+    )
+    from volsplat.mapshade_server.readers.astronomy import fits_cube
+    from volsplat.mapshade_server.readers.geology import segy
+    from volsplat.mapshade_server.readers.medicine import (
+        analyze,
+        dicom_series,
+        metaimage,
+        mgh,
+        nifti,
+        nrrd,
+        picture_folder,
+        tiff_folder,
+        tiff_stack,
+    )
+    from volsplat.mapshade_server.readers.molecules import atoms, density_map, gaussian_cube, mmcif, structure_factors
+    from volsplat.mapshade_server.readers.vtk_files import legacy_vtk, vtk_image
+    from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
+else:
+    analyze = _Reader("medicine.analyze")
+    dicom_series = _Reader("medicine.dicom_series")
+    metaimage = _Reader("medicine.metaimage")
+    mgh = _Reader("medicine.mgh")
+    nifti = _Reader("medicine.nifti")
+    nrrd = _Reader("medicine.nrrd")
+    picture_folder = _Reader("medicine.picture_folder")
+    tiff_folder = _Reader("medicine.tiff_folder")
+    tiff_stack = _Reader("medicine.tiff_stack")
+    atoms = _Reader("molecules.atoms")
+    density_map = _Reader("molecules.density_map")
+    gaussian_cube = _Reader("molecules.gaussian_cube")
+    mmcif = _Reader("molecules.mmcif")
+    structure_factors = _Reader("molecules.structure_factors")
+    hdf5_dataset = _Reader("arrays.hdf5_dataset")
+    netcdf_classic = _Reader("arrays.netcdf_classic")
+    numpy_array = _Reader("arrays.numpy_array")
+    raw_voxels = _Reader("arrays.raw_voxels")
+    shared_array = _Reader("arrays.shared_array")
+    fits_cube = _Reader("astronomy.fits_cube")
+    segy = _Reader("geology.segy")
+    legacy_vtk = _Reader("vtk_files.legacy_vtk")
+    vtk_image = _Reader("vtk_files.vtk_image")
+    zarr_store = _Reader("zarr_arrays.zarr_store")
 
 
 Open = Callable[[Path, str], VolumeReader]  # given the part that is named, "" for none
@@ -61,24 +110,34 @@ class FolderFormat:
     recognises: Callable[[Path], bool]
 
 
+def _packed_or_not(*extensions: str) -> tuple[str, ...]:
+    return tuple(name + packed for name in extensions for packed in ("", ".gz"))
+
+
 FORMATS = (
     VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises),
     VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises),
     VolumeFormat("NIfTI (.nii, .nii.gz)", nifti.open_nifti, nifti.recognises, gzip=True),
     VolumeFormat("Analyze 7.5 (.hdr, .img)", analyze.open_analyze, analyze.recognises, gzip=True),
     VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",), gzip=True),
-    VolumeFormat("FreeSurfer (.mgh, .mgz)", mgh.open_mgh, extensions=mgh.EXTENSIONS, gzip=True),
+    VolumeFormat("FreeSurfer (.mgh, .mgz)", mgh.open_mgh, extensions=(".mgh", ".mgz", ".mgh.gz"), gzip=True),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
     VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises),
     VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
-    VolumeFormat("PDB or PQR coordinates (.pdb, .pqr)", atoms.open_pdb, atoms.recognises, atoms.EXTENSIONS, gzip=True),
-    VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, mmcif.EXTENSIONS, gzip=True),
+    VolumeFormat(
+        "PDB or PQR coordinates (.pdb, .pqr)",
+        atoms.open_pdb,
+        atoms.recognises,
+        _packed_or_not(".pdb", ".ent", ".pqr"),
+        gzip=True,
+    ),
+    VolumeFormat("mmCIF (.cif)", mmcif.open_mmcif, mmcif.recognises, _packed_or_not(".cif", ".mmcif"), gzip=True),
     VolumeFormat("MTZ structure factors (.mtz)", structure_factors.open_mtz, structure_factors.recognises, gzip=True),
     VolumeFormat(
         "CCP4/MRC map (.map, .mrc)",
         density_map.open_density_map,
         density_map.recognises,
-        density_map.EXTENSIONS,
+        _packed_or_not(".mrc", ".mrcs", ".map", ".ccp4"),  # files from before 2000 have no mark
         gzip=True,
     ),
     VolumeFormat("FITS cube (.fits, .fits.gz)", fits_cube.open_fits_cube, fits_cube.recognises, gzip=True),
@@ -86,7 +145,7 @@ FORMATS = (
     VolumeFormat(
         "Gaussian cube (.cube)",
         gaussian_cube.open_gaussian_cube,
-        extensions=(".cube", ".cub", ".cube.gz", ".cub.gz"),
+        extensions=_packed_or_not(".cube", ".cub"),
         gzip=True,
     ),
     VolumeFormat("HDF5 dataset (.h5, .nxs)", hdf5_dataset.open_hdf5, hdf5_dataset.recognises),
@@ -95,9 +154,9 @@ FORMATS = (
     VolumeFormat("NumPy arrays (.npz)", numpy_array.open_npz, numpy_array.recognises_npz),
     VolumeFormat("VTK image or grid (.vti, .vtr)", vtk_image.open_vtk_image, vtk_image.recognises),
     VolumeFormat("VTK image or grid (.vtk)", legacy_vtk.open_legacy_vtk, legacy_vtk.recognises),
-    VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, zarr_store.ZIP_EXTENSIONS),
+    VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, (".zip", ".ozx")),
     VolumeFormat("array in memory", shared_array.open_shared_array, shared_array.recognises),
-    VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=raw_voxels.EXTENSIONS, gzip=True),
+    VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=_packed_or_not(".raw"), gzip=True),
 )
 
 FOLDER_FORMATS = (

@@ -20,7 +20,6 @@ from volsplat.mapshade_server.readers.reading.volume_reader import SCALAR_TYPES,
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
-EXTENSIONS = (".raw", ".raw.gz")
 KEYS = ("dims", "type", "endian", "skip", "spacing", "unit")
 EXAMPLE = "dims=256x256x113,type=uint16,endian=big,skip=512,spacing=1x1x2"
 NAME = re.compile(r"_(?P<dims>\d+x\d+x\d+)_(?P<type>\w+)\.raw(\.gz)?$", re.IGNORECASE)

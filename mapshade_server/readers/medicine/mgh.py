@@ -17,7 +17,6 @@ from volsplat.mapshade_server.readers.reading.volume_reader import OpenedVolume
 from volsplat.protocol.description.volume import Geometry, Index, VolumeDescription
 from volsplat.protocol.text.errors import BadInput
 
-EXTENSIONS = (".mgh", ".mgz", ".mgh.gz")
 VERSION = 1
 HEADER_BYTES = 284
 SCALAR_TYPES = {0: "uint8", 1: "int32", 3: "float32", 4: "int16", 10: "uint16"}

@@ -37,7 +37,6 @@ from volsplat.protocol.text.errors import BadInput
 
 IN_SPACE, IN_FREQUENCY = ("density", "elements"), ("frequency", "amplitude")
 KINDS = IN_SPACE + IN_FREQUENCY
-EXTENSIONS = tuple(name + packed for name in (".pdb", ".ent", ".pqr") for packed in ("", ".gz"))
 MOST_VOXELS_ASIDE = 4096
 
 _RECORDS = (

@@ -28,8 +28,6 @@ from volsplat.protocol.text.errors import BadInput
 
 HEADER_BYTES = 1024
 UNIT = "Å"
-# Files from before 2000 have no mark.
-EXTENSIONS = tuple(name + packed for name in (".mrc", ".mrcs", ".map", ".ccp4") for packed in ("", ".gz"))
 
 # Words of four bytes, counted from 1 as the format's documents do.
 SIZES, MODE, STARTS, INTERVALS, LENGTHS, ANGLES, AXES, LEAST = 1, 4, 5, 8, 11, 14, 17, 20

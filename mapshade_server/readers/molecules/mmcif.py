@@ -12,7 +12,6 @@ from volsplat.mapshade_server.readers.reading.volume_reader import VolumeReader
 from volsplat.protocol.text.errors import BadInput
 
 REFLECTIONS = ("_refln", "_diffrn_refln")
-EXTENSIONS = (".cif", ".mmcif", ".cif.gz", ".mmcif.gz")
 
 
 def recognises(head: bytes) -> bool:

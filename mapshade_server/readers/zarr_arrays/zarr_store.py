@@ -29,7 +29,6 @@ from volsplat.mapshade_server.readers.zarr_arrays.zarr_place import METADATA, on
 from volsplat.mapshade_server.readers.zarr_arrays.zarr_search import FoundArray, found_array
 from volsplat.protocol.text.errors import BadInput
 
-ZIP_EXTENSIONS = (".zip", ".ozx")
 ZIP_MAGIC = b"PK\3\4"
 
 
