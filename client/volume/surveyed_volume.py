@@ -6,7 +6,7 @@ from functools import cached_property, lru_cache
 
 import msgspec
 
-from volsplat.client.histogram.density_histogram import DensityHistogram, density_histogram
+from volsplat.client.histogram.density_histogram import DensityHistogram
 from volsplat.client.histogram.subject import Subject, subject_of
 from volsplat.client.scene.default_scene import default_scene
 from volsplat.client.volume.enclosing_ball import Ball
@@ -23,7 +23,7 @@ from volsplat.protocol.rules.levels import Prepared
 from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.text.errors import BadInput
 
-REMEMBERED = 16  # scenes
+REMEMBERED = 16  # scenes, and windows
 NO_COLOUR = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
 
 
@@ -70,9 +70,9 @@ class SurveyedVolume:
             has_strength=self.description.second_scalar is None,
         )
 
-    def density_histogram(self) -> DensityHistogram:
-        """The histogram of density bytes under the window that the data chooses."""
-        return density_histogram(self.survey, self.density_counts, self.automatic_window)
+    def density_histogram(self, quantise: Quantise = Quantise()) -> DensityHistogram:  # noqa: B008 - immutable
+        """The histogram of density bytes under the scene's window. Raises BadInput for one without a scale."""
+        return self.subject(quantise).histogram
 
     @cached_property
     def stands_up(self) -> StandsUp:
@@ -140,8 +140,16 @@ class SurveyedVolume:
 
     def subject(self, quantise: Quantise = Quantise()) -> Subject:  # noqa: B008 - immutable
         """What scenes are made for, under the scene's window. Raises BadInput for one without a scale."""
-        window = self.quantisation(quantise).window
-        return subject_of(self.description, self.survey, self.density_counts, window, self.stands_up.up)
+        return self._subject_under(self.quantisation(quantise).window)
+
+    @cached_property
+    def _subject_under(self) -> Callable[[tuple[float, float]], Subject]:
+        """Remembered, since every preset is made for it."""
+
+        def found(window: tuple[float, float]) -> Subject:
+            return subject_of(self.description, self.survey, self.density_counts, window, self.stands_up.up)
+
+        return lru_cache(REMEMBERED)(found)
 
     def default_scene(self) -> Scene:
         """A scene chosen from the data, so that the first picture is never empty."""

@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import math
 
-from volsplat.client.histogram.density_histogram import DensityHistogram, density_histogram
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Quantise
 
 LAST = TABLE_ENTRIES - 1
-
-
-def density_counts(volume: SurveyedVolume, quantise: Quantise) -> DensityHistogram:
-    """How many voxels have each density byte under the scene's window. Raises BadInput for one without a scale."""
-    return density_histogram(volume.survey, volume.density_counts, volume.quantisation(quantise).window)
 
 
 def strength_counts(volume: SurveyedVolume) -> tuple[int, ...]:
@@ -32,7 +26,7 @@ def field_histogram(volume: SurveyedVolume, field: Field, quantise: Quantise) ->
     """256 counts of voxels; None for a field that is not a matter of the data: a direction or a place."""
     match field:
         case Field.DENSITY:
-            return density_counts(volume, quantise).counts
+            return volume.density_histogram(quantise).counts
         case Field.STRENGTH:
             return strength_counts(volume)
     return None

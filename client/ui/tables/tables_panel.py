@@ -72,8 +72,9 @@ class TablesPanel:
             self._undo = _icon_button("undo", "undo", lambda: self._model.undo(self._by("undo")))
             self._redo = _icon_button("redo", "redo", lambda: self._model.redo(self._by("redo")))
             with ui.button("Presets", icon="palette").props("flat dense no-caps").classes("vs-quiet-button"):
-                with ui.menu().classes("vs-menu"):
+                with ui.menu().classes("vs-menu") as self._preset_place:
                     self._preset_menu = PresetMenu(self._presets, self._take_whole)
+                self._preset_place.on("before-show", lambda: self._preset_menu.show(self._model.scene))
         with ui.element("div").classes("vs-row"):
             ui.label("All opacities").classes("vs-label")
             ui.label("log").classes("vs-muted").tooltip("the slider’s scale is logarithmic: fog needs the small ones")
@@ -92,7 +93,6 @@ class TablesPanel:
             label.tooltip("moves all that is indexed by density along it, in the data’s units")
             self._shift_slider = ShiftSlider("shift of all tables by density", self._shift)
         self._show_head()
-        self._preset_menu.show(self._model.scene)
 
     def _build_table(self, which: str) -> TableEditor:
         scene = self._model.scene
@@ -120,12 +120,19 @@ class TablesPanel:
                 ui.icon("chevron_right")
                 with ui.menu().props('anchor="top start" self="top end"').classes("vs-menu") as presets:
                     presets.on("hide", menu.close)
-                    for name in self._presets.names:
-                        _menu_item(name, partial(self._take_table, which, name))
+            menu.on("before-show", partial(self._list_presets, which, presets))
             ui.separator()
             _menu_item("Load a file…", editor.pick_file)
             _menu_item("Save as a file", lambda: self._save(which))
         return editor
+
+    def _list_presets(self, which: str, menu: ui.menu) -> None:
+        """Once the menu around it is opened: most never are, and the page need not wait for them."""
+        if menu.default_slot.children:
+            return
+        with menu:
+            for name in self._presets.names:
+                _menu_item(name, partial(self._take_table, which, name))
 
     def _build_steps(self, which: str) -> None:
         with ui.element("div").classes("vs-menu-row"):
@@ -202,7 +209,7 @@ class TablesPanel:
                 editor.show_table(table)
             editor.show_field(self._field(state.scene, which))
         self._show_head()
-        if state.settled:
+        if state.settled and self._preset_place.value:
             self._preset_menu.show(state.scene)
 
     def _field(self, scene: Scene, which: str) -> Field:
