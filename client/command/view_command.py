@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from volsplat.client.ui.viewing.viewing import Viewing
 
 GRACE_SECONDS = 600
-PAGE = ("volsplat.client.ui.application", "volsplat.client.ui.page")  # takes a second to import
+PAGE = tuple(f"volsplat.client.ui.{module}" for module in ("lean_nicegui", "application", "page"))  # takes a while
 LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need not wait for light until E
 
 
