@@ -7,10 +7,11 @@ from volsplat.program.available_memory import available_memory
 from volsplat.program.memory_promises import MemoryPromises
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, VolumeDescription
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
+from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
+from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import NoRoom
 
-PACKET_BYTES = 4
-LIST_BYTES = PACKET_BYTES * LISTS_PER_PACKET  # that a walk keeps of a voxel
+LIST_BYTES = VOXEL_PACKET_BYTES * LISTS_PER_PACKET  # that a walk keeps of a voxel
 
 
 @dataclass(frozen=True)
@@ -29,12 +30,12 @@ class MemoryBudget:
         Until it has been taken, and `taken` is called. Raises NoRoom unless there is room.
         """
         if self.limit is not None and needed > self.limit - (held - let_go):
-            raise _no_room(needed, f"--memory leaves {_size(self.limit - (held - let_go))}")
+            raise _no_room(needed, f"--memory leaves {bytes_text(self.limit - (held - let_go))}")
 
         def has_room(promised: int) -> None:
             if needed > (left := available_memory() + let_go - promised):
                 others = ", besides what its other servers are about to take" if promised else ""
-                raise _no_room(needed, f"its machine has {_size(left)} left{others}")
+                raise _no_room(needed, f"its machine has {bytes_text(left)} left{others}")
 
         if self.promises is None:
             has_room(0)
@@ -50,7 +51,8 @@ class MemoryBudget:
 def bytes_to_read(description: VolumeDescription, boxes: Iterable[Box]) -> int:
     """At the most at once, while boxes are read and packed, and then drawn."""
     return sum(
-        max(_source_bytes(description, box), int(LIST_BYTES * box.voxels)) + PACKET_BYTES * box.voxels for box in boxes
+        max(_source_bytes(description, box), int(LIST_BYTES * box.voxels)) + VOXEL_PACKET_BYTES * box.voxels
+        for box in boxes
     )
 
 
@@ -59,9 +61,9 @@ def bytes_to_change(description: VolumeDescription, boxes: Iterable[Box], held: 
     kept = list(held)
     new = [box for box in boxes if box not in kept]
     rest = [part for box in new for part in _without(box, kept)]
-    reading = max((_source_bytes(description, part) + PACKET_BYTES * part.voxels for part in rest), default=0)
+    reading = max((_source_bytes(description, part) + VOXEL_PACKET_BYTES * part.voxels for part in rest), default=0)
     lists = int(LIST_BYTES * sum(box.voxels for box in new))
-    return PACKET_BYTES * sum(box.voxels for box in new) + max(reading, lists)
+    return VOXEL_PACKET_BYTES * sum(box.voxels for box in new) + max(reading, lists)
 
 
 def bytes_to_lend(description: VolumeDescription) -> int:
@@ -84,10 +86,6 @@ def _without(box: Box, held: Iterable[Box]) -> list[Box]:
 
 def _no_room(needed: int, room: str) -> NoRoom:
     return NoRoom(
-        f"no memory for the sub-cube: it needs {_size(needed)}, but {room}; "
+        f"no memory for the sub-cube: it needs {bytes_text(needed)}, but {room}; "
         "use more machines, or prepare the volume (volsplat prepare)"
     )
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{max(count, 0) / 1e6:.1f} MB"

@@ -1,6 +1,7 @@
 """Whether a machine has room for an image: said before it is drawn, or the system might kill whoever draws it."""
 
 from volsplat.program.available_memory import available_memory
+from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import BadInput
 
 PIXEL_BYTES = 16  # float32 RGBA
@@ -15,6 +16,6 @@ def check_room_for_image(width: int, height: int, held: tuple[int, int] = (0, 0)
         return
     if needed > (left := available_memory() + let_go):
         raise BadInput(
-            f"no memory for an image of {width} x {height} pixels: it needs {needed / 1e9:.1f} GB, but this machine "
-            f"has {left / 1e9:.1f} GB left; ask for a smaller one"
+            f"no memory for an image of {width} x {height} pixels: it needs {bytes_text(needed)}, but this machine "
+            f"has {bytes_text(left)} left; ask for a smaller one"
         )

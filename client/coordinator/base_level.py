@@ -8,9 +8,12 @@ from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages.messages import LevelBoxes
 from volsplat.protocol.rules import levels
+from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.rules.resolved_view import resolved_zoom
+from volsplat.protocol.text.byte_sizes import bytes_text
 
-BYTES_PER_VOXEL = 4 * (1 + levels.LISTS_PER_STORED_PACKET)  # held: its packet, and lists of what can be seen
+# Held: its packet, and lists of what can be seen.
+BYTES_PER_VOXEL = VOXEL_PACKET_BYTES * (1 + levels.LISTS_PER_STORED_PACKET)
 SHARE_OF_MEMORY = 0.5  # of what a machine has left, for all its servers together
 STEADY = 0.8  # while a person zooms out, the next coarser level must be so far within a pixel before it is taken
 
@@ -40,7 +43,7 @@ class LevelChoice:
         fits = next((n for n in range(needed, len(self.grids)) if self._fits(n)), len(self.grids) - 1)
         reason = "the finest that the zoom needs"
         if fits > needed:
-            reason = f"the finest that fits into {_size(min(self.memory.values()))} of each server"
+            reason = f"the finest that fits into {bytes_text(min(self.memory.values()))} of each server"
         i, j, k = levels.factors_of(self.grids[0], self.grids[fits])
         what = "the volume itself" if fits == 0 else f"every voxel is the mean of {i} x {j} x {k}"
         return BaseLevel(fits, f"level {fits} of {len(self.grids) - 1}: {what}; {reason}")
@@ -67,7 +70,3 @@ def budgets(memory: Mapping[int, int], hosts: Mapping[int, str]) -> dict[int, in
     """What each server may hold, by what its machine has left: those of one host share it."""
     on_host = Counter(hosts[server] for server in memory)
     return {server: int(SHARE_OF_MEMORY * left / on_host[hosts[server]]) for server, left in memory.items()}
-
-
-def _size(count: int) -> str:
-    return f"{count / 1e9:.1f} GB" if count >= 1e9 else f"{count / 1e6:.1f} MB"

@@ -12,6 +12,7 @@ import numpy as np
 from volsplat.program.available_memory import available_memory
 from volsplat.protocol.description.shared_array import packed_header
 from volsplat.protocol.description.volume import SCALAR_BYTES, VolumeDescription
+from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import BadInput
 
 SLAB_BYTES = 1 << 26  # copied at a time, so that what is not in memory yet is never held twice
@@ -47,7 +48,7 @@ def _check_room(description: VolumeDescription) -> None:
     needed, left = description.geometry.box.voxels * SCALAR_BYTES[description.scalar_type], available_memory()
     if needed > left:
         raise BadInput(
-            f"the array takes {needed / 2**30:.1f} GiB once more, and {left / 2**30:.1f} GiB of memory are left; "
+            f"the array takes {bytes_text(needed)} once more, and {bytes_text(left)} of memory are left; "
             "save it as a file, as a Zarr store, and prepare that (volsplat prepare)"
         )
 

@@ -10,7 +10,7 @@ from volsplat.program.extras import need
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.frame_messages import ProbedVoxel
 from volsplat.protocol.rules.index_rules import Quantisation
-from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
+from volsplat.protocol.rules.packet_layout import NO_DATA_BIT, VOXEL_PACKET_BYTES
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.slice_plane import SAMPLE_BYTES, SlicePlane
 from volsplat.protocol.text.errors import PeerLost, RemoteProtocolError
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     import numpy as np  # a session must not wait for it before it starts its servers
     from numpy.typing import NDArray
     from torch import Tensor
-
-_PACKET_BYTES = 4
 
 
 @dataclass(frozen=True)
@@ -53,7 +51,7 @@ class VolumeSlice:
                 raise RemoteProtocolError(f"it sent {part} of a slice of {self.plane.width} x {self.plane.height}")
             left, top, width, height = part
             here = np.s_[top : top + height, left : left + width]
-            middle, end = begin + _PACKET_BYTES * width * height, begin + SAMPLE_BYTES * width * height
+            middle, end = begin + VOXEL_PACKET_BYTES * width * height, begin + SAMPLE_BYTES * width * height
             self.packets[here] = np.frombuffer(payload[begin:middle], "<u4").reshape(height, width)
             self.colours[here] = np.frombuffer(payload[middle:end], np.uint8).reshape(height, width, 4)
             self.held[here] = True

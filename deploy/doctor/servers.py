@@ -9,10 +9,10 @@ from volsplat.protocol.description.volume import Index
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages.session_messages import DescribeMachine, MachineDescribed
 from volsplat.protocol.messages.volume_messages import DescribeVolume, VolumeDescribed
+from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import VolsplatError
 from volsplat.protocol.wire.connection import Connection
 
-GIB = 1 << 30
 SHOWN = 8  # digits of a checksum
 
 
@@ -38,7 +38,7 @@ def machine(one: KnownServer, server: Connection, meeting: Meeting) -> tuple[Fin
         told = meeting.ask(server, DescribeMachine(), MachineDescribed)
     except VolsplatError as error:
         return Finding(one.started.name, "machine", False, str(error)), None
-    line = f"{told.threads} threads, {told.memory_bytes / GIB:.1f} GiB of memory left"
+    line = f"{told.threads} threads, {bytes_text(told.memory_bytes)} of memory left"
     return Finding(one.started.name, "machine", True, line), told.threads
 
 

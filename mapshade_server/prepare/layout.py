@@ -9,9 +9,9 @@ from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
+from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.text.errors import BadInput
 
-PACKET_BYTES = 4
 MIB = 1 << 20
 
 # Measured peaks beyond the arrays that are counted: the interpreter with its libraries, and, in shards, what Zarr
@@ -106,8 +106,8 @@ def memory_plan(
     si, sj, sk = layout.shard_size(dims)
     voxels = si * sj * sk
     mean_bytes = len(item_bytes)  # of at most 8 each for every 8 voxels
-    block_bytes = voxels * (sum(item_bytes) + PACKET_BYTES + mean_bytes)
-    fixed = PROGRAM_BYTES + SHARDS_IN_WRITING * voxels * PACKET_BYTES
+    block_bytes = voxels * (sum(item_bytes) + VOXEL_PACKET_BYTES + mean_bytes)
+    fixed = PROGRAM_BYTES + SHARDS_IN_WRITING * voxels * VOXEL_PACKET_BYTES
     room = (memory - fixed) // block_bytes  # in shards
     if room < 1:
         raise BadInput(f"--memory: this volume needs at least {-(-(fixed + block_bytes) // MIB)}M")

@@ -23,7 +23,7 @@ from volsplat.mapshade_server.packet_store import (
 from volsplat.mapshade_server.prepare.executor import Executor, Threads
 from volsplat.mapshade_server.prepare.halving import mean_type
 from volsplat.mapshade_server.prepare.journal import FOLDER, Journal, Wish, alone, check_source, other_options
-from volsplat.mapshade_server.prepare.layout import MIB, PACKET_BYTES, PROGRAM_BYTES, Layout, memory_plan
+from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout, memory_plan
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker
 from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.machines import Machines
@@ -40,6 +40,7 @@ from volsplat.program.task_pool import TaskPool
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.description.volume_name import absolute_name, volume_name
+from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.text.errors import BadInput
 
 UNPACKED = "source"
@@ -105,7 +106,7 @@ class Preparation:
         greatest = max(item_bytes, np.dtype(mean_type(scalar_type)).itemsize)
         self._item_bytes = sum([item_bytes, *more_bytes])  # of a voxel
         rows = self._description.chunk[0] > options.layout.shard or not self._description.reads_sub_cubes
-        held_bytes = [greatest, *more_bytes, PACKET_BYTES]  # gradients of coarser levels are as packets
+        held_bytes = [greatest, *more_bytes, VOXEL_PACKET_BYTES]  # gradients of coarser levels are as packets
         self._plan = memory_plan(options.layout, dims, held_bytes, options.memory, rows)
 
     @property

@@ -45,6 +45,7 @@ DEPTH_BITS = 3  # depths are multiples of 1/8 plane
 GROUP_PLANES = 8
 BLOCK_ROWS = 16
 
+VOXEL_PACKET_BYTES = 4
 SHADED_PACKET_BYTES = 8
 ROW_RUN_BYTES = 24
 ROW_RUN = struct.Struct("<IIIIii")

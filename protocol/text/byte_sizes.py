@@ -13,3 +13,8 @@ def bytes_from_option(option: str, text: str) -> int:
     if match is None:
         raise BadInput(f"{option} {text}: give a size such as 800M or 4G")
     return int(float(match[1]) * UNITS[match[2]])
+
+
+def bytes_text(count: float) -> str:
+    """As a person reads it, in the units of the options: "1.5 GiB", "310.0 MiB"."""
+    return f"{count / UNITS['G']:.1f} GiB" if count >= UNITS["G"] else f"{max(count, 0) / UNITS['M']:.1f} MiB"

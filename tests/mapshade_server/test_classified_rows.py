@@ -41,6 +41,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET, LISTS_PER_STORED_PACKET
+from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region
 from volsplat.protocol.rules.shading_rule import shading_rule
@@ -49,7 +50,6 @@ from volsplat.splat_server.frame_assembly import FrameAssembly
 
 LATTICE = 64
 SPARED = 1.2  # pixels: further from an open tile a hidden sample is sure to be left out
-PACKET_BYTES = 4
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
 STEPS_OF_ALL_VOXELS = (Step.C, Step.D, Step.E, Step.F)
 SIDE = 24
@@ -125,14 +125,14 @@ def test_a_frame_is_the_same_whatever_was_walked_before(data: st.DataObject, geo
             assert after.rows == fresh.rows
             assert after.visited == fresh.visited
             for sub_cube in held:
-                assert sub_cube.classified_rows.bytes <= LISTS_PER_PACKET * PACKET_BYTES * sub_cube.box.voxels
+                assert sub_cube.classified_rows.bytes <= LISTS_PER_PACKET * VOXEL_PACKET_BYTES * sub_cube.box.voxels
 
 
 def test_packets_from_a_store_have_smaller_lists() -> None:
     values = torch.rand(SIDE, SIDE, SIDE, generator=torch.Generator().manual_seed(1))
     [packed] = held_as(CUBE, values, [CUBE.box])
     stored = SubCube.of_packets(CUBE, CUBE.box, packed.packets, LISTS_PER_STORED_PACKET)
-    most = LISTS_PER_STORED_PACKET * PACKET_BYTES * CUBE.box.voxels
+    most = LISTS_PER_STORED_PACKET * VOXEL_PACKET_BYTES * CUBE.box.voxels
     for axis in TOWARDS:  # each list takes a quarter of the packets' bytes or more
         scene = seen_from(axis, 0.72)
         assert frame([stored], scene).rows == frame([packed], scene).rows

@@ -24,6 +24,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
+from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 from volsplat.protocol.rules.refinement import PAPER_STEPS
 from volsplat.protocol.rules.regions import Region, check_regions
 from volsplat.protocol.rules.shading_rule import shading_rule
@@ -31,7 +32,6 @@ from volsplat.splat_server._kernels import Bell, ReadBudget
 from volsplat.splat_server.frame_assembly import FrameAssembly
 
 PLAIN = Quantisation(window=WINDOW, strength_scale=50.0)
-PACKET_BYTES = 4
 RGBA = 4
 
 Placed = tuple[list[int], list[int]]  # a packet's sheet, row and number in it; and what it is
@@ -148,7 +148,7 @@ def test_walkers_deliver_each_sample_once_whatever_was_walked_before(
         for _ in range(2):
             assert merged(delivered(walk_of(held, scene, plan, [], walkers), 1000)) == merged(fresh)
         for sub_cube in held:
-            assert sub_cube.classified_rows.bytes <= LISTS_PER_PACKET * PACKET_BYTES * sub_cube.box.voxels
+            assert sub_cube.classified_rows.bytes <= LISTS_PER_PACKET * VOXEL_PACKET_BYTES * sub_cube.box.voxels
 
 
 @given(data=st.data(), geometry=geometries(), step=st.sampled_from(PAPER_STEPS), walkers=walker_counts)

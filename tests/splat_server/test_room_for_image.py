@@ -33,7 +33,7 @@ def test_an_image_too_large_is_refused_and_the_next_one_drawn(meminfo: Path) -> 
         small = single.volume.default_scene()
         large = small.with_(size=(SIDE, SIDE))
         leave(meminfo, NEEDED - 4096)
-        with pytest.raises(BadInput, match=r"^no memory for an image of 2048 x 2048 pixels: it needs 0\.1 GB, but "):
+        with pytest.raises(BadInput, match=r"^no memory for an image of 2048 x 2048 pixels: it needs 128\.0 MiB, but "):
             single.render(large, Step.A)
         expected = single.render(small)
         leave(meminfo, NEEDED)

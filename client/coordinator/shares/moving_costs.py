@@ -4,8 +4,7 @@ from collections.abc import Mapping
 
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET
-
-PACKET_BYTES = 4
+from volsplat.protocol.rules.packet_layout import VOXEL_PACKET_BYTES
 
 
 class MovingCosts:
@@ -30,7 +29,7 @@ class MovingCosts:
 
     def most_voxels(self, server: int, held: int, packets: float) -> int:
         """That it has room for beside those that it holds, which it keeps until it has others."""
-        return max(int((self._memory[server] / (PACKET_BYTES * packets) - held) / (1 + LISTS_PER_PACKET)), 1)
+        return max(int((self._memory[server] / (VOXEL_PACKET_BYTES * packets) - held) / (1 + LISTS_PER_PACKET)), 1)
 
 
 def _voxels_to_read(old: list[Box], new: Box) -> int:

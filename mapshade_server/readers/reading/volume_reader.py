@@ -10,6 +10,7 @@ from numpy.typing import DTypeLike, NDArray
 
 from volsplat.mapshade_server.readers.reading.volume_files import VolumeFile
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, VolumeDescription
+from volsplat.protocol.text.byte_sizes import bytes_text
 from volsplat.protocol.text.errors import BadInput
 
 Voxels = NDArray[Any]  # shaped (k, j, i), C-contiguous, native byte order, the source's own scalar type
@@ -67,8 +68,8 @@ def voxel_room(box: Box, dtype: DTypeLike, source: object) -> Voxels:
     try:
         return np.empty(box.size[::-1], dtype)
     except MemoryError:
-        gib = box.voxels * np.dtype(dtype).itemsize / 2**30
-        raise no_room(source, f"{gib:.1f} GiB of voxels") from None
+        needed = box.voxels * np.dtype(dtype).itemsize
+        raise no_room(source, f"{bytes_text(needed)} of voxels") from None
 
 
 def no_room(source: object, what: str = "the voxels") -> BadInput:
