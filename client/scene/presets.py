@@ -24,10 +24,8 @@ from volsplat.client.scene.seismic_scene import seismic_scene
 from volsplat.client.scene.table_makers import KEY_LIGHT, colours, scalars
 from volsplat.protocol.description.kind import Kind
 from volsplat.protocol.description.scene import CrossBar, Field, Scene, Tables, View
-from volsplat.protocol.description.view_rotation import named_view, rotation_from_angles
+from volsplat.protocol.description.view_rotation import named_view
 from volsplat.protocol.text.errors import BadInput
-
-SPECTRUM_ANGLES = (30.0, 20.0)  # azimuth and elevation: in front, the spectral axis leads straight away
 
 
 @dataclass(frozen=True)
@@ -50,9 +48,10 @@ def preset_scene(name: str, subject: Subject | None = None) -> Scene:
 
 
 def start_view(subject: Subject | None) -> View:
-    """The view that every scene starts with, preset or not: the front; of a spectral cube, turned; a slab's face."""
-    if subject is not None and subject.kind is Kind.SPECTRAL_CUBE:
-        return View(rotation=rotation_from_angles(*SPECTRUM_ANGLES))
+    """The view that every scene starts with, preset or not: the front, or a slab's face.
+
+    A spectral cube's front is the sky as it is seen: its spectral axis leads straight away.
+    """
     return View(rotation=named_view(subject.face if subject is not None and subject.face is not None else "front"))
 
 
