@@ -1,7 +1,7 @@
 """A model of a frame's time: from what one thread takes for each voxel, packet and pixel to what a cluster takes.
 
 Walking, splatting and sending overlap, so that a frame takes as long as the slowest of them; what follows is the
-image's way to the client, and what every frame costs.
+image's way to the client, and what every frame costs. Between machines batches are coded if that is sooner.
 """
 
 from __future__ import annotations
@@ -12,6 +12,11 @@ from volsplat.protocol.rules.packet_layout import SHADED_PACKET_BYTES
 
 RUN_SHARE = 0.15  # of a batch's bytes beside its packets: the directory of row runs
 BITS = 8
+PIXEL_BYTES = 0.6  # of an image that is only looked at, as it goes over a link
+
+# Of coded batches (docs/how_it_works/performance.md): what is left of the bytes, and a thread's seconds for each.
+CODED_SHARE = 0.45
+CODING, DECODING = 1e-9, 0.65e-9
 
 
 @dataclass(frozen=True)
@@ -70,13 +75,21 @@ class Prediction:
 
 def predicted(load: Load, rates: Rates, cluster: Cluster) -> Prediction:
     """A frame's time, and what limits it."""
+    ways = [False] if cluster.bits_per_second is None else [False, True]
+    return min((_predicted(load, rates, cluster, coded) for coded in ways), key=lambda way: way.seconds)
+
+
+def _predicted(load: Load, rates: Rates, cluster: Cluster, coded: bool) -> Prediction:
     sent = 1 + load.twice(cluster.regions)
     walking = load.voxels * rates.voxel + load.packets * sent * rates.packet
     splatting = load.packets * sent * rates.splat + load.pixels * rates.pixel
+    if coded:
+        walking += load.batch_bytes * sent * CODING
+        splatting += load.batch_bytes * sent * DECODING
     parts = {
         "walking": walking / (cluster.workers * cluster.walkers),
         "splatting": splatting / cluster.regions,
-        **_shared(load, rates, cluster, walking + splatting),
+        **_shared(load, rates, cluster, walking + splatting, CODED_SHARE if coded else 1.0),
     }
     limit = max(parts, key=lambda part: parts[part])
     image = load.image_bytes * BITS / cluster.bits_per_second if cluster.bits_per_second else 0.0
@@ -84,11 +97,11 @@ def predicted(load: Load, rates: Rates, cluster: Cluster) -> Prediction:
     return Prediction(seconds, "the image's way" if image > parts[limit] else limit)
 
 
-def _shared(load: Load, rates: Rates, cluster: Cluster, processor: float) -> dict[str, float]:
+def _shared(load: Load, rates: Rates, cluster: Cluster, processor: float, share: float) -> dict[str, float]:
     """What servers of one machine, or packets on the links, share."""
     if cluster.bits_per_second is None:
         return {"cores": (processor + load.batch_bytes * rates.byte) / cluster.cores}
-    on_links = load.batch_bytes * (1 + load.twice(cluster.splat_servers)) * BITS / cluster.bits_per_second
+    on_links = share * load.batch_bytes * (1 + load.twice(cluster.splat_servers)) * BITS / cluster.bits_per_second
     return {
         "links into splat servers": on_links / cluster.splat_servers,
         "links of workers": on_links / cluster.workers,

@@ -14,6 +14,7 @@ from volsplat.bench.commands.drawers import cluster_option, drawers_from_options
 from volsplat.bench.commands.option_lists import fractions, whole_numbers
 from volsplat.bench.renderers import Row, opened_rows
 from volsplat.bench.scaling.model_table import model_table
+from volsplat.bench.scaling.predictions import predictions_table
 from volsplat.bench.scaling.scaling_cases import Case, Taken, frames_of, visible_cases, voxel_cases
 from volsplat.bench.scaling.scaling_tables import (
     figures_of,
@@ -51,6 +52,7 @@ USUAL_WORKERS = "1,2,4,8"
 @click.option("--workers", help="Numbers of map/shade servers (1,2,4,8; of a cluster those of 1, 2, 3 … machines).")
 @cluster_option
 @click.option("--threads", metavar="1,2,4", help="Numbers of threads of the single process, to see what each does.")
+@click.option("--predict", metavar="16,64", help="Numbers of map/shade servers whose times the model is to predict.")
 @click.option("--sizes", default="0.125,0.25,0.5,1", help="Shares of the volume's voxels, drawn by bounds.")
 @click.option("--images", default="256,512,1024", help="Sides of the square images, pixels (256,512,1024).")
 @click.option("--repeats", type=click.IntRange(min=1), default=7, help="Views of each setting (7).")
@@ -68,6 +70,7 @@ def scaling(
     workers: str | None,
     cluster: Path | None,
     threads: str | None,
+    predict: str | None,
     sizes: str,
     images: str,
     repeats: int,
@@ -102,6 +105,9 @@ def scaling(
         raise BadInput("--threads measures the single process of this machine; leave it out with a cluster")
     if thread_counts:
         check_threads_are_seen()
+    predicted_counts = whole_numbers("--predict", predict, most=4096) if predict else []
+    if predicted_counts and not spawns:
+        raise BadInput("--predict goes by what is measured on this machine; leave it out with a cluster")
     memory_bytes = bytes_from_option("--memory", memory) if memory else None
     outputs = Outputs(json, markdown, plot)
     outputs.check()
@@ -129,6 +135,8 @@ def scaling(
     tables_shown = [servers_table(at_middle, middle), growth_table(taken)]
     if spawns:
         tables_shown.append(model_table(taken))
+    if predicted_counts:
+        tables_shown.append(predictions_table(taken, predicted_counts))
     if by_threads:
         tables_shown.append(threads_table(by_threads, sides[-1]))
     by_servers = [one for one in at_middle if one.row.workers]

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from volsplat.deploy.doctor.finding import Finding
-from volsplat.deploy.frame_model import Cluster, Load, Prediction, Rates, predicted
+from volsplat.deploy.frame_model import PIXEL_BYTES, Cluster, Load, Prediction, Rates, predicted
 from volsplat.deploy.server_command import Program
 from volsplat.program.this_machine import usable_cores
 from volsplat.protocol.description.volume import Index
@@ -16,7 +16,6 @@ RATES = Rates(
 SHARES = {"a tenth": 0.1, "a hundredth": 0.01}  # of the voxels that show: nested shells, a thin surface
 FILLED = 0.98  # of the image's shorter side, by the ball about the volume
 FOOTPRINT_SIDE = 4.0  # voxels, and pixels at least
-IMAGE_BYTES = 0.6  # of a pixel, as it goes over a link
 
 
 class Drawer(NamedTuple):
@@ -77,7 +76,7 @@ def load_of(dims: Index, size: Size, share: float) -> Load:
         pixels=packets * footprint**2,
         footprint_lines=footprint,
         lines=FILLED * min(size),
-        image_bytes=size.width * size.height * IMAGE_BYTES,
+        image_bytes=size.width * size.height * PIXEL_BYTES,
     )
 
 

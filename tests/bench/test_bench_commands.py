@@ -72,13 +72,17 @@ def test_the_paper_s_table_stands_beside_this_machine_s(person: Person) -> None:
 @needs_matplotlib
 def test_scaling_grows_one_thing_at_a_time_and_names_what_limits(person: Person) -> None:
     options = ("--workers", "1,2", "--sizes", "0.5,1", "--images", "32,48", "--repeats", "2")
-    found, markdown, printed = measured(person, "scaling", *PHANTOM, *options, plot=True)
+    found, markdown, printed = measured(person, "scaling", *PHANTOM, *options, "--predict", "3,64", plot=True)
     frames = [one.name for one in found.figures if one.name.endswith(": frame")]
     assert len(frames) == len(set(frames)) == 3 * (2 + 2 + 4)
     assert "what limits 2 servers: " in printed
     assert "efficiency" in markdown and "MB into the splat server" in markdown and "| M packets |" in markdown
     assert f"machines of 2 servers: {this_machine().host} (" in printed
     assert "link of 2 servers: " in printed and "MB of image out of it" in printed
+    predicted = [
+        row.split(" | ")[1:3] for row in markdown.split("Predicted by the model")[1].splitlines() if "bit/s" in row
+    ]
+    assert predicted == 2 * [["3", "1 Gbit/s"], ["3", "10 Gbit/s"], ["64", "1 Gbit/s"], ["64", "10 Gbit/s"]]
 
 
 @pytest.mark.skipif(not THREADS_OF_PROCESS.is_dir(), reason="only Linux shows what each thread takes")
