@@ -61,9 +61,9 @@ PROPERTIES := $(addprefix tests/,$(addprefix exactness/test_,order_independence.
 	visibility.py handedness.py known_light.py) mapshade_server/test_classified_rows.py \
 	$(addprefix splat_server/test_,volume_edges.py closed_tiles.py splat_server.py) session/test_session.py)
 
-# The page is tested in a real browser, movies with ffmpeg, machines of a lab with sshd, which package openssh-server
+# The page is tested in a real browser (Debian's shell of it costs a page half as much), movies with ffmpeg, machines of a lab with sshd, which package openssh-server
 # brings, their networks with nft of nftables, and clusters with Slurm; where they cannot be installed, those tests say so.
-TOOLS := chromium ffmpeg sshd nft
+TOOLS := ffmpeg sshd nft
 ENGINES := munged slurmctld slurmd
 # Of the programs that are its argument, those that are missing.
 INSTALL = for tool in $(1); do PATH="$$PATH:/usr/sbin" command -v $$tool > /dev/null || missing="$$missing $$tool"; done; \
@@ -75,6 +75,8 @@ INSTALL = for tool in $(1); do PATH="$$PATH:/usr/sbin" command -v $$tool > /dev/
 .PHONY: tools
 tools:
 	@$(call INSTALL,$(TOOLS))
+	@{ [ "$$(id -u)" != 0 ] && command -v chromium > /dev/null; } || ($(call INSTALL,chromium-headless-shell)) || \
+		($(call INSTALL,chromium))
 	@($(call INSTALL,$(ENGINES))) || echo "no Slurm could be installed; tests that need it will be skipped"
 
 CPP := $(foreach room,kernels */kernels */kernels/*,$(wildcard $(room)/*.cpp $(room)/*.h))

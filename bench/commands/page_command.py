@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from playwright.sync_api import Page
 
 # As root it has no sandbox; and without a graphics card, drawing by the plain rasteriser takes half of the time.
+BROWSERS = "chromium", "google-chrome", "chromium-headless-shell"
 CHROMIUM_OPTIONS = ["--no-sandbox", "--disable-gpu"]
 WARM_UP_MOVES = 180
 IMAGE = 512
@@ -126,7 +127,7 @@ def _opened(address: str) -> Iterator[Page]:
     """A tab whose viewport is IMAGE pixels high and wide, with its volume refined to the end."""
     from playwright.sync_api import sync_playwright
 
-    chromium = shutil.which("chromium") or shutil.which("google-chrome")
+    chromium = next(filter(None, map(shutil.which, BROWSERS)), None)
     if chromium is None:
         raise BadInput("this benchmark needs Chromium: apt install chromium")
     with sync_playwright() as playwright:

@@ -1,4 +1,4 @@
-"""A real browser for tests of the page: Debian's chromium, driven by Playwright, and a server for what it loads.
+"""A real browser for tests of the page: Debian's Chromium, driven by Playwright, and a server for what it loads.
 
 A test module imports the fixtures that it wants by name, `browser` among them since `browser_page` needs it, and says
 `__all__ = ["browser", "browser_page"]`, which tells ruff that they are used.
@@ -26,11 +26,11 @@ _POLICY = "Content Security Policy"
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
-    """Headless chromium, started once for a module of tests."""
+    """Headless Chromium, started once for a module of tests. Debian's shell of it does a page for half the work."""
     playwright = pytest.importorskip("playwright.sync_api", reason="the browser tests need playwright (extra dev)")
-    executable = shutil.which("chromium")
+    executable = shutil.which("chromium-headless-shell") or shutil.which("chromium")
     if executable is None:
-        pytest.skip("the browser tests need chromium: apt install chromium")
+        pytest.skip("the browser tests need Chromium: apt install chromium-headless-shell, or chromium")
     playwright.expect.set_options(timeout=1000 * PATIENCE)
     with playwright.sync_playwright() as running:
         launched = running.chromium.launch(executable_path=executable, args=["--no-sandbox", "--disable-gpu"])
