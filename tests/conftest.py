@@ -9,6 +9,7 @@ import torch
 from hypothesis import HealthCheck, settings
 
 from support.checkout import SHARED_DATA
+from support.thoroughness import PROFILE
 
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -28,7 +29,7 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow],
 )
 settings.register_profile("thorough", parent=settings.get_profile("volsplat"), max_examples=500, derandomize=False)
-settings.load_profile(os.environ.get("VOLSPLAT_HYPOTHESIS", "volsplat"))
+settings.load_profile(PROFILE)
 
 
 @pytest.fixture(scope="session")

@@ -11,9 +11,10 @@ from faults.servers_at_hand import ServersAtHand
 
 from support.lab.box import why_no_box
 from support.lab.host_network import why_unharmed
+from support.thoroughness import THOROUGH
 from volsplat.deploy.server_command import Program
 
-SECONDS = 30.0  # of faults; `python -m faults.fault_runs` does hundreds
+SECONDS = 120.0 if THOROUGH else 10.0  # of faults; `python -m faults.fault_runs` does hundreds
 WHY_NO_BOX = why_no_box() or why_unharmed()
 
 
