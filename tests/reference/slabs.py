@@ -83,13 +83,15 @@ def reconstructed(
     for part in torch.split(torch.arange(len(indices)), max(1, 4_000_000 // len(box))):
         place = first[part, None] + box
         off = place - position[part, None]
-        weight = unit * gain * _kernel(scene, ((off @ form) * off).sum(dim=-1).clamp(min=0).sqrt())
-        weight = weight if exact else (weight + 0.5).floor()
+        rho = ((off @ form) * off).sum(dim=-1).clamp(min=0).sqrt()
         x, y, plane = (place[..., 0] + aside, place[..., 1] + aside, place[..., 2])
         inside = (0 <= x) & (x < shape[2]) & (0 <= y) & (y < shape[1]) & (0 <= plane) & (plane < shape[0])
+        inside &= rho < SLAB_RADIUS[scene.reconstruction.slab_kernel]
+        weight = unit * gain * _kernel(scene, rho[inside])
+        weight = weight if exact else (weight + 0.5).floor()
         at = ((plane * shape[1] + y) * shape[2] + x)[inside]
-        weights.index_add_(0, at, weight[inside])
-        densities.index_add_(0, at, (weight * density[part, None])[inside])
+        weights.index_add_(0, at, weight)
+        densities.index_add_(0, at, weight * density[part, None].expand_as(rho)[inside])
     return Planes(weights.reshape(shape), densities.reshape(shape), unit)
 
 
@@ -132,12 +134,12 @@ def _form(scene: Scene, geometry: Geometry) -> tuple[Tensor, float]:
 
 
 def _kernel(scene: Scene, rho: Tensor) -> Tensor:
-    """The kernel of unit integral over space."""
+    """The kernel of unit integral over space, at distances within its radius."""
     reconstruction = scene.reconstruction
     kernel, radius = reconstruction.slab_kernel, SLAB_RADIUS[reconstruction.slab_kernel]
     end = torch.tensor([radius], dtype=torch.float64)
     whole = integral(lambda r: 4 * math.pi * r**2 * kernel_density(kernel, r, radius), end)
-    return torch.where(rho < radius, kernel_density(kernel, rho.clamp(max=radius), radius) / whole, 0.0)
+    return kernel_density(kernel, rho, radius) / whole
 
 
 def _shaded(
@@ -161,18 +163,21 @@ def _shaded(
     rise = back - front
     one, other = front + (begin - slab) * rise, front + (end - slab) * rise
     gradient = _gradient(planes, slab, geometry, scene, aside, inner)
-    middle = (begin + end) / 2
-    place = _grid_coordinates(geometry, scene, plan, slabs, middle)
+    place = _grid_coordinates(geometry, scene, plan, slabs, (begin + end) / 2)
+    # From here on the pixels that are drawn (n), since each has 256 entries of every table.
+    one, other, gradient, place = (values[drawn] for values in (one, other, gradient, place))
     fields = _fields(one, other, gradient, place, geometry, quantisation, plan)
     low, high = _span(one, other)
     depth = _mean(_depths(scene, fields), low, high)
     emitted, reflected = (_colour(scene, table, fields, low, high) for table in ("emit", "refl"))
     active = active_shading(scene, Step.G)
-    colour = reflected * _light(gradient, scene)[..., None]
+    seen = reflected * _light(gradient, scene)[..., None]
     if active.emitted:
-        colour = colour + emitted
-    opacity = -torch.expm1(-depth * scene.reconstruction.slab * (end - begin))
-    return colour.clamp(0, 1), torch.where(drawn, opacity, 0.0)
+        seen = seen + emitted
+    colour, opacity = torch.zeros((*drawn.shape, 3), dtype=torch.float64), torch.zeros_like(begin)
+    colour[drawn] = seen.clamp(0, 1)
+    opacity[drawn] = -torch.expm1(-depth * scene.reconstruction.slab * (end - begin)[drawn])
+    return colour, opacity
 
 
 def _pixels(plan: FramePlan) -> Tensor:
@@ -247,7 +252,7 @@ def _fields(
     quantisation: Quantisation,
     plan: FramePlan,
 ) -> dict[Field, Tensor]:
-    """The bytes (H, W) that index the tables."""
+    """The bytes (n) that index the tables."""
     size = torch.linalg.vector_norm(gradient, dim=-1)
     strength = size * quantisation.strength_scale / quantisation.density_scale
     found = {
@@ -275,14 +280,14 @@ def _span(one: Tensor, other: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def _mean(entries: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    """The mean of entries (..., 256) between two places (H, W)."""
+    """The mean of entries (..., 256) between two places (n)."""
     cell = torch.arange(256)
     within = (torch.minimum(high[..., None], cell + 1) - torch.maximum(low[..., None], cell)).clamp(min=0)
     return (entries * within).sum(dim=-1) / (high - low)
 
 
 def _depths(scene: Scene, fields: dict[Field, Tensor]) -> Tensor:
-    """The optical depth of one reference spacing, for each density (H, W, 256)."""
+    """The optical depth of one reference spacing, for each density (n, 256)."""
     return -torch.log1p(-_opacity(scene, fields).clamp(max=MOST_OPAQUE))
 
 
@@ -301,7 +306,7 @@ def _opacity(scene: Scene, fields: dict[Field, Tensor] | None) -> Tensor:
 
 
 def _colour(scene: Scene, table: str, fields: dict[Field, Tensor], low: Tensor, high: Tensor) -> Tensor:
-    """(H, W, 3): of a table that density indexes the mean, by the depth that density alone gives."""
+    """(n, 3): of a table that density indexes the mean, by the depth that density alone gives."""
     entries = torch.tensor(getattr(scene.tables, table).entries(), dtype=torch.float64)
     field = getattr(scene.cross_bar, table)
     if field != Field.DENSITY:
@@ -313,7 +318,7 @@ def _colour(scene: Scene, table: str, fields: dict[Field, Tensor], low: Tensor, 
 
 
 def _light(gradient: Tensor, scene: Scene) -> Tensor:
-    """What multiplies the reflected colour (H, W)."""
+    """What multiplies the reflected colour (n)."""
     active = active_shading(scene, Step.G)
     to_physical = matrices.transposed(screen_rotation(scene.view))
     light = matrices.normalised(scene.light.direction)
