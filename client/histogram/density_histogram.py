@@ -4,6 +4,7 @@ Positions are those of tables: 0 is byte 0, 1 is byte 255.
 """
 
 import math
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from itertools import accumulate
 
@@ -101,8 +102,8 @@ def window_of_shares(survey: Survey, counts: list[int], low: float, high: float)
     """
     width = (survey.high - survey.low) / len(counts)
     seen = list(accumulate(counts))
-    first = next((n for n, below in enumerate(seen) if below > low * seen[-1]), 0)
-    last = next((n for n, below in enumerate(seen) if below >= high * seen[-1]), len(counts) - 1)
+    first = bisect_right(seen, low * seen[-1]) if low * seen[-1] < seen[-1] else 0
+    last = min(bisect_left(seen, high * seen[-1]), len(counts) - 1)
     return (survey.low + first * width, min(survey.low + (last + 1) * width, survey.high))
 
 
