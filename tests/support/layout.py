@@ -5,6 +5,7 @@ python -m support.layout ../CONTRIBUTING.md
 
 import ast
 import sys
+from functools import cache
 from pathlib import Path
 
 from support.checkout import ROOT
@@ -60,6 +61,7 @@ MOST_FILES = 25  # in a folder, so that a stranger can look over it
 SOURCES = [path.relative_to(ROOT) for part in PARTS for path in sorted((ROOT / part).rglob("*.py"))]
 
 
+@cache
 def imported(source: Path) -> set[str]:
     """Everything that a module imports, wherever in it: dotted, without "volsplat." if it is ours."""
     names: set[str] = set()
