@@ -1,4 +1,4 @@
-"""What all tests share: where the real volumes are, and how patiently Hypothesis searches."""
+"""What all tests share: where the real volumes are, how long Hypothesis searches, and what is told of their cost."""
 
 import os
 import signal
@@ -9,6 +9,7 @@ import torch
 from hypothesis import HealthCheck, settings
 
 from support.checkout import SHARED_DATA
+from support.processor_time import ProcessorTime
 from support.thoroughness import PROFILE
 
 # The tests themselves run side by side, and start programs; torch's own threads would only wait for each other.
@@ -30,6 +31,15 @@ settings.register_profile(
 )
 settings.register_profile("thorough", parent=settings.get_profile("volsplat"), max_examples=500, derandomize=False)
 settings.load_profile(PROFILE)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--processor-time", action="store_true", help="tell what takes how much of the processors")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    if config.getoption("--processor-time"):
+        config.pluginmanager.register(ProcessorTime())
 
 
 @pytest.fixture(scope="session")
