@@ -313,7 +313,7 @@ class Reconstruction(Part, frozen=True):
         bool,
         Key(
             "Footprints at all 64 offsets a pixel, however large they are: for final images. Half as slow again where"
-            " voxels\nare large.",
+            " voxels\nare large. Steps A to C look along each pixel's ray, however small voxels are.",
             Switch("precise footprints"),
         ),
     ] = False

@@ -21,7 +21,7 @@ from volsplat.protocol.rules.levels import Resolution, bounds_at_level, dims_at_
 from volsplat.protocol.rules.packet_layout import BLOCK_ROWS
 from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.rules.resolved_view import resolved_bounds, resolved_order, screen_rotation
-from volsplat.protocol.rules.rounding import TO_NEAREST, Thresholds, thresholds_of
+from volsplat.protocol.rules.rounding import DOWN, TO_NEAREST, Thresholds, thresholds_of
 from volsplat.protocol.rules.slab_shape import SlabShape, slab_shape
 from volsplat.protocol.rules.traversal import AxisVisits, Traversal, traversal_of, visits_of
 from volsplat.protocol.rules.volume_edges import MOST_EDGES, Edge, volume_edges
@@ -129,7 +129,7 @@ class FramePlan(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def thresholds(self) -> Thresholds:
         """By which its sheets round positions."""
         if self.reach != Reach.FOOTPRINT:
-            return TO_NEAREST
+            return DOWN if self.reach == Reach.PIXEL else TO_NEAREST
         visits, ascending = self.visits[self.traversal.axes[0]], self.traversal.ascending[0]
         first = visits.index(0 if ascending else visits.count - 1)
         return thresholds_of(first, visits.stride if ascending else -visits.stride)
@@ -178,7 +178,7 @@ def _planned(scene: Scene, geometry: Geometry, step: Step, stride: int, grid: Gr
     order = resolved_order(scene, geometry)
     traversal = traversal_of(grid.ray_to_viewer(), order)
     sample, (across, down, _) = traversal.axes[2], grid.pixels_per_index
-    reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, stride)
+    reach = Reach.FOOTPRINT if STEP_RULES[step].footprint else _nearest_reach(grid, stride, scene)
     footprint, gain = _footprint(scene, geometry, grid, stride) if reach == Reach.FOOTPRINT else (None, 1.0)
     plan = FramePlan(
         step=step,
@@ -272,10 +272,13 @@ def _opacity_exponents(
     return tuple(exponents[block] for block in blocks)
 
 
-def _nearest_reach(grid: GridOnScreen, stride: int) -> Reach:
+def _nearest_reach(grid: GridOnScreen, stride: int, scene: Scene) -> Reach:
     """PIXEL where the outline of a voxel's block fits into a pixel, so that no pixel is left out; else CELL.
 
-    Whatever closed shell of voxels a pixel's rays pass through, then one of its samples lies in the pixel.
+    Whatever closed shell of voxels a pixel's rays pass through, then one of its samples lies in the pixel. But pixels
+    have more or fewer of them than their share; cells are of every pixel's own ray, and take twice as long.
     """
+    if scene.reconstruction.precise:
+        return Reach.CELL
     spans = [stride * sum(map(abs, grid.pixels_per_index[axis])) for axis in range(2)]
     return Reach.PIXEL if max(spans) <= 1.0 else Reach.CELL

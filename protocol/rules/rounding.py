@@ -28,6 +28,7 @@ class Thresholds(NamedTuple):
 
 
 TO_NEAREST = Thresholds()
+DOWN = Thresholds(first=0)  # so that the nearest pixel of a packet is that of the position itself
 
 
 def thresholds_of(first_index: int, index_step: int) -> Thresholds:

@@ -120,7 +120,8 @@ class _Drawing:
 
     @property
     def _fits_a_pixel(self) -> bool:
-        return bool(max(self.stride * abs(self.screen[xy]).sum() for xy in range(2)) <= 1)
+        fits = max(self.stride * abs(self.screen[xy]).sum() for xy in range(2)) <= 1
+        return bool(fits) and not self.book.precise
 
     # 4. order
 
@@ -166,11 +167,13 @@ class _Drawing:
 
     def _place(self, ordinals: tuple[int, ...]) -> tuple[list[int], int]:
         """In 1/64 pixel, and the sheet's threshold."""
-        sheet = self._index(ordinals)[self.axes[0]] if self.footprints else 0
-        threshold = (2**31 + 2**25 + 2654435769 * sheet) % 2**32
+        threshold = (2**31 + 2**25 + 2654435769 * self._index(ordinals)[self.axes[0]]) % 2**32
+        return [(value + threshold % 2**26) // 2**26 for value in self._fixed(ordinals)], threshold
+
+    def _fixed(self, ordinals: tuple[int, ...]) -> list[int]:
+        """In 2^-32 pixel."""
         doubled = [low + high - 1 for low, high in self._blocks(ordinals)]
-        exact = [self.origin[xy] + sum(d * h for d, h in zip(doubled, self.half[xy], strict=True)) for xy in range(2)]
-        return [(value + threshold % 2**26) // 2**26 for value in exact], threshold
+        return [self.origin[xy] + sum(d * h for d, h in zip(doubled, self.half[xy], strict=True)) for xy in range(2)]
 
     # 7. footprints
 
@@ -223,7 +226,7 @@ class _Drawing:
     def _splat_pixels(self) -> None:
         width, height = self.book.size
         for ordinals in itertools.product(*map(range, self._counts)):
-            x, y = ((p + 32) // 64 for p in self._place(ordinals)[0])
+            x, y = ((value + 2**31) // 2**32 for value in self._fixed(ordinals))
             shaded = self._shaded(ordinals)
             if shaded is not None and 0 <= x < width and 0 <= y < height:
                 self._combine((slice(y, y + 1), slice(x, x + 1)), np.ones((1, 1)), *shaded)

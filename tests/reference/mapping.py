@@ -11,7 +11,7 @@ from torch import Tensor
 
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
-from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.frame_plan import FramePlan, Reach
 from volsplat.protocol.rules.grid_on_screen import Dda
 from volsplat.protocol.rules.packet_layout import SUBPIXEL_BITS
 from volsplat.protocol.rules.resolved_view import resolved_center, resolved_zoom
@@ -80,7 +80,12 @@ def on_screen(points: Tensor, scene: Scene, geometry: Geometry) -> Tensor:
 
 
 def thresholds(plan: FramePlan, indices: Tensor) -> Tensor:
-    """(n,) of samples at grid indices (n, 3): 2^31 + 2^25, and with footprints the golden ratio for each sheet."""
+    """(n,) of samples at grid indices (n, 3): 2^31 + 2^25, and with footprints the golden ratio for each sheet.
+
+    0, that is down, where one pixel holds all of a sample.
+    """
+    if plan.reach == Reach.PIXEL:
+        return torch.zeros(len(indices), dtype=torch.int64)
     sheets = indices[:, plan.traversal.axes[0]] if plan.footprint else torch.zeros(len(indices)).long()
     return (sheets * GOLDEN + (1 << 31) + (1 << 25)) % (1 << 32)
 
