@@ -9,6 +9,7 @@ import pytest
 import torch
 
 from support.files.head_volume import skin
+from support.files.silent_progress import Silent
 from support.patience import wait_until
 from tolerances import LEVEL_BRIGHTNESS
 from volsplat.client import Session
@@ -31,18 +32,6 @@ from volsplat.protocol.text.errors import BadInput
 
 SIZE = (61, 64, 50)  # voxels
 BRICKS = Layout(brick=8, shard=16)  # so that there are levels of 61, 31, 16 and 8 voxels
-
-
-class Silent:
-    """Progress that nobody follows."""
-
-    def note(self, text: str) -> None: ...
-
-    def begin(self, stage: str, total: int) -> None: ...
-
-    def advance(self, done: int) -> None: ...
-
-    def check_wanted(self) -> None: ...
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,13 @@
+"""Preparing a volume with nobody looking on."""
+
+
+class Silent:
+    """Progress that nobody follows."""
+
+    def note(self, text: str) -> None: ...
+
+    def begin(self, stage: str, total: int) -> None: ...
+
+    def advance(self, done: int) -> None: ...
+
+    def check_wanted(self) -> None: ...

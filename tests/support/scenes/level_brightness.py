@@ -1,0 +1,74 @@
+"""How bright the levels of a prepared volume are, and how far pictures jump where zooming out takes the next one.
+
+Prints a table of docs/how_it_works/properties.md. Run it in tests/: `python -m support.scenes.level_brightness VOLUME`.
+"""
+
+import math
+import sys
+import tempfile
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+
+from support.files.silent_progress import Silent
+from volsplat.client.scene.presets import PRESETS, fits, preset_scene
+from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.prepare import Options, prepare
+from volsplat.protocol.description.scene import Image, Scene, Step
+from volsplat.protocol.description.view_rotation import rotation_from_angles
+
+LEVELS = (1, 2)
+SIDES = ((0.0, 0.0), (35.0, 25.0))  # azimuth and elevation
+JUST_ABOVE = 1.0001  # of the zoom at which a level takes over: there the finer one is drawn
+AROUND = 1.6  # of the longest side, so that nothing is cut
+
+
+class Bright(NamedTuple):
+    """Of a level's picture, mean over colours and over the pixels that are not empty in the volume's own picture."""
+
+    of_volume: float  # divided by that of the volume itself at the same zoom
+    jump: float  # from the finer level's picture, in 1/255
+
+
+def measured(preset: str, level: int, side: tuple[float, float], plain: SingleProcess, levels: SingleProcess) -> Bright:
+    scene = preset_scene(preset, plain.volume.subject())
+    zoom = 0.5**level
+    pixels = math.ceil(AROUND * zoom * max(plain.volume.description.geometry.dims))
+
+    def at(zoom: float) -> Scene:
+        view = msgspec.structs.replace(scene.view, rotation=rotation_from_angles(*side), zoom=zoom)
+        return msgspec.structs.replace(scene, view=view, image=Image(width=pixels, height=pixels))
+
+    own, here, finer = (
+        renderer.render(at(z), Step.F).double()
+        for renderer, z in ((plain, zoom), (levels, zoom), (levels, zoom * JUST_ABOVE))
+    )
+    there = own[..., 3] > 0
+    bright, volume, before = (float(image[there][:, :3].mean()) for image in (here, own, finer))
+    return Bright(bright / volume, 255 * (bright - before))
+
+
+def row(preset: str, plain: SingleProcess, levels: SingleProcess) -> str:
+    cells = []
+    for level in LEVELS:
+        by_side = [measured(preset, level, side, plain, levels) for side in SIDES]
+        cells.append(", ".join(f"{bright.of_volume:.2f}" for bright in by_side))
+        cells.append(f"{max((bright.jump for bright in by_side), key=abs):+.1f}")
+    return " | ".join(cells)
+
+
+def main(volume: str) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        store = Path(folder) / "levels.zarr"
+        prepare(volume, store, Options(), Silent())
+        with SingleProcess(volume) as plain, SingleProcess(store) as levels:
+            print("| preset | level 1 | jump from 0 | level 2 | jump from 1 |")
+            print("|---|---|---|---|---|")
+            for preset in PRESETS:
+                if fits(preset, plain.volume.subject()):
+                    print(f"| `{preset}` | {row(preset, plain, levels)} |", flush=True)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
