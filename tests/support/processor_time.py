@@ -25,7 +25,7 @@ def used() -> float:
 
 
 class ProcessorTime:
-    """In a worker: notes it when a test has ended. In who started the workers: adds it up, and prints it."""
+    """In a worker: notes it with each report. In who started the workers: adds it up, and prints it."""
 
     def __init__(self) -> None:
         self._before = used()
@@ -34,17 +34,17 @@ class ProcessorTime:
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self) -> Generator[None, pytest.TestReport, pytest.TestReport]:
         report = yield
-        if report.when == "teardown":
-            now = used()
-            report.user_properties.append((PROPERTY, max(0.0, now - self._before)))
-            self._before = now
+        now = (
+            used()
+        )  # in each phase: with the last one goes what has no parent that waits for it, like a browser's tabs
+        report.user_properties.append((PROPERTY, max(0.0, now - self._before)))
+        self._before = now
         return report
 
     def pytest_runtest_logreport(self, report: pytest.TestReport) -> None:
-        for name, seconds in report.user_properties:
-            if name == PROPERTY:
-                assert isinstance(seconds, float)
-                self._of_tests[report.nodeid] += seconds
+        seconds = dict(report.user_properties).get(PROPERTY, 0.0)
+        assert isinstance(seconds, float)
+        self._of_tests[report.nodeid] += seconds
 
     def pytest_terminal_summary(self, terminalreporter: pytest.TerminalReporter) -> None:
         of_files = defaultdict[str, float](float)

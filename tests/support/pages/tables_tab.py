@@ -14,9 +14,10 @@ import msgspec
 import pytest
 
 from support.checkout import ROOT
-from support.pages.tables_page import State
+from support.pages.tables_page import SCENE, State
 from support.patience import PATIENCE
 from tolerances import ONE_PIXEL_OF_A_TABLE
+from volsplat.client.ui.tables.table_edits import Table
 from volsplat.protocol.description.scene import Scene, Tables
 
 if TYPE_CHECKING:
@@ -57,6 +58,11 @@ class Tab:
     def waits_for(self, holds: Callable[[Scene], bool]) -> Scene:
         """The scene, as soon as it is so."""
         return self._state_in_which(lambda state: holds(state.scene)).scene
+
+    def becomes(self, which: str, table: Table) -> None:
+        """Wait until a table is this, and the others are as at the beginning."""
+        tables = msgspec.structs.replace(SCENE.tables, **{which: table})
+        self.waits_for(lambda scene: scene.tables == tables)
 
     def settles(self, holds: Callable[[Scene], bool]) -> Scene:
         """The scene, as soon as it is so and the hand has let go of it."""
