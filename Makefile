@@ -59,10 +59,12 @@ demo: $(USABLE) ## render the head phantom with two map/shade servers and a spla
 # What holds of every image; any machine of a lab may be without AVX, so all of it must hold on the baseline path.
 PROPERTIES := $(addprefix tests/,$(addprefix exactness/test_,order_independence.py reference.py closed_forms.py \
 	visibility.py handedness.py known_light.py) mapshade_server/test_classified_rows.py \
-	$(addprefix splat_server/test_,volume_edges.py closed_tiles.py splat_server.py) session/test_session.py)
+	$(addprefix splat_server/test_,volume_edges.py closed_tiles.py splat_server.py) \
+	session/test_session.py::test_every_step_is_the_same_distributed_and_single)
 
-# The page is tested in a real browser (Debian's shell of it costs a page half as much), movies with ffmpeg, machines of a lab with sshd, which package openssh-server
-# brings, their networks with nft of nftables, and clusters with Slurm; where they cannot be installed, those tests say so.
+# The page is tested in a real browser (Debian's shell of it does a page for half the work), movies with ffmpeg, machines
+# of a lab with sshd, which package openssh-server brings, their networks with nft of nftables, and clusters with Slurm;
+# where they cannot be installed, those tests say so.
 TOOLS := ffmpeg sshd nft
 ENGINES := munged slurmctld slurmd
 # Of the programs that are its argument, those that are missing.
