@@ -5,7 +5,7 @@ import socket
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
 from volsplat.deploy.process_end import told_end
@@ -53,10 +53,10 @@ class LocalServers:
         self._processes: list[subprocess.Popen[bytes]] = []
         self._ending = False
 
-    def start(self, program: Program, address: str, token: Token, threads: int) -> None:
-        """Start one server that dials `address` (HOST:PORT) and may use so many threads."""
+    def start(self, program: Program, address: str, token: Token, threads: int, options: Sequence[str] = ()) -> None:
+        """Start one server that dials `address` (HOST:PORT) and may use so many threads, with more `options`."""
         limits = ("--patience", str(PATIENCE_SECONDS), "--silence", str(self._silence), "--threads", str(threads))
-        command = server_command(program, "--connect", address, *limits, *self._encryption.options)
+        command = server_command(program, "--connect", address, *limits, *options, *self._encryption.options)
         with self._lock:
             self._start(_Place(program, command, token.added_to(os.environ)))
 

@@ -17,6 +17,7 @@ from dataclasses import replace
 import msgspec
 
 from volsplat.mapshade_server._kernels import SignsOfLife
+from volsplat.mapshade_server.file_answers import FileAnswers
 from volsplat.mapshade_server.frame_delivery import FrameDelivery
 from volsplat.mapshade_server.frame_tally import FrameTally
 from volsplat.mapshade_server.frame_walk import FrameWalk
@@ -28,7 +29,6 @@ from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.slice_parts import slice_parts
 from volsplat.mapshade_server.visible_voxels import VoxelFields
 from volsplat.mapshade_server.volume_answers import Answer
-from volsplat.mapshade_server.voxel_answers import VoxelAnswers
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
 from volsplat.program.counts import Counts
@@ -85,7 +85,7 @@ class MapShadeServer:
         # As many at once as a frame has walkers: one that waited for another could wait for ever
         self._walking = ThreadPoolExecutor(MOST_THREADS, "walk")
         self._reading_ahead = ThreadPoolExecutor(1, "read ahead")
-        self._voxels = VoxelAnswers(data_root, lambda: self._heartbeat.at_work(client), self._give_voxel)
+        self._files = FileAnswers(data_root, lambda: self._heartbeat.at_work(client), self._give_of_files)
         self._newest_assignment = 0  # likewise
         self._held = held or HeldVolume()
         self._held.superseded = lambda assignment: self._newest_assignment > assignment
@@ -105,7 +105,7 @@ class MapShadeServer:
             self._heartbeat.close()
             receiver.join()
             self._walking.shutdown()
-            self._voxels.end()
+            self._files.end()
             self._held.give_up_reading()
             self._reading_ahead.shutdown()
         if self._failure is not None and not self._over:  # a client that ends need not wait for the last answer
@@ -169,7 +169,7 @@ class MapShadeServer:
 
     def _check_path(self, request: messages.Message) -> None:
         """Raises BadInput for a volume that does not lie below the data root."""
-        if isinstance(request, messages.ReadVoxel):
+        if isinstance(request, messages.ReadVoxel | messages.ListFolder):
             return  # looking at a path may take a slow disk long: its own thread does
         if self._data_root is not None and isinstance(path := getattr(request, "path", None), str):
             self._data_root.check(path)
@@ -207,9 +207,13 @@ class MapShadeServer:
 
     @takes(messages.ReadVoxel)
     def _read_voxel(self, request: messages.ReadVoxel) -> None:
-        self._voxels.ask(request)
+        self._files.ask(request)
 
-    def _give_voxel(self, answer: Answer) -> None:
+    @takes(messages.ListFolder)
+    def _list_folder(self, request: messages.ListFolder) -> None:
+        self._files.ask(request)
+
+    def _give_of_files(self, answer: Answer) -> None:
         self._client.send(answer.message, *answer.payload)
 
     # -- frames
@@ -318,7 +322,7 @@ class MapShadeServer:
         """Whether it can be answered from what is held now, or by others."""
         if isinstance(request, messages.ProbeVoxels | messages.ReadSlice):
             return request.assignment == self._held.assignment
-        return isinstance(request, messages.ReadVoxel)
+        return isinstance(request, messages.ReadVoxel | messages.ListFolder)
 
     @takes(messages.ProbeVoxels)
     def _probe_voxels(self, request: messages.ProbeVoxels) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 import volsplat
 from volsplat.protocol.text.errors import BadInput
 
+WHICH_VERSION = 1  # a flag of the first of these calls, which then tells the version of Landlock
 CREATE_RULESET, ADD_RULE, RESTRICT_SELF = 444, 445, 446  # system calls, by the same numbers on every machine
 PATH_BENEATH = 1
 NO_NEW_PRIVILEGES = 38  # of prctl
@@ -41,6 +42,13 @@ FIGURES = (  # none is a secret; /proc/self as a whole would show the environmen
     "/dev/null",
     "/dev/urandom",
 )
+
+
+def can_confine() -> bool:
+    """Whether this system has Landlock."""
+    if sys.platform != "linux":
+        return False
+    return bool(ctypes.CDLL(None).syscall(CREATE_RULESET, None, ctypes.c_size_t(0), WHICH_VERSION) >= 1)
 
 
 def confine_reading(folders: Iterable[Path]) -> None:

@@ -2,10 +2,10 @@
 
 An event is something that happened (a server joined, a message came, a person asked for a frame); the answer is a
 list of instructions that the session carries out. This file holds the servers and the volume that they share; `frames`,
-`probes` and `voxels` hold what is asked of it. Each method says which event or message it takes, and in which phase
-that may come (see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join and be lost at any
-time: between two frames those that join get a share of the volume, or of the image, and what was lost with a server is
-taken over by others. A server that says what cannot be, or says it in the wrong phase, is cut off.
+`probes`, `voxels` and `folders` hold what is asked of it. Each method says which event or message it takes, and in
+which phase that may come (see handlers; the table is printed in docs/how_it_works/protocol.md). Servers may join and be
+lost at any time: between two frames those that join get a share of the volume, or of the image, and what was lost with
+a server is taken over by others. A server that says what cannot be, or says it in the wrong phase, is cut off.
 """
 
 from collections.abc import Iterable, Sequence
@@ -14,12 +14,14 @@ from typing import get_args
 
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.coordinator_events import (
+    AnswerFolder,
     AnswerProbe,
     AnswerVoxel,
     CutOff,
     EndFrame,
     Event,
     FailSession,
+    FolderAsked,
     FrameAsked,
     Instruction,
     MessageReceived,
@@ -35,6 +37,7 @@ from volsplat.client.coordinator.coordinator_events import (
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.file_voxels import FileVoxels
+from volsplat.client.coordinator.folder_listings import FolderListings
 from volsplat.client.coordinator.frames import Frames
 from volsplat.client.coordinator.phase import SURVEYED_PHASES, Phase
 from volsplat.client.coordinator.probes import Probes
@@ -44,6 +47,7 @@ from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.shares.heirs import Boxes, shared_anew, taken_over
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
+from volsplat.protocol.messages.folder_messages import ListFolder
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
 from volsplat.protocol.messages.handlers import Handler, check_handlers, handlers, takes
 from volsplat.protocol.messages.link_messages import LinkMeasured
@@ -76,13 +80,14 @@ class Coordinator:
         self.frames = Frames(self.servers, self.holding, self.work)
         self.probes = Probes(self.holding)
         self.voxels = FileVoxels(self.holding)
+        self.folders = FolderListings(self.servers)
         self.ahead = ReadingAhead(self.holding)
         self.failure: VolsplatError | None = None
         self._given_up: set[str] = set()  # processes that ended, and have no other in their place
         self._asked: VolumeAsked | None = None
         self._handlers: dict[type, tuple[object, Handler]] = {
             kind: (owner, handler)
-            for owner in (self, self.holding, self.frames, self.probes, self.voxels, self.ahead)
+            for owner in (self, self.holding, self.frames, self.probes, self.voxels, self.folders, self.ahead)
             for kind, handler in handlers(type(owner)).items()
         }
 
@@ -107,6 +112,8 @@ class Coordinator:
                 return [AnswerProbe(probe, None, failure)]
             case VoxelAsked(probe=probe):
                 return [AnswerVoxel(probe, None, failure)]
+            case FolderAsked(probe=probe):
+                return [AnswerFolder(probe, None, failure)]
         return []
 
     def _go_on(self) -> list[Instruction]:
@@ -173,8 +180,8 @@ class Coordinator:
 
     def _fail(self, error: VolsplatError) -> list[Instruction]:
         self.failure = error
-        told = [*self.frames.fail(error), *self.probes.failed(error), *self.voxels.failed(error)]
-        return [*told, FailSession(error)]
+        asked = (*self.probes.failed(error), *self.voxels.failed(error), *self.folders.failed(error))
+        return [*self.frames.fail(error), *asked, FailSession(error)]
 
     # -- servers come and go
 
@@ -203,6 +210,9 @@ class Coordinator:
 
     def _lose(self, number: int, cause: str) -> list[Instruction]:
         """Go on without this server if others can do its work; else the session fails."""
+        return [*self.folders.lost(number), *self._lose_work(number, cause)]
+
+    def _lose_work(self, number: int, cause: str) -> list[Instruction]:
         joined, lost = self.servers.joined.get(number), self.servers.lose(number, cause)
         if joined is None or lost is None:
             return []
@@ -334,6 +344,8 @@ class Coordinator:
         error = PeerLost(cause) if message.peer_lost else BadInput(cause)
         if message.request == ReadVoxel.__name__:
             return self.voxels.refused(message.probe, error)
+        if message.request == ListFolder.__name__:
+            return self.folders.refused(message.probe, error)
         if message.probe:
             return self.probes.refused(message.probe, error)
         if not message.frame:
@@ -396,6 +408,7 @@ class Coordinator:
         self.frames.validate_state()
         self.probes.validate_state(self._heals)
         self.voxels.validate_state()
+        self.folders.validate_state()
         self.ahead.validate_state()
         assert self.holding.boxes.keys() <= self.servers.joined.keys(), "a server that is gone holds a part"
         if self.holding.volume is not None:
@@ -413,7 +426,7 @@ def _check_phase(message: Message, phase: Phase, handler: Handler) -> None:
         raise RemoteProtocolError(f"{type(message).__name__} came while the volume is {phase.value}")
 
 
-OWNERS = (Coordinator, VolumeHolding, Frames, Probes, FileVoxels, ReadingAhead)
+OWNERS = (Coordinator, VolumeHolding, Frames, Probes, FileVoxels, FolderListings, ReadingAhead)
 
 OF_TRACES = frozenset({ClockRead, FrameTraced})  # see client/trace
 OF_DOCTOR = frozenset({LinkMeasured})  # see deploy/doctor

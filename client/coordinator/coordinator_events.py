@@ -127,6 +127,16 @@ class VoxelAsked:
 
 
 @dataclass(frozen=True)
+class FolderAsked:
+    """What lies in a folder of a map/shade server is wanted; see ListFolder."""
+
+    probe: int  # rises, with those of probes
+    root: str
+    folder: str
+    words: str
+
+
+@dataclass(frozen=True)
 class SliceAsked:
     """A slice of the volume is wanted, with at most `longest` samples along a side, and in this scene's colours."""
 
@@ -148,6 +158,7 @@ Event = (
     | AbortAsked
     | ProbeAsked
     | VoxelAsked
+    | FolderAsked
     | SliceAsked
 )
 
@@ -242,6 +253,15 @@ class AnswerVoxel:
 
 
 @dataclass(frozen=True)
+class AnswerFolder:
+    """What lies in the folder that was asked for, or the reason why it is not known."""
+
+    probe: int
+    listed: messages.FolderListed | None
+    error: VolsplatError | None = None
+
+
+@dataclass(frozen=True)
 class FailSession:
     """Nothing can be drawn any more."""
 
@@ -249,5 +269,14 @@ class FailSession:
 
 
 Instruction = (
-    Send | CutOff | ReportProgress | PublishVolume | PublishImage | EndFrame | AnswerProbe | AnswerVoxel | FailSession
+    Send
+    | CutOff
+    | ReportProgress
+    | PublishVolume
+    | PublishImage
+    | EndFrame
+    | AnswerProbe
+    | AnswerVoxel
+    | AnswerFolder
+    | FailSession
 )

@@ -104,11 +104,18 @@ class ServerLinks:
         """Of the servers that were started here."""
         return self._local.process_ids
 
-    def start(self, workers: int, splat_servers: int, threads: int) -> None:
-        """Start as many map/shade servers and splat servers on this machine; those of each kind share the threads."""
-        for program, count in ((Program.SPLAT_SERVER, splat_servers), (Program.MAPSHADE_SERVER, workers)):
+    def start(self, workers: int, splat_servers: int, threads: int, data_root: str | None = None) -> None:
+        """Start as many map/shade servers and splat servers on this machine; those of each kind share the threads.
+
+        Map/shade servers read nothing outside of the folder `data_root`, if given.
+        """
+        held = () if data_root is None else ("--data-root", data_root)
+        for program, count, options in (
+            (Program.SPLAT_SERVER, splat_servers, ()),
+            (Program.MAPSHADE_SERVER, workers, held),
+        ):
             for share in shared_out(threads, count):
-                self._local.start(program, str(self.address), self._token, share)
+                self._local.start(program, str(self.address), self._token, share, options)
 
     def present(self) -> set[str]:
         """How the servers that are there name their processes."""

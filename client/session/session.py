@@ -41,12 +41,14 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
+    AnswerFolder,
     AnswerProbe,
     AnswerVoxel,
     CutOff,
     EndFrame,
     Event,
     FailSession,
+    FolderAsked,
     FrameAsked,
     Instruction,
     PartialImageAsked,
@@ -117,8 +119,9 @@ class Session:
     `silence` seconds counts as lost: others take over what it held. Links between
     machines are encrypted, with `tls` those of this one as well, with False none; servers that are started by hand must
     be told the same. Of each finished frame what every process did when goes into the file `trace`, as JSON that
-    chrome://tracing and Perfetto load. `on_progress` gets one line for each thing that takes time, on a thread of the
-    session.
+    chrome://tracing and Perfetto load. Servers that are started here read nothing outside of the folder `data_root`, if
+    given; Linux alone can hold them to it. `on_progress` gets one line for each thing that takes time, on a thread of
+    the session.
 
     Numbers may be numpy's and torch's, here and in scenes, steps letters, `listen` HOST:PORT, `memory` a text as "2G".
     Raises BadInput for what is none, as all methods do, and the session goes on. A session that nobody closes ends with
@@ -141,6 +144,7 @@ class Session:
         tls: bool | None = None,
         cluster: str | Path | None = None,
         trace: str | Path | None = None,
+        data_root: str | Path | None = None,
         on_progress: Callable[[str], None] = log.info,
     ) -> None:
         self._in_memory = volume_in_memory(volume)  # given back when nobody holds it
@@ -157,7 +161,7 @@ class Session:
         self._cluster = None if cluster is None else ClusterServers(Path(cluster), on_progress)
         if self._cluster is not None:
             of, spawn = self._cluster.cluster, False
-            name, token, listen = self._cluster.volume(name), self._cluster.token, self._cluster.listens_at
+            token, listen = self._cluster.token, self._cluster.listens_at
             workers, splat_servers, silence = of.map_shade_servers, of.splat_servers, of.silence
             memory = memory or of.memory_bytes
             encryption = of.encryption
@@ -168,6 +172,7 @@ class Session:
         self._frames = AskedFrames()
         self._probe_answers = LateAnswers[messages.ProbedVoxel | VolumeSlice]()
         self._voxel_answers = LateAnswers[FileVoxel]()
+        self._folder_answers = LateAnswers[messages.FolderListed]()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
         self.counts = Counts()  # what was done, and lost
@@ -191,12 +196,13 @@ class Session:
         self._coordinator_thread = threading.Thread(target=self._coordinate, name="coordinator", daemon=True)
         self._coordinator_thread.start()
         atexit.register(self.close)  # a script may forget to
-        path = absolute_name(name) if spawn else name
+        self._spawns = spawn
+        path = self._as_servers_see(name)
         try:
             if self._cluster is not None:
                 self._cluster.join(self._links)
             if spawn:
-                self._links.start(workers, splat_servers, threads)
+                self._links.start(workers, splat_servers, threads, None if data_root is None else str(data_root))
             self._events.put(VolumeAsked(path, workers, splat_servers, memory, held))
         except BaseException:
             self.close()
@@ -397,6 +403,19 @@ class Session:
         except TimeoutError:
             return None
 
+    def list_folder(self, root: str | Path, folder: str = "", words: str = "") -> messages.FolderListed:
+        """The volumes and folders in a `folder` below `root`, as the servers see them; of names those with `words`.
+
+        What does not lie below the root, links followed, is not told. Frames that run go on.
+        Raises BadInput if there is no such folder, or it cannot be read, and PeerLost if no server is there to look.
+        """
+        self.volume  # noqa: B018  until it is known there may be no server
+        number, answer = self._folder_answers.ask()
+        self._events.put(FolderAsked(number, self._as_servers_see(checked_volume(root)), folder, words))
+        found = answer.result()
+        assert found is not None, "it is listed, or an error says why not"
+        return found
+
     def widget(self, scene: Scene | None = None) -> VolumeWidget:
         """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
         need("anywidget", "a widget", "notebook")
@@ -417,6 +436,12 @@ class Session:
             if not self._closed:
                 self._closed = True
                 self._close()
+
+    def _as_servers_see(self, name: str) -> str:
+        """The name of a file or folder as it is told to them."""
+        if self._cluster is not None:
+            return self._cluster.volume(name)
+        return absolute_name(name) if self._spawns else name
 
     def _close(self) -> None:
         atexit.unregister(self.close)
@@ -494,6 +519,8 @@ class Session:
                 self._probe_answers.give(probe, found, error)
             case AnswerVoxel(probe, voxel, error):
                 self._voxel_answers.give(probe, voxel, error)
+            case AnswerFolder(probe, listed, error):
+                self._folder_answers.give(probe, listed, error)
             case FailSession(error):
                 self._fail(error)
 
@@ -502,6 +529,7 @@ class Session:
         self._frames.fail(error)
         self._probe_answers.fail(error)
         self._voxel_answers.fail(error)
+        self._folder_answers.fail(error)
         self._volume_known.set()
 
 

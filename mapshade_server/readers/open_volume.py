@@ -198,7 +198,7 @@ def _opened(path: Path, part: str) -> VolumeReader:
     check_is_file(path)
     if path.is_dir():
         return next(one for one in FOLDER_FORMATS if one.recognises(path)).open(path, part)
-    packed, head = _head(path)
+    packed, head = head_of(path)
     if not head:
         raise BadInput(f"{path}: the file is empty; fetch or export the volume again")
     if found := format_of(path, head):
@@ -214,7 +214,7 @@ def _opened(path: Path, part: str) -> VolumeReader:
     raise BadInput(f"{path}: is {a_gzip}no format that is known, it begins with {told_head(head)}; {described}")
 
 
-def _head(path: Path) -> tuple[bool, bytes]:
+def head_of(path: Path) -> tuple[bool, bytes]:
     """Whether the file is gzip, and its first bytes, unzipped if they can be."""
     with path.open("rb") as file:
         head = file.read(HEAD_BYTES)

@@ -1,5 +1,6 @@
 """Every message of an open connection, by one name."""
 
+from volsplat.protocol.messages.folder_messages import *  # noqa: F403
 from volsplat.protocol.messages.frame_messages import *  # noqa: F403
 from volsplat.protocol.messages.image_messages import *  # noqa: F403
 from volsplat.protocol.messages.link_messages import *  # noqa: F403

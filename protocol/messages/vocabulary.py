@@ -1,6 +1,7 @@
 """All messages that there are, found by their types."""
 
 from volsplat.protocol.messages import (
+    folder_messages,
     frame_messages,
     image_messages,
     link_messages,
@@ -20,6 +21,7 @@ MESSAGES = tuple(  # of an open connection
     for module in (
         volume_messages,
         value_messages,
+        folder_messages,
         frame_messages,
         slice_messages,
         image_messages,

@@ -51,11 +51,11 @@ def _image(path: Path) -> DicomFile | None:
         head = file.read(PREAMBLE + 4)
     if recognises(head):
         return dicom_file(path)
-    return _if_readable(path) if recognises_old(head) else None
+    return image_if_readable(path) if recognises_old(head) else None
 
 
-def _if_readable(path: Path) -> DicomFile | None:
-    """What a file says that only may be DICOM."""
+def image_if_readable(path: Path) -> DicomFile | None:
+    """What a file says that only may be DICOM, None if it is no image or damaged."""
     try:
         return dicom_file(path)
     except BadInput:

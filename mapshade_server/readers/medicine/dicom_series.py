@@ -5,7 +5,7 @@ one series holds several volumes, `scans/#4,echo=2,time=3`. A file of a single s
 series around it, and `scans/IM0001#slice` for itself.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import NoReturn
 
 from volsplat.mapshade_server.readers.medicine import dicom_stack
 from volsplat.mapshade_server.readers.medicine.dicom_file import DicomFile, Frame, dicom_file, recognises
-from volsplat.mapshade_server.readers.medicine.dicom_folder import images_of, series_of
+from volsplat.mapshade_server.readers.medicine.dicom_folder import image_if_readable, images_of, series_of
 from volsplat.mapshade_server.readers.medicine.dicom_stack import Stack
 from volsplat.mapshade_server.readers.medicine.dicom_values import scalar_type_of
 from volsplat.mapshade_server.readers.medicine.modality import kind_of_modality
@@ -25,6 +25,7 @@ from volsplat.protocol.text.errors import BadInput
 
 __all__ = ["open_dicom_file", "open_folder", "recognises"]
 
+MOST_TOLD = 5000  # files that are looked at to tell which series there are
 ONE_SLICE = "slice"  # the part of a name that means a single slice alone
 
 
@@ -121,8 +122,12 @@ def open_folder(folder: Path, part: str) -> OpenedVolume:
 
 def _all_series(folder: Path) -> list[_Series]:
     """The series of all images of the folder."""
+    return _of_files(images_of(folder))
+
+
+def _of_files(files: Iterable[DicomFile]) -> list[_Series]:
     by_uid: dict[str, list[DicomFile]] = {}
-    for file in images_of(folder):
+    for file in files:
         by_uid.setdefault(file.series_uid, []).append(file)
     return [_Series(tuple(one)) for one in by_uid.values()]
 
@@ -143,13 +148,49 @@ def _chosen(folder: Path, every: Sequence[_Series], word: str) -> _Series:
 
 def _how_to_choose(folder: Path, every: Sequence[_Series]) -> str:
     """The series, and how to choose one: by what tells all of them apart."""
-    files = [series.files[0] for series in every]
     told = [series.told for series in every]
-    for words in ([file.series_number for file in files], [file.series_description for file in files]):
-        if all(words) and len(set(words)) == len(words):
-            return f"choose one of {'; '.join(told)}; as in {folder}#{words[0]}"
+    if words := _apart_by_words(every):
+        return f"choose one of {'; '.join(told)}; as in {folder}#{words[0]}"
+    files = [series.files[0] for series in every]
     told = [f"{text}, UID {file.series_uid}" for text, file in zip(told, files, strict=True)]
     return f"choose one of {'; '.join(told)}; by how its UID begins, as in {folder}#{files[0].series_uid}"
+
+
+def _apart_by_words(every: Sequence[_Series]) -> list[str]:
+    """A word for each of the series, if numbers or descriptions tell them apart."""
+    files = [series.files[0] for series in every]
+    for words in ([file.series_number for file in files], [file.series_description for file in files]):
+        if all(words) and len(set(words)) == len(words):
+            return words
+    return []
+
+
+def told_series(images: Sequence[Path]) -> list[tuple[str, str]]:
+    """The volumes that these DICOM files of one folder make: the part of its name that means each, and what it is.
+
+    What is damaged or no image is left out; so are single slices.
+    """
+    readable = (image_if_readable(path) for path in images[:MOST_TOLD])
+    every = _of_files(file for file in readable if file is not None)
+    told = list[tuple[str, str]]()
+    for series, word in zip(every, _parts(every), strict=True):
+        groups = {name: frames for name, frames in dicom_stack.apart(series.frames).items() if len(frames) > 1}
+        for name, frames in groups.items():
+            chosen = [f"{key}={value}" for key, value in name] if len(groups) > 1 else []
+            pixels = frames[0].pixels
+            slices = f"{len(frames)} slices of {pixels.columns} x {pixels.rows}"
+            part = ",".join([word, *chosen] if word else chosen)
+            told.append((part, ", ".join([f"series {series.title}", *chosen, slices])))
+    return told
+
+
+def _parts(every: Sequence[_Series]) -> list[str]:
+    """How each series is named: the only volume of a folder by the folder's name alone."""
+    words = _apart_by_words(every)
+    if not all(word.isdecimal() for word in words) or not words:
+        words = [series.files[0].series_uid for series in every]
+    volumes = [series for series in every if not series.is_scout]
+    return ["" if volumes == [series] else word for series, word in zip(every, words, strict=True)]
 
 
 def _left_out(every: Sequence[_Series], chosen: _Series) -> tuple[str, ...]:

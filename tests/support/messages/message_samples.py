@@ -51,6 +51,11 @@ DESCRIPTION = VolumeDescription(
     bands=(Band("bone", 1.0, 1.0, (1.0, 0.5, 0.25)), Band("air", 2.0, 4.0)),
 )
 IDENTITY = VolumeIdentity(size=352, header="0f" * 16, contents="1e" * 16, times="2d" * 16, place="3c" * 16)
+ENTRIES = [
+    messages.FolderEntry("scans", "", "folder", 0, is_folder=True, is_volume=False),
+    messages.FolderEntry("", "4", "series 4 “T2 AX”, 24 slices of 256 x 256", 0, is_folder=False, is_volume=True),
+    messages.FolderEntry("head.nrrd", "", "NRRD", 352, is_folder=False, is_volume=True),
+]
 BOXES = [Box((0, 0, 0), (4, 5, 3)), Box((0, 0, 3), (4, 5, 6))]
 QUANTISATION = Quantisation(window=(-1000.0, 2000.0), strength_scale=0.25)
 SCENE = Scene(
@@ -99,6 +104,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.AheadRead(1), b""),
         (messages.ReadVoxel(5, "/data/head.nrrd", IDENTITY, (3, 2, 1)), b""),
         (messages.VoxelRead(5, ["int16", "float32"]), struct.pack("<hf", -8882, 0.5)),
+        (messages.ListFolder(6, "/data", "scans", "t2"), b""),
+        (messages.FolderListed(6, ENTRIES, 3), b""),
         (messages.NameSession("1f2e3d4c"), b""),
         (messages.DescribeMachine(), b""),
         (messages.Alive(2.0), b""),
@@ -316,6 +323,15 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
     messages.AheadRead: st.builds(messages.AheadRead, ids),
     messages.ReadVoxel: st.builds(messages.ReadVoxel, ids, paths, identities, _voxel),
     messages.VoxelRead: st.builds(messages.VoxelRead, ids, st.lists(_scalar_types, max_size=messages.MOST_SCALARS)),
+    messages.ListFolder: st.builds(messages.ListFolder, ids, paths, lines, lines),
+    messages.FolderListed: st.builds(
+        messages.FolderListed,
+        ids,
+        st.lists(
+            st.builds(messages.FolderEntry, lines, lines, lines, counts, st.booleans(), st.booleans()), max_size=3
+        ),
+        counts,
+    ),
     messages.NameSession: st.builds(messages.NameSession, lines),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
     messages.LeaveSession: st.builds(messages.LeaveSession),

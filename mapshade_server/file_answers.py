@@ -1,4 +1,4 @@
-"""Answers about voxels of the file, given by a thread of its own: a slow disk delays nothing but them."""
+"""Answers about files, given by a thread of its own: a slow disk delays nothing but them."""
 
 import threading
 from collections.abc import Callable
@@ -6,14 +6,18 @@ from contextlib import AbstractContextManager, suppress
 from queue import SimpleQueue
 
 from volsplat.mapshade_server.file_voxels import FileVoxels
+from volsplat.mapshade_server.readers.folder_listing import listed
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.volume_answers import Answer
+from volsplat.protocol.messages.folder_messages import ListFolder
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.value_messages import ReadVoxel
 from volsplat.protocol.text.errors import VolsplatError
 
+OfFiles = ReadVoxel | ListFolder
 
-class VoxelAnswers:
+
+class FileAnswers:
     """One after the other. Nobody waits for the thread at the end: it may be in a read that does not return."""
 
     def __init__(
@@ -29,13 +33,13 @@ class VoxelAnswers:
         self._data_root = data_root
         self._at_work = at_work
         self._give = give
-        self._asked: SimpleQueue[ReadVoxel | None] = SimpleQueue()  # the exchanges bound it
+        self._asked: SimpleQueue[OfFiles | None] = SimpleQueue()  # the exchanges bound it
         self._thread: threading.Thread | None = None
 
-    def ask(self, request: ReadVoxel) -> None:
+    def ask(self, request: OfFiles) -> None:
         """Have it answered. One thread asks."""
         if self._thread is None:
-            self._thread = threading.Thread(target=self._answer_all, name="read voxels of the file", daemon=True)
+            self._thread = threading.Thread(target=self._answer_all, name="look at files", daemon=True)
             self._thread.start()
         self._asked.put(request)
 
@@ -50,10 +54,10 @@ class VoxelAnswers:
                     answer = self._answer(voxels, request)
                 self._give(answer)
 
-    def _answer(self, voxels: FileVoxels, request: ReadVoxel) -> Answer:
+    def _answer(self, voxels: FileVoxels, request: OfFiles) -> Answer:
         try:
             if self._data_root is not None:
                 self._data_root.check(request.path)
-            return voxels.read(request)
+            return voxels.read(request) if isinstance(request, ReadVoxel) else Answer(listed(request))
         except Exception as error:  # whatever it is: the client must hear of it
             return Answer(refusal(request, error))

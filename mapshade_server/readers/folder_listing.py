@@ -1,0 +1,132 @@
+"""What lies in a folder that can be opened: files by their content, the series of a DICOM folder, folders of slices."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from volsplat.mapshade_server.readers.arrays import raw_voxels
+from volsplat.mapshade_server.readers.medicine import dicom_series, picture_folder, tiff_folder
+from volsplat.mapshade_server.readers.open_volume import VolumeFormat, format_of, head_of
+from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
+from volsplat.protocol.messages.folder_messages import (
+    LONGEST_KIND,
+    LONGEST_NAME,
+    MOST_ENTRIES,
+    FolderEntry,
+    FolderListed,
+    ListFolder,
+)
+from volsplat.protocol.text.errors import BadInput
+
+SLICES = (("TIFF slices", tiff_folder.recognises_folder), ("pictures", picture_folder.recognises_folder))
+
+
+def listed(request: ListFolder) -> FolderListed:
+    """The answer. Raises BadInput for what is no folder, or does not lie below the root."""
+    folder = _below(request.path, request.folder)
+    try:
+        entries, left_out = _entries(Path(request.path).resolve(), folder, request.words.casefold())
+    except OSError as error:
+        reason = os.strerror(error.errno or 0)
+        raise BadInput(f"{request.folder or folder.name}: cannot be listed ({reason}); check its permissions") from None
+    return FolderListed(request.probe, entries, left_out)
+
+
+def _below(root: str, folder: str) -> Path:
+    """The folder, links followed. Raises BadInput in the same words whether what lies outside is there or not."""
+    try:
+        top = Path(root).resolve()
+        found = (top / folder).resolve(strict=True)
+        if found.is_relative_to(top) and found.is_dir():
+            return found
+    except (OSError, RuntimeError, ValueError):  # a ring of links, or a name that can be none
+        pass
+    raise BadInput(f"{folder or root}: is no folder below the one that volumes are opened from; choose another one")
+
+
+def _entries(root: Path, folder: Path, words: str) -> tuple[list[FolderEntry], int]:
+    folders, files = _sorted(root, folder)
+    images, volumes, left_out = list[Path](), list[FolderEntry](), 0
+    entries = [_folder(path) for path in folders if words in path.name.casefold()]
+    room = MOST_ENTRIES - len(entries[:MOST_ENTRIES])
+    for path in files:
+        if (found := _format(path)) is None:
+            continue
+        if found.open is dicom_series.open_dicom_file:
+            images.append(path)
+        elif words in path.name.casefold():
+            if len(volumes) < room:
+                volumes.append(_file(path, found))
+            else:
+                left_out += 1
+    whole = [entry for entry in (*_slices(folder), *_series(images)) if words in entry.kind.casefold()]
+    every = [*entries, *whole, *volumes]
+    return every[:MOST_ENTRIES], left_out + max(len(every) - MOST_ENTRIES, 0)
+
+
+def _sorted(root: Path, folder: Path) -> tuple[list[Path], list[Path]]:
+    """Folders and files that lie below the root, links followed, but for hidden ones; each by name."""
+    folders, files = list[Path](), list[Path]()
+    with os.scandir(folder) as every:
+        for one in every:
+            path = folder / one.name
+            if one.name[0] == "." or not _can_be_told(one.name) or (one.is_symlink() and not _leads_below(root, path)):
+                continue
+            if one.is_dir():
+                folders.append(path)
+            elif one.is_file():
+                files.append(path)
+
+    def in_order(path: Path) -> tuple[str, str]:
+        return path.name.casefold(), path.name
+
+    return sorted(folders, key=in_order), sorted(files, key=in_order)
+
+
+def _can_be_told(name: str) -> bool:
+    """Whether it is text: a file may be named by any bytes."""
+    return name.isprintable() and len(name) <= LONGEST_NAME
+
+
+def _leads_below(root: Path, link: Path) -> bool:
+    try:
+        return link.resolve().is_relative_to(root)
+    except (OSError, RuntimeError):  # a ring of links
+        return False
+
+
+def _format(path: Path) -> VolumeFormat | None:
+    """Of a file that can be opened as it is, None for any other."""
+    try:
+        packed, head = head_of(path)
+    except OSError:  # not for us to read
+        return None
+    found = format_of(path, head) if head else None
+    if found is None or (packed and not found.gzip):
+        return None
+    undescribed = found.open is raw_voxels.open_raw_voxels and not raw_voxels.describes(path, "")
+    return None if undescribed else found
+
+
+def _folder(path: Path) -> FolderEntry:
+    if zarr_store.recognises_folder(path):
+        return FolderEntry(path.name, "", "Zarr", 0, is_folder=False, is_volume=True)
+    return FolderEntry(path.name, "", "folder", 0, is_folder=True, is_volume=False)
+
+
+def _file(path: Path, found: VolumeFormat) -> FolderEntry:
+    kind = found.name.partition(" (")[0]
+    return FolderEntry(path.name, "", kind, path.stat().st_size, is_folder=False, is_volume=True)
+
+
+def _slices(folder: Path) -> Iterator[FolderEntry]:
+    """The folder itself, if its files are the slices of a volume."""
+    for kind, recognises in SLICES:
+        if recognises(folder):
+            yield FolderEntry("", "", kind, 0, is_folder=False, is_volume=True)
+
+
+def _series(images: list[Path]) -> Iterator[FolderEntry]:
+    """The volumes that DICOM images make."""
+    for part, told in dicom_series.told_series(images):
+        yield FolderEntry("", part, told[:LONGEST_KIND], 0, is_folder=False, is_volume=True)

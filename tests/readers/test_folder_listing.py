@@ -1,0 +1,133 @@
+"""What a server tells of folders: volumes by their content, series by their names, and nothing outside of the root."""
+
+import gzip
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from support.files.dicom_files import numbered, series
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.mapshade_server.readers import open_volume
+from volsplat.mapshade_server.readers.folder_listing import listed
+from volsplat.protocol.messages.folder_messages import MOST_ENTRIES, FolderEntry, FolderListed, ListFolder
+from volsplat.protocol.text.errors import BadInput
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """Beside it lies another folder, with a secret."""
+    inside, outside = tmp_path / "root", tmp_path / "root of others"
+    inside.mkdir()
+    outside.mkdir()
+    np.save(outside / "secret.npy", np.zeros((4, 4, 4), np.uint8))
+    return inside
+
+
+def look(root: Path, folder: str = "", words: str = "") -> FolderListed:
+    return listed(ListFolder(1, str(root), folder, words))
+
+
+def volume(name: str, kind: str, size: int) -> FolderEntry:
+    return FolderEntry(name, "", kind, size, is_folder=False, is_volume=True)
+
+
+def test_volumes_are_told_by_their_content_with_kind_and_size_and_nothing_else_is(root: Path) -> None:
+    write_volume(root / "Head.nrrd", *make_phantom("head", (8, 8, 8)))
+    (root / "b.nii.gz").write_bytes(gzip.compress(b"no volume"))
+    (root / "notes.txt").write_text("no volume", encoding="ascii")
+    (root / "pair.raw").write_bytes(bytes(64))  # nobody says what is in it
+    (root / "plain_4x4x4_uint8.raw").write_bytes(bytes(64))
+    (root / ".hidden.npy").write_bytes(b"\x93NUMPY")
+    np.save(root / "array.bin", np.zeros((4, 4, 4), np.uint8))
+    (root / "array.bin.npy").rename(root / "an array")
+    (root / "brain.zarr").mkdir()
+    (root / "zebra").mkdir()
+    os.mkfifo(root / "waits for ever.npy")
+    told = look(root)
+    assert told.left_out == 0 and told.entries == [
+        FolderEntry("brain.zarr", "", "Zarr", 0, is_folder=False, is_volume=True),
+        FolderEntry("zebra", "", "folder", 0, is_folder=True, is_volume=False),
+        volume("an array", "NumPy array", (root / "an array").stat().st_size),
+        volume("Head.nrrd", "NRRD", (root / "Head.nrrd").stat().st_size),
+        volume("plain_4x4x4_uint8.raw", "raw voxels", 64),
+    ]
+    assert [entry.name for entry in look(root, words="HEAD").entries] == ["Head.nrrd"]
+
+
+def test_each_series_of_a_folder_is_told_by_its_description_and_opens_by_its_name(root: Path) -> None:
+    folder = root / "study"
+    for number, (described, count) in enumerate((("T1 AX", 5), ("T2, fat=sat", 4), ("scout", 1)), start=3):
+        tags: dict[str, Any] = {"SeriesNumber": str(number), "SeriesDescription": described}
+        tags["SeriesInstanceUID"] = f"1.2.{number}"
+        for slice_ in series(root / f"of {number}", numbered(count), **tags).iterdir():
+            folder.mkdir(exist_ok=True)
+            slice_.rename(folder / f"{number}-{slice_.name}")
+    (folder / "damaged.dcm").write_bytes(next(folder.iterdir()).read_bytes()[:300])
+    told = look(root, "study").entries
+    assert [(one.name, one.part, one.is_volume) for one in told] == [("", "3", True), ("", "4", True)]
+    assert "“T1 AX”, 5 slices of " in told[0].kind and "“T2, fat=sat”, 4 slices of " in told[1].kind
+    (folder / "damaged.dcm").unlink()
+    for one, count in zip(told, (5, 4), strict=True):
+        assert open_volume(f"{folder}#{one.part}").describe().geometry.dims[2] == count
+    assert [one.part for one in look(root, "study", "t2").entries] == ["4"]
+
+
+def test_the_only_series_of_a_folder_goes_by_the_folders_name(root: Path) -> None:
+    series(root / "scan", numbered(5), SeriesDescription="HEAD")
+    (only,) = look(root, "scan").entries
+    assert (only.name, only.part) == ("", "") and "“HEAD”" in only.kind
+
+
+def test_nothing_outside_of_the_root_is_told_of_whatever_leads_there(root: Path) -> None:
+    outside = root.parent / "root of others"
+    (root / "link.npy").symlink_to(outside / "secret.npy")
+    (root / "folder").symlink_to(outside)
+    (root / "ring").symlink_to(root / "ring")
+    (root / "self").symlink_to(root)
+    slices = series(outside / "scan", numbered(5), SeriesDescription="SECRET")
+    (root / "study").mkdir()
+    for slice_ in slices.iterdir():
+        (root / "study" / slice_.name).symlink_to(slice_)
+    assert [entry.name for entry in look(root).entries] == ["self", "study"]
+    assert look(root, "study").entries == []
+    refusals = set[str]()
+    beyond = (
+        "..",
+        f"../{outside.name}",
+        str(outside),
+        "/",
+        "folder",
+        "ring",
+        "study/../..",
+        "no\0name",
+        "~",
+        "nothing",
+    )
+    for folder in beyond:
+        with pytest.raises(BadInput, match="is no folder below the one that volumes are opened from") as refused:
+            look(root, folder)
+        refusals.add(str(refused.value).removeprefix(folder))
+    assert len(refusals) == 1, "one answer, whether something is there or not"
+    assert [entry.name for entry in look(root, "self/self").entries] == ["self", "study"]
+
+
+def test_of_a_large_folder_the_first_are_told_and_a_part_of_a_name_finds_the_rest(root: Path) -> None:
+    for number in range(MOST_ENTRIES + 7):
+        np.save(root / f"{number:04}.npy", np.zeros((2, 2, 2), np.uint8))
+    told = look(root)
+    assert len(told.entries) == MOST_ENTRIES and told.left_out == 7
+    last = f"{MOST_ENTRIES + 6:04}"
+    found = look(root, words=last)
+    assert [entry.name for entry in found.entries] == [f"{last}.npy"] and found.left_out == 0
+
+
+def test_a_folder_that_may_not_be_read_is_refused_in_one_line(root: Path) -> None:
+    (root / "shut").mkdir(mode=0)
+    if os.access(root / "shut", os.R_OK):
+        pytest.skip("this user may read everything")
+    with pytest.raises(BadInput, match=r"shut: cannot be listed \(Permission denied\); check its permissions"):
+        look(root, "shut")
