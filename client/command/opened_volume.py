@@ -46,6 +46,7 @@ class Servers:
     silence: float = SILENCE_SECONDS  # after which one is lost
     tls: bool | None = None  # between machines
     cluster: Path | None = None  # whose servers are used, instead of all that is said of them here
+    data_root: str | None = None  # folder outside of which those started here read nothing
     trace: Path | None = None  # file for what every process does when
 
 
@@ -213,6 +214,7 @@ def session_of(volume: str, servers: Servers, spawns: bool, say: Callable[[str],
         tls=servers.tls,
         cluster=servers.cluster,
         trace=servers.trace,
+        data_root=servers.data_root,
         on_progress=say,
     )
 

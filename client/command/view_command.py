@@ -6,7 +6,6 @@ import errno
 import socket
 from contextlib import closing, nullcontext
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,16 +33,18 @@ from volsplat.client.ui.doors.browser_tab import BrowserTab
 from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.port_holder import port_holder
 from volsplat.client.ui.doors.public_address import PublicAddress
+from volsplat.program.confinement import can_confine
 from volsplat.program.extras import need
 from volsplat.program.plain_console import PlainConsole
 from volsplat.program.server_process import checked_metrics, metrics_of, metrics_options
-from volsplat.protocol.description.scene import PaperStep, Refine
+from volsplat.protocol.description.scene import PaperStep, Refine, Scene
 from volsplat.protocol.description.volume_name import volume_name
 from volsplat.protocol.text.errors import BadInput
 from volsplat.protocol.wire.addresses import LOOPBACK, Address
 
 if TYPE_CHECKING:
-    from volsplat.client.ui.viewing.restart import Restart
+    from volsplat.client.ui.opening.opening import Opening
+    from volsplat.client.ui.opening.shown_volume import ShownVolume
     from volsplat.client.ui.viewing.viewing import Viewing
 
 GRACE_SECONDS = 600
@@ -64,6 +65,11 @@ LIT_FROM = PaperStep.C  # shading by tables costs nothing, so that the page need
         "--behind",
         metavar="URL",
         help="Its address in the browser if a proxy shows it there: https://hub.example.org/user/me/proxy/8123/.",
+    ),
+    click.option(
+        "--root",
+        metavar="FOLDER",
+        help="Other volumes can be opened on the page from below this folder alone (that of VOLUME).",
     ),
     click.option(
         "--grace",
@@ -96,6 +102,7 @@ def view(
     port: int,
     no_browser: bool,
     behind: str | None,
+    root: str | None,
     grace: float,
     memory: str | None,
     trace: Path | None,
@@ -119,6 +126,8 @@ def view(
     options.scene_of(None)
     public = None if behind is None else PublicAddress.of(behind)
     check_found(volume, listen is None, cluster)
+    if root is not None and listen is None and cluster is None and not Path(root).is_dir():
+        raise BadInput(f"--root {root}: is no folder; name one that volumes lie below")
     servers = servers_from_options(
         workers,
         splat_servers,
@@ -138,34 +147,60 @@ def view(
             with opened(volume, servers, listen is None, console, tab.say if tab else ignored, PAGE) as session:
                 assert isinstance(session, Session)
                 options.tell_unsuited(session.volume, console)
-                viewing = _viewing_of(session, options, by_hand=listen is not None)
-                restart = None if listen else _restart_of(viewing, volume, servers)
-                with closing(viewing), metrics_of(lambda: viewing.session.counts, metrics, door):
-                    _serve(viewing, restart, address, grace, tab, console)
+                viewing = _viewing_of(
+                    session, options.scene_of(session.volume), options.scene is None, listen is not None
+                )
+                shown = _shown(viewing, volume, servers, by_hand=listen is not None)
+                opening = None if listen else _opening_of(shown, volume, root, servers)
+                with closing(shown), metrics_of(lambda: shown.viewing.session.counts, metrics, door):
+                    _serve(shown, opening, address, grace, tab, console)
 
 
-def _viewing_of(session: Session, options: SceneOptions, by_hand: bool) -> Viewing:
+def _viewing_of(session: Session, scene: Scene, lit: bool, by_hand: bool = False) -> Viewing:
+    """What is `lit` is so from its first steps on."""
     with interrupts_held():
         from volsplat.client.ui.viewing.opened_viewing import opened_viewing
         from volsplat.client.ui.viewing.trouble import BY_BUTTON, BY_HAND
 
-    first = options.scene_of(session.volume)
-    if options.scene is None:
-        first = msgspec.structs.replace(first, refine=Refine(lit_from=LIT_FROM))
+    first = msgspec.structs.replace(scene, refine=Refine(lit_from=LIT_FROM)) if lit else scene
     return opened_viewing(session, first, cure=BY_HAND if by_hand else BY_BUTTON)
 
 
-def _restart_of(viewing: Viewing, volume: str, servers: Servers) -> Restart:
-    """What starts the servers again; the trace stays that of the first ones, whose place it would take."""
+def _shown(viewing: Viewing, volume: str, servers: Servers, by_hand: bool) -> ShownVolume:
+    """With what starts the servers again, unless that is done by hand."""
+    from volsplat.client.ui.opening.shown_volume import ShownVolume
     from volsplat.client.ui.viewing.restart import Restart
 
-    untraced = replace(servers, trace=None)
-    return Restart(viewing, lambda say: session_of(volume, untraced, True, say))
+    again = _again(servers)
+    return ShownVolume(viewing, None if by_hand else Restart(viewing, lambda say: session_of(volume, again, True, say)))
+
+
+def _again(servers: Servers) -> Servers:
+    """For a later session: the trace stays that of the first one, whose place it would take."""
+    return replace(servers, trace=None)
+
+
+def _opening_of(shown: ShownVolume, volume: str, root: str | None, servers: Servers) -> Opening | None:
+    """What opens other volumes below the root; of a volume on the web the root must be given."""
+    from volsplat.client.ui.opening.opening import Opening
+
+    if root is None:
+        name = volume_name(volume)
+        if name.is_url:
+            return None
+        root = str(Path(name.place).parent if servers.cluster else Path(name.place).absolute().parent)
+    here = servers.cluster is None
+    later = replace(_again(servers), data_root=root if here and can_confine() else None)
+
+    def made(session: Session, scene: Scene | None) -> Viewing:
+        return _viewing_of(session, scene or session.default_scene(), lit=scene is None)
+
+    return Opening(shown, root, volume, lambda name, say: session_of(name, later, True, say), made, not here)
 
 
 def _serve(
-    viewing: Viewing,
-    restart: Restart | None,
+    shown: ShownVolume,
+    opening: Opening | None,
     address: PageAddress,
     grace: float,
     tab: BrowserTab | None,
@@ -175,10 +210,13 @@ def _serve(
         from volsplat.client.ui.application import Application
         from volsplat.client.ui.page import page
 
-    application = Application(viewing, partial(page, restart=restart), address, grace)
+    def build(viewing: Viewing) -> None:
+        page(viewing, shown.restart, opening)
+
+    application = Application(shown, build, address, grace)
 
     def ready() -> None:
-        for line in (f"{viewing.volume.description.name} is at", "", f"    {address.url}", ""):
+        for line in (f"{shown.viewing.volume.description.name} is at", "", f"    {address.url}", ""):
             console.say(line)
         if tab is not None:
             tab.open()

@@ -9,6 +9,7 @@ from volsplat.client.session.session import Session
 from volsplat.client.ui.application import Application
 from volsplat.client.ui.doors.browser_tab import BrowserTab
 from volsplat.client.ui.doors.page_address import PageAddress
+from volsplat.client.ui.opening.shown_volume import ShownVolume
 from volsplat.client.ui.page import page
 from volsplat.client.ui.viewing.opened_viewing import opened_viewing
 from volsplat.protocol.description.scene import Scene
@@ -36,4 +37,4 @@ def show_page(session: Session, scene: Scene, port: int, browser: bool, grace: f
             if tab is not None:
                 tab.make_room()
             with suppress(KeyboardInterrupt):  # which is how a person is done with it
-                Application(opened_viewing(session, scene), page, address, grace).run(ready)
+                Application(ShownVolume(opened_viewing(session, scene)), page, address, grace).run(ready)

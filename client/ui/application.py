@@ -25,10 +25,16 @@ from volsplat.client.ui.doors.page_address import PageAddress
 from volsplat.client.ui.doors.page_policy import ScriptNonces, StrictHeaders
 from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.doors.waiting_page import WAITING_PATH
-from volsplat.client.ui.viewing.loss_watch import watch_for_losses
-from volsplat.client.ui.viewing.saving import LARGEST_SCENE_FILE, SCENE_PARAMETER, scene_from_link
+from volsplat.client.ui.opening.shown_volume import ShownVolume
+from volsplat.client.ui.viewing.saving import (
+    LARGEST_SCENE_FILE,
+    SCENE_PARAMETER,
+    VOLUME_PARAMETER,
+    check_link_is_of,
+    scene_from_link,
+)
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.client.ui.viewport.viewport_link import serve_viewport
+from volsplat.client.ui.viewport.viewport_link import serve_viewport, turn_away
 from volsplat.protocol.text.errors import BadInput
 
 SHUTDOWN_SECONDS = 1  # for open sockets, at the end
@@ -85,12 +91,12 @@ class OpenPages:
 
 
 class Application:
-    """Serves one Viewing at the address until told to stop, or until no page has been open for `grace` seconds."""
+    """Serves what is shown at the address until told to stop, or until no page has been open for `grace` seconds."""
 
     def __init__(
-        self, viewing: Viewing, build_page: Callable[[Viewing], None], address: PageAddress, grace: float
+        self, shown: ShownVolume, build_page: Callable[[Viewing], None], address: PageAddress, grace: float
     ) -> None:
-        self._viewing = viewing
+        self._shown = shown
         self._build_page = build_page
         self._pages = OpenPages()
         self._grace = grace
@@ -125,7 +131,7 @@ class Application:
                 ws_per_message_deflate=False,  # pictures are compressed already
                 h11_max_incomplete_event_size=LONGEST_ADDRESS,
             ),
-            end_session=viewing.close,
+            end_session=shown.close,
         )
         self.ended_by_grace = False
 
@@ -140,17 +146,12 @@ class Application:
 
     @asynccontextmanager
     async def _lifespan(self, application: FastAPI) -> AsyncIterator[None]:
-        loop = asyncio.get_running_loop()
-        self._viewing.pictures.attach(loop)
-        self._viewing.troubles.attach(loop)
-        self._viewing.loop.start()
-        watches = [asyncio.create_task(self._watch()), asyncio.create_task(watch_for_losses(self._viewing))]
+        watch = asyncio.create_task(self._watch())
         try:
-            yield
+            async with self._shown.drawn():
+                yield
         finally:
-            for watch in watches:
-                watch.cancel()
-            await asyncio.to_thread(self._viewing.loop.close)
+            watch.cancel()
 
     async def _watch(self) -> None:
         while not self._server.started:
@@ -161,21 +162,28 @@ class Application:
         self.ended_by_grace = True
         self._end()
 
-    async def _viewport(self, socket: WebSocket, tab: str) -> None:
+    async def _viewport(self, socket: WebSocket, tab: str, volume: int | None = None) -> None:
+        """The page says of which volume it is: a tab that was away may have missed that another one is shown."""
+        viewing = self._shown.viewing
+        if volume not in (None, viewing.number):
+            await turn_away(socket)
+            return
         async with self._pages.one_more():
-            await serve_viewport(self._viewing, socket, tab)
+            await serve_viewport(viewing, socket, tab)
 
     def _page(self, request: Request) -> Response | None:
         """The page. A link to a scene puts that in force and leads to the page without it, which may be loaded anew."""
+        viewing = self._shown.viewing
         link = request.query_params.get(SCENE_PARAMETER)
         if link is not None:
             try:
-                self._viewing.show_scene(scene_from_link(link, self._viewing.default_scene))
+                check_link_is_of(request.query_params.get(VOLUME_PARAMETER), viewing.volume.description)
+                viewing.show_scene(scene_from_link(link, viewing.default_scene))
                 return RedirectResponse(".", status_code=303)
             except (BadInput, ValueError) as error:
                 ui.notify(str(error), type="warning", timeout=0, close_button=True)
         self._pages.coming()
-        self._build_page(self._viewing)
+        self._build_page(viewing)
         return None
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from nicegui import ui
 
+from volsplat.client.ui.opening.open_dialog import OpenDialog
+from volsplat.client.ui.opening.opening import Opening
 from volsplat.client.ui.panels.colour_bar import ColourBar
 from volsplat.client.ui.panels.drawers import Drawers
 from volsplat.client.ui.panels.folding import Folding
@@ -24,8 +26,11 @@ from volsplat.client.ui.viewport.viewport_element import viewport_element
 STYLES = ("theme.css", "page.css")
 
 
-def page(viewing: Viewing, restart: Restart | None = None) -> None:
-    """Build the page for one tab; without a `restart`, a session that has ended stays so."""
+def page(viewing: Viewing, restart: Restart | None = None, opening: Opening | None = None) -> None:
+    """Build the page for one tab.
+
+    Without a `restart`, a session that has ended stays so; without `opening`, it stays with this volume.
+    """
     description = viewing.volume.description
     for style in STYLES:
         ui.add_head_html(f'<link rel="stylesheet" href="volsplat/static/{style}">')
@@ -38,6 +43,8 @@ def page(viewing: Viewing, restart: Restart | None = None) -> None:
             name.props("role=heading aria-level=1")
             ui.label(" × ".join(str(n) for n in description.geometry.dims)).classes("vs-muted")
             volume_information(viewing.volume)
+            if opening is not None:
+                OpenDialog(opening)
             steps_bar(viewing)
             ui.element("div").classes("vs-spread")
             save_panel(viewing)
@@ -46,7 +53,7 @@ def page(viewing: Viewing, restart: Restart | None = None) -> None:
         with ui.element("aside").classes("vs-left").props("aria-label=scene"):
             scene_panels(viewing)
         with ui.element("section").classes("vs-view").props("aria-label=picture"):
-            viewport_element(viewing.default_scene.view.rotation)
+            viewport_element(viewing.default_scene.view.rotation, viewing.number)
             ColourBar(viewing)
             PhaseLegend(viewing)
             if restart is not None:

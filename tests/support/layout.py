@@ -44,7 +44,7 @@ FLOORS = {
         "movie gallery export",
         "ui/viewing",
         "ui/viewport ui/controls",
-        "ui/panels ui/tables",
+        "ui/panels ui/tables ui/opening",
         "ui",
         "script",
         "command .",

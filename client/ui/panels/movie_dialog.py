@@ -105,6 +105,7 @@ class MovieDialog:
             return
         self._trouble.text = ""
         self._show_state()
+        self._viewing.jobs += 1
         background_tasks.create(self._follow(self._job, folder), name="movie")
 
     async def _follow(self, job: MovieJob, folder: Path) -> None:
@@ -120,6 +121,7 @@ class MovieDialog:
                 with self._dialog.client:
                     ui.download(job.path.read_bytes(), job.path.name)
         finally:
+            self._viewing.jobs -= 1
             job.cancel()  # at the end of everything it may still be at it
             await asyncio.to_thread(job.join)
             shutil.rmtree(folder)

@@ -76,7 +76,7 @@ def _save_scene(viewing: Viewing) -> None:
 def _copy_link(viewing: Viewing) -> None:
     """As the browser reaches the page, perhaps through a forwarded port, and without anything that opens it."""
     page = str(context.client.request.base_url)
-    ui.clipboard.write(scene_link(page, viewing.model.scene, viewing.default_scene))
+    ui.clipboard.write(scene_link(page, viewing.model.scene, viewing.default_scene, viewing.volume.description.name))
     ui.notify("copied: the link restores this scene in a browser that may see this page; it opens the page to nobody")
 
 

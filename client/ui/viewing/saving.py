@@ -38,6 +38,7 @@ log = logging.getLogger(__name__)
 ImageFormat = Literal["png", "exr"]
 FIGURE_KINDS = (".pdf", ".svg", ".png", ".tif")
 SCENE_PARAMETER = "scene"  # of a link, in its query
+VOLUME_PARAMETER = "volume"  # likewise, the name of what the scene is of
 LARGEST_SCENE_FILE = 1 << 20  # bytes
 
 _LARGEST_SCENE = 1 << 20  # bytes of JSON that a link may unfold to
@@ -80,14 +81,25 @@ def scene_bytes(scene: Scene) -> bytes:
     return scene_toml(scene).encode()
 
 
-def scene_link(base_url: str, scene: Scene, default_scene: Scene) -> str:
-    """`base_url` with what differs from the default scene in its query, as text that a URL may hold."""
+def scene_link(base_url: str, scene: Scene, default_scene: Scene, volume: str = "") -> str:
+    """`base_url` with what differs from the default scene in its query, as text that a URL may hold.
+
+    With the name of the `volume` as well it is known where it belongs.
+    """
     changed = _changed(msgspec.to_builtins(default_scene), msgspec.to_builtins(scene))
     packed = zlib.compress(msgspec.json.encode(changed), 9)
     text = base64.urlsafe_b64encode(packed).decode().rstrip("=")
     parts = urlsplit(base_url)
-    kept = [(name, value) for name, value in parse_qsl(parts.query) if name != SCENE_PARAMETER]
-    return urlunsplit(parts._replace(query=urlencode([*kept, (SCENE_PARAMETER, text)])))
+    of_link = (SCENE_PARAMETER, VOLUME_PARAMETER)
+    kept = [(name, value) for name, value in parse_qsl(parts.query) if name not in of_link]
+    named = [(VOLUME_PARAMETER, volume)] if volume else []
+    return urlunsplit(parts._replace(query=urlencode([*kept, *named, (SCENE_PARAMETER, text)])))
+
+
+def check_link_is_of(volume: str | None, shown: VolumeDescription) -> None:
+    """Raises BadInput for a link to a scene of another volume than is shown; one may name none."""
+    if volume not in (None, shown.name):
+        raise BadInput(f"this link is to a scene of {printable(volume)}, and {shown.name} is shown; open that first")
 
 
 def scene_from_link(text: str, base: Scene) -> Scene:

@@ -96,6 +96,12 @@ class SceneModel:
             self._before.append(self.scene)
             self._publish(_in_size_of(self.scene, self._after.pop()), by)
 
+    def forget(self) -> None:
+        """Nothing can be undone from here on: the scene is the first one."""
+        self._gesture = None
+        self._before.clear()
+        self._after.clear()
+
     def subscribe(self, subscriber: Subscriber) -> Callable[[], None]:
         """Have `subscriber` called after every change, in the thread that made it. Returns what ends that."""
         self._subscribers.append(subscriber)

@@ -65,6 +65,9 @@ class Viewing:
     troubles: Feed[Trouble]
     cure: str  # what a person may do once the session has ended
     image_size: ImageSize = field(default_factory=ImageSize)
+    number: int = 1  # of the volumes that were shown, one after the other
+    jobs: int = 0  # that need the session for long, as movies do
+    _on_left: list[Callable[[], None]] = field(default_factory=list)
     _guard: threading.Lock = field(default_factory=threading.Lock)  # of the session and of what follows
     _closed: bool = False
 
@@ -82,6 +85,16 @@ class Viewing:
             self._closed = True
             session = self.session
         session.close()
+
+    def on_left(self, subscriber: Callable[[], None]) -> Unsubscribe:
+        """Have `subscriber` called when another volume is shown in the place of this one."""
+        self._on_left.append(subscriber)
+        return lambda: self._on_left.remove(subscriber)
+
+    def left(self) -> None:
+        """Another volume is shown. In the event loop's thread."""
+        for subscriber in list(self._on_left):
+            subscriber()
 
     def show_scene(self, scene: Scene) -> None:
         """Put another scene in place of the present one, which undo brings back; the image has its size as before."""

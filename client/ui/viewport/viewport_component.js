@@ -6,12 +6,13 @@ import { ViewportSocket } from "volsplat/viewport/viewport_socket.js";
 
 export default {
   template: '<div class="vs-viewport-host"></div>',
-  props: { tab: String, home: Array, prefix: String },
+  props: { tab: String, home: Array, volume: Number, prefix: String },
   mounted() {
     const under = (path) => new URL(`${this.prefix}/${path}`, window.location.href);
     const url = under("viewport");
     url.protocol = url.protocol === "https:" ? "wss:" : "ws:";
     url.searchParams.set("tab", this.tab);
+    url.searchParams.set("volume", this.volume);
     this.socket = new ViewportSocket(url, under("alive"));
     const makeSlices = (listener) => new Slices(this.$el, listener);
     this.viewport = new Viewport(this.$el, this.socket, { home: this.home, wholePage: true, makeSlices });

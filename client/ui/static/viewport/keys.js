@@ -25,6 +25,7 @@ const PLAIN = {
   s: (viewport) => viewport.slices?.toggle(),
   m: (viewport) => viewport.measuring.toggle(),
   g: (viewport) => viewport.slices?.toggleColours(),
+  o: () => /** @type {HTMLElement | null} */ (document.querySelector(".vs-open-volume"))?.click(), // a page may have none
   "?": (viewport) => viewport.toggleHelp(),
   ...Object.fromEntries(AXIS_VIEWS.map((name, n) => [n + 1, (viewport) => viewport.actions.lookFrom(name)])),
 };
@@ -54,6 +55,7 @@ const LIST = [
   ["G", "slices grey, or in the colours of the tables"],
   ["M", "measure a distance or an angle, or no longer"],
   ["Shift and pointing", "slices through what is seen there"],
+  ["O", "open another volume"],
   ["Ctrl C", "copy the picture"],
   ["Ctrl Z", "undo"],
   ["Ctrl Shift Z", "redo"],

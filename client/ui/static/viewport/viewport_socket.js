@@ -9,6 +9,7 @@ const DEAD = 20000; // without an answer after which the connection is made anew
 const MISSED = 2; // questions that could not even be asked, one after the other, that count likewise
 const ASLEEP = 15000; // between two ticks: the machine slept, and the connection may be dead without knowing
 const REFUSED = 1008; // close code of a missing token
+const OTHER_VOLUME = 4001; // close code that has the page loaded anew, since another volume is shown
 
 const LOST = "No connection to volsplat's process. The picture stays as it was; trying again…";
 const NO_ANSWER = "volsplat's process does not answer. The picture stays as it was; waiting…";
@@ -111,6 +112,11 @@ export class ViewportSocket {
     if (code === REFUSED) {
       this.#drop();
       this.#state({ connected: false, text: TOKEN_MISSING });
+      return;
+    }
+    if (code === OTHER_VOLUME) {
+      this.#drop();
+      location.reload();
       return;
     }
     this.#lose();

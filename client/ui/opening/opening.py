@@ -1,0 +1,201 @@
+"""Opens another volume in the place of the one that is shown. That is drawn on until the other one is there."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from volsplat.client.scene.resized import sized
+from volsplat.client.session.session import Session
+from volsplat.client.ui.opening.kept_tables import with_tables_of
+from volsplat.client.ui.opening.shown_volume import ShownVolume
+from volsplat.client.ui.viewing.restart import Restart
+from volsplat.client.ui.viewing.viewing import Feed, Viewing
+from volsplat.protocol.description.scene import Scene
+from volsplat.protocol.description.volume_name import VolumeName, volume_name
+from volsplat.protocol.messages.folder_messages import FolderListed
+from volsplat.protocol.text.errors import BadInput, PeerLost
+
+MOST_RECENT = 10
+GIVEN_UP = "it was given up"
+
+Say = Callable[[str], None]
+OpenSession = Callable[[str, Say], Session]  # of a volume; it is given what to do with words for what takes time
+MakeViewing = Callable[[Session, Scene | None], Viewing]  # of a scene, or of the one that suits the volume
+
+
+class Place(NamedTuple):
+    """A volume below the root: the way to its folder, its name there ("" for the folder itself), and the part meant."""
+
+    folder: str
+    name: str
+    part: str = ""
+
+    def __str__(self) -> str:
+        return str(VolumeName("/".join(filter(None, (self.folder, self.name))) or ".", self.part))
+
+
+@dataclass(frozen=True)
+class News:
+    """What is being opened, "" for nothing, and a line of how it goes."""
+
+    opening: str
+    line: str
+
+
+class Opening:
+    """Any tab may list folders below `root` and open what lies there, one volume at a time.
+
+    `root` and names are as the servers see them. `first` is the volume that is shown already. Servers that serve one
+    session at a time, `alone`, leave what is shown before they open another one, and come back to it if that fails.
+    """
+
+    def __init__(
+        self,
+        shown: ShownVolume,
+        root: str,
+        first: str,
+        open_session: OpenSession,
+        make_viewing: MakeViewing,
+        alone: bool = False,
+    ) -> None:
+        self._shown = shown
+        self._root = root
+        self._open_session = open_session
+        self._make_viewing = make_viewing
+        self._alone = alone
+        self._telling = threading.Lock()  # guards what is told now
+        self.news: Feed[News] = Feed()
+        self.now = News("", "")
+        self.recent: list[Place] = []  # newest first
+        self._left: dict[Place, Scene] = {}  # how volumes looked when others were opened
+        self._cancelled = False
+        self._place = place_below(root, first)
+        self._note(self._place)
+
+    @property
+    def root_name(self) -> str:
+        return Path(self._root).name or self._root
+
+    @property
+    def first_folder(self) -> str:
+        """The folder to begin with: that of the volume that is shown."""
+        return "" if self._place is None else self._place.folder
+
+    def listed(self, folder: str, words: str) -> FolderListed:
+        """What lies there; waits for a server. Raises BadInput and PeerLost."""
+        return self._shown.viewing.session.list_folder(self._root, folder, words)
+
+    async def open(self, place: Place, keep_tables: bool) -> None:
+        """Show this volume, in all tabs, once it can be drawn; returns then.
+
+        Raises BadInput and PeerLost if it cannot be; then all is as before.
+        """
+        if self.now.opening:
+            raise BadInput(f"{self.now.opening} is being opened; wait for it, or cancel that")
+        viewing = self._shown.viewing
+        if viewing.jobs:
+            raise BadInput("a movie is being made of the volume that is shown; wait for it, or cancel it")
+        self.news.attach(asyncio.get_running_loop())
+        self._cancelled = False
+        self._tell(News(str(place), "starting"))
+        try:
+            opened = await asyncio.to_thread(self._opened, place, viewing, keep_tables)
+            self._show(opened, place)
+        finally:
+            self._shown.expect(None)
+            self._tell(News("", ""))
+
+    def cancel(self) -> None:
+        """Give up what is being opened, if anything is."""
+        self._cancelled = True
+        self._shown.give_up()
+
+    def _show(self, opened: Viewing, place: Place) -> None:
+        """In the event loop's thread, in which nothing else happens meanwhile."""
+        if self._cancelled:
+            opened.close()
+            raise BadInput(GIVEN_UP)
+        before, volume = self._shown.viewing, self._name_of(place)
+        if self._place is not None:
+            self._left[self._place] = before.model.scene
+        restart = Restart(opened, lambda say: self._open_session(volume, say))
+        self._place = place
+        self._note(place)
+        self._shown.take(opened, restart)
+
+    def _opened(self, place: Place, before: Viewing, keep_tables: bool) -> Viewing:
+        self._check(place)
+        if self._alone:
+            before.session.close()
+        try:
+            return self._made(place, before, keep_tables)
+        except BaseException:
+            if self._alone and self._shown.restart is not None:
+                self._shown.restart.start()
+            raise
+
+    def _made(self, place: Place, before: Viewing, keep_tables: bool) -> Viewing:
+        session = self._open_session(self._name_of(place), self._say)
+        try:
+            self._shown.expect(session)
+            if self._cancelled:
+                raise BadInput(GIVEN_UP)
+            session.volume.check_has_values()
+            viewing = self._make_viewing(session, self._left.get(place))
+            if keep_tables:
+                viewing.model.change(
+                    lambda scene: with_tables_of(before.model.scene, scene, before.volume, session.volume)
+                )
+            size = before.model.scene.image
+            viewing.image_size.follows_window = before.image_size.follows_window
+            viewing.model.change(lambda scene: sized(scene, width=size.width, height=size.height))
+            viewing.model.forget()
+            return viewing
+        except BaseException as error:
+            session.close()
+            if self._cancelled and isinstance(error, PeerLost):
+                raise BadInput(GIVEN_UP) from error
+            raise
+
+    def _check(self, place: Place) -> None:
+        """Raises BadInput where the servers see no such volume below the root."""
+        there = self.listed(place.folder, place.name)
+        if place.name and all(entry.name != place.name for entry in there.entries):
+            raise BadInput(f"{place}: is not there, or not below {self.root_name}; choose another one")
+
+    def _name_of(self, place: Place) -> str:
+        return str(VolumeName("/".join(filter(None, (self._root, place.folder, place.name))), place.part))
+
+    def _note(self, place: Place | None) -> None:
+        if place is not None:
+            self.recent = [place, *(one for one in self.recent if one != place)][:MOST_RECENT]
+
+    def _say(self, line: str) -> None:
+        """While it is being opened: the session goes on to tell what takes time, as each frame does."""
+        with self._telling:
+            if self.now.opening:
+                self.now = News(self.now.opening, line)
+                self.news.tell(self.now)
+
+    def _tell(self, news: News) -> None:
+        with self._telling:
+            self.now = news
+            self.news.tell(news)
+
+
+def place_below(root: str, volume: str) -> Place | None:
+    """Where a volume lies that was opened by its name, None if that is not below the root."""
+    name = volume_name(volume)
+    if name.is_url:
+        return None
+    try:
+        way = Path(name.place).absolute().relative_to(Path(root).absolute())
+    except ValueError:
+        return None
+    folder = way.parent.as_posix()
+    return Place("" if folder == "." else folder, way.name, name.part)

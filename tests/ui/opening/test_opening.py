@@ -1,0 +1,238 @@
+"""Opening another volume without a page: who is asked what lies in folders, what is refused, and what stays then."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from support.messages.coordinated import FIRST, SECOND, SPLAT, drawing, said, sent, surveyed
+from volsplat.client import Session
+from volsplat.client.coordinator.coordinator_events import AnswerFolder, FolderAsked, ServerLost
+from volsplat.client.coordinator.folder_listings import MOST_WAITING
+from volsplat.client.phantoms import make_phantom
+from volsplat.client.phantoms.volume_writer import write_volume
+from volsplat.client.ui.opening.opening import Opening, Place, place_below
+from volsplat.client.ui.opening.shown_volume import ShownVolume
+from volsplat.client.ui.viewing.opened_viewing import opened_viewing
+from volsplat.client.ui.viewing.restart import Restart
+from volsplat.client.ui.viewing.viewing import Viewing
+from volsplat.protocol.description.scene import ScalarTable, Scene
+from volsplat.protocol.messages import messages
+from volsplat.protocol.text.errors import BadInput, PeerLost
+
+ASKED = FolderAsked(3, "/data", "scans", "t2")
+LISTED = messages.FolderListed(3, [], 0)
+
+
+# -- who is asked
+
+
+def test_a_server_is_asked_whatever_else_goes_on_and_its_answer_is_given_once() -> None:
+    for coordinator in (surveyed(), drawing()):
+        assert sent(coordinator.handle(ASKED)) == [(FIRST, messages.ListFolder)]
+        assert coordinator.handle(said(FIRST, LISTED)) == [AnswerFolder(3, LISTED)]
+        assert coordinator.handle(said(FIRST, LISTED)) == []
+
+
+def test_a_refusal_ends_one_question_and_a_loss_all_that_this_server_was_to_tell() -> None:
+    coordinator = drawing()
+    for number in range(MOST_WAITING):
+        coordinator.handle(replace(ASKED, probe=number + 1))
+    (busy,) = coordinator.handle(replace(ASKED, probe=99))
+    assert isinstance(busy, AnswerFolder) and "still busy" in str(busy.error)
+    (refused,) = coordinator.handle(said(FIRST, messages.Refused("ListFolder", "no folder", probe=1)))
+    assert isinstance(refused, AnswerFolder) and isinstance(refused.error, BadInput) and refused.probe == 1
+    ended = [one for one in coordinator.handle(ServerLost(FIRST, "gone")) if isinstance(one, AnswerFolder)]
+    assert [one.probe for one in ended] == list(range(2, MOST_WAITING + 1))
+    assert all(isinstance(one.error, PeerLost) for one in ended)
+    assert sent(coordinator.handle(ASKED)) == [(SECOND, messages.ListFolder)]
+
+
+def test_a_failed_session_ends_all_questions() -> None:
+    coordinator = drawing()
+    coordinator.handle(ASKED)
+    told = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
+    (ended,) = (one for one in told if isinstance(one, AnswerFolder))
+    assert isinstance(ended.error, PeerLost) and coordinator.handle(ASKED) == [ended]
+
+
+def test_a_volume_is_placed_below_the_root_or_nowhere(tmp_path: Path) -> None:
+    root = str(tmp_path)
+    assert place_below(root, f"{root}/a/b/c.nrrd") == Place("a/b", "c.nrrd")
+    assert place_below(root, f"{root}/scans#4") == Place("", "scans", "4")
+    assert place_below(root, f"{root}/../c.nrrd") is None or ".." in str(place_below(root, f"{root}/../c.nrrd"))
+    assert place_below(root, "/elsewhere/c.nrrd") is None
+    assert place_below(root, "https://example.org/c.zarr") is None
+
+
+# -- one volume after the other, by real servers
+
+
+class Opened:
+    """Two volumes in a folder, of which the first is shown."""
+
+    def __init__(self, folder: Path, alone: bool = False) -> None:
+        self.folder = folder
+        self.sessions: list[Session] = []
+        for name in ("head", "protein"):
+            write_volume(folder / f"{name}.nrrd", *make_phantom(name, (16, 18, 20)))
+        first = str(folder / "head.nrrd")
+        viewing = opened_viewing(session := self._session(first), session.default_scene())
+        self.shown = ShownVolume(viewing, Restart(viewing, lambda say: self._session(first)))
+        self.opening = Opening(
+            self.shown, str(folder), first, lambda name, say: self._session(name), self._viewing, alone
+        )
+
+    def _session(self, name: str) -> Session:
+        self.sessions.append(Session(name, workers=1, data_root=None))
+        return self.sessions[-1]
+
+    @staticmethod
+    def _viewing(session: Session, scene: Scene | None) -> Viewing:
+        return opened_viewing(session, scene or session.default_scene())
+
+    def within(self, work: Callable[[], Any]) -> None:
+        """Do something while what is shown is drawn."""
+
+        async def all_of_it() -> None:
+            async with self.shown.drawn():
+                await work()
+
+        asyncio.run(all_of_it())
+
+    @property
+    def name(self) -> str:
+        return self.shown.viewing.volume.description.name
+
+
+@pytest.fixture
+def opened(tmp_path: Path) -> Iterator[Opened]:
+    made = Opened(tmp_path)
+    yield made
+    for session in made.sessions:
+        session.close()
+
+
+HEAD, PROTEIN = Place("", "head.nrrd"), Place("", "protein.nrrd")
+EDGE = ScalarTable(points=((0.25, 0.0), (0.75, 1.0)))
+
+
+def with_edge(scene: Scene) -> Scene:
+    return msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, opac=EDGE))
+
+
+def test_a_volume_that_is_opened_again_is_as_it_was_left_and_undo_begins_with_it(opened: Opened) -> None:
+    async def work() -> None:
+        before = opened.shown.viewing
+        before.model.change(with_edge)
+        left = before.model.scene
+        await opened.opening.open(PROTEIN, keep_tables=False)
+        protein = opened.shown.viewing
+        assert opened.name == "protein.nrrd" and protein.number == before.number + 1
+        assert protein.model.scene.tables == protein.default_scene.tables != left.tables
+        assert not protein.model.can_undo
+        await opened.opening.open(HEAD, keep_tables=False)
+        assert opened.name == "head.nrrd" and opened.shown.viewing.model.scene == left
+        assert opened.opening.recent == [HEAD, PROTEIN]
+
+    opened.within(work)
+
+
+def test_tables_are_kept_where_that_is_asked_and_so_is_the_size_of_the_picture(opened: Opened) -> None:
+    async def work() -> None:
+        model = opened.shown.viewing.model
+        image = msgspec.structs.replace(model.scene.image, width=320, height=200)
+        model.change(lambda scene: msgspec.structs.replace(with_edge(scene), image=image))
+        await opened.opening.open(PROTEIN, keep_tables=True)
+        scene = opened.shown.viewing.model.scene
+        assert (scene.tables, scene.cross_bar) == (model.scene.tables, model.scene.cross_bar)
+        assert (scene.image.width, scene.image.height) == (320, 200)
+        assert not opened.shown.viewing.model.can_undo
+
+    opened.within(work)
+
+
+def test_what_cannot_be_opened_is_told_and_what_was_shown_stays(opened: Opened) -> None:
+    (opened.folder / "damaged.nrrd").write_bytes((opened.folder / "head.nrrd").read_bytes()[:200])
+    huge = opened.folder / "huge_12000x12000x12000_uint8.raw"
+    with huge.open("wb") as file:
+        try:
+            file.truncate(12000**3)
+        except OSError:
+            pytest.skip("this file system has no such large files")
+    (opened.folder / "outside").symlink_to("/")
+    before = opened.shown.viewing
+
+    async def work() -> None:
+        for place, why in (
+            (Place("", "damaged.nrrd"), "damaged.nrrd"),
+            (Place("", huge.name), "memory|voxels"),
+            (Place("", "nothing.nrrd"), "is not there, or not below"),
+            (Place("", "outside"), "is not there, or not below"),
+            (Place("outside", "etc"), "is no folder below"),
+            (Place("../..", "etc"), "is no folder below"),
+            (Place("", "../head.nrrd"), "is not there, or not below"),
+        ):
+            with pytest.raises((BadInput, PeerLost), match=why):
+                await opened.opening.open(place, keep_tables=False)
+            assert opened.shown.viewing is before and before.session.failure is None
+            assert opened.opening.now.opening == "" and opened.opening.recent == [HEAD]
+        assert before.session.probe(before.model.scene, 1, 1) is None, "it goes on"
+
+    opened.within(work)
+
+
+def test_one_is_opened_at_a_time_and_none_while_a_movie_is_made(opened: Opened) -> None:
+    async def work() -> None:
+        opened.shown.viewing.jobs += 1
+        with pytest.raises(BadInput, match="a movie is being made"):
+            await opened.opening.open(PROTEIN, keep_tables=False)
+        opened.shown.viewing.jobs -= 1
+        first = asyncio.create_task(opened.opening.open(PROTEIN, keep_tables=False))
+        await asyncio.sleep(0)
+        with pytest.raises(BadInput, match=r"protein\.nrrd is being opened; wait for it, or cancel that"):
+            await opened.opening.open(HEAD, keep_tables=False)
+        await first
+        assert opened.name == "protein.nrrd"
+
+    opened.within(work)
+
+
+def test_what_is_given_up_leaves_no_servers_and_what_was_shown_stays(opened: Opened) -> None:
+    async def work() -> None:
+        for moments in (0, 3):
+            task = asyncio.create_task(opened.opening.open(PROTEIN, keep_tables=False))
+            for _ in range(moments):
+                await asyncio.sleep(0.05)
+            await asyncio.sleep(0)
+            opened.opening.cancel()
+            with pytest.raises(BadInput, match="it was given up"):
+                await task
+            assert opened.name == "head.nrrd" and opened.opening.now.opening == ""
+        assert opened.shown.viewing.session.failure is None
+
+    opened.within(work)
+    assert not any(session.server_processes for session in opened.sessions[1:])
+
+
+def test_servers_of_one_session_come_back_to_what_was_shown_if_another_volume_cannot_be(tmp_path: Path) -> None:
+    opened = Opened(tmp_path, alone=True)
+    (tmp_path / "damaged.nrrd").write_bytes((tmp_path / "head.nrrd").read_bytes()[:200])
+
+    async def work() -> None:
+        scene = opened.shown.viewing.model.scene
+        with pytest.raises(BadInput, match=r"damaged\.nrrd"):
+            await opened.opening.open(Place("", "damaged.nrrd"), keep_tables=False)
+        assert opened.name == "head.nrrd" and opened.shown.viewing.session.failure is None
+        assert opened.shown.viewing.model.scene == scene
+        await opened.opening.open(PROTEIN, keep_tables=False)
+        assert opened.name == "protein.nrrd"
+        assert [session.failure is None for session in opened.sessions] == [False, False, False, True]
+
+    opened.within(work)
+    for session in opened.sessions:
+        session.close()
