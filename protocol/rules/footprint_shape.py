@@ -20,7 +20,7 @@ from volsplat.protocol.rules.grid_on_screen import GridOnScreen
 #   cone           1 - r / R
 # P(rho) is the integral of K(sqrt(rho^2 + z^2)) over z, divided by the integral of K over space.
 
-GAUSSIAN_SIGMA = 0.62  # voxels: cut at 2 voxels, its sums are even within 0.7 % at any zoom
+GAUSSIAN_SIGMA = 0.62  # voxels: cut at 2 voxels, sums of exact weights are even within 0.65 % at any zoom
 KAISER_BESSEL_ALPHA = 5.2  # per voxel of radius: the usual 10.4 at 2 voxels
 
 # Where each kernel is cut unless the scene says otherwise, in voxels. At 2, a zoom of 2 means 8 x 8 pixels.
@@ -32,9 +32,9 @@ DEFAULT_RADIUS = {
 }
 
 # How far, at the default radius, the weights over a pixel may be from thickness / reference spacing, as a fraction,
-# over all views, zooms and matrices. The cone's and the B-spline's worst is below one pixel a voxel. In axis-aligned
-# views all samples of one sheet round alike, by up to 2 % at about one pixel a voxel; over sheets that cancels (see
-# rounding).
+# over all views, zooms and matrices, in one sheet with exact positions. The cone's and the B-spline's worst is below
+# one pixel a voxel. In axis-aligned views all samples of one sheet round alike, by up to 2 % at about one pixel a
+# voxel; over sheets that cancels (see rounding): a slab ripples by 1 % at most, rounding included.
 DOCUMENTED_RIPPLE = {
     Kernel.GAUSSIAN: 0.01,
     Kernel.BSPLINE: 0.005,
