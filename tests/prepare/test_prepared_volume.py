@@ -149,7 +149,7 @@ def test_little_memory_takes_a_coarser_level_and_says_so(store: Path) -> None:
     with SingleProcess(store, memory=600_000) as single:
         drawn = single.finish(at_zoom(single, 1.3), Step.F)
         assert level_of(drawn) == 1
-        assert "the finest that fits into 0.6 MB of each server" in why(drawn)
+        assert "the finest that fits into 0.6 MiB of each server" in why(drawn)
 
 
 @pytest.mark.parametrize("change", [Quantise(window=(0.0, 900.0)), Quantise(directions="paper")])
