@@ -73,7 +73,7 @@ def opened(path: Path, limits: list[str]) -> Iterator[Session]:
 
 
 def test_a_server_without_room_says_so_before_it_reads_and_the_session_tells_it(tmp_path: Path) -> None:
-    needed = r"no memory for the sub-cube: it needs 0\.4 MB, but --memory leaves 0\.1 MB; use more machines"
+    needed = r"no memory for the sub-cube: it needs 0\.4 MiB, but --memory leaves 0\.1 MiB; use more machines"
     with opened(stored(tmp_path, "int16", side=40), ["100K"]) as session, pytest.raises(BadInput, match=needed):
         session.default_scene()
 
@@ -95,7 +95,7 @@ def test_where_the_machine_has_too_little_left_nothing_is_read(tmp_path: Path, m
     box = described.description.geometry.box
     request = messages.ReadSubCubes(assignment=1, path=path, boxes=[box], identity=described.identity, held=True)
     monkeypatch.setattr("volsplat.program.memory_budget.available_memory", lambda: 1000)
-    with pytest.raises(BadInput, match="its machine has 0.0 MB left"):
+    with pytest.raises(BadInput, match="its machine has 0.0 MiB left"):
         held.answers(request)
     assert held.packed_bytes == 0
 
