@@ -6,6 +6,7 @@ import msgspec
 
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.ui.viewport.message_base import Said
+from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.client.volume.value_certainty import Certainty, density_certainty, strength_certainty
 from volsplat.protocol.description.scene import Quantise
@@ -53,6 +54,19 @@ class VoxelTold(Said, tag="voxel"):
     found: ProbedVoxel | None
     density_is: Certainty
     strength_is: Certainty
+
+
+class SliceValueTold(Said, tag="slice_value"):
+    """What the file has of a voxel that a slice shows, in all its digits."""
+
+    index: Index
+    density: str
+    strength: str | None  # None: the file has no second number
+
+
+def slice_value_told(index: Index, voxel: FileVoxel) -> SliceValueTold:
+    density, *second = voxel.digits
+    return SliceValueTold(index, density, second[0] if second else None)
 
 
 def slice_header(part: VolumeSlice, index: int) -> SliceHeader:

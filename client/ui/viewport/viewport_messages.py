@@ -14,7 +14,7 @@ from volsplat.client.ui.viewing.pacing import Pacing, Rung
 from volsplat.client.ui.viewing.picture import Picture
 from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewport.message_base import Said, framed
-from volsplat.client.ui.viewport.slice_messages import SlicesAsked, SliceShown, VoxelAsked, VoxelTold
+from volsplat.client.ui.viewport.slice_messages import SlicesAsked, SliceShown, SliceValueTold, VoxelAsked, VoxelTold
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.scales import Scale, scales_of
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -194,7 +194,7 @@ class TroubleTold(Said, tag="trouble"):
     lasting: bool = False
 
 
-ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | VoxelTold | TroubleTold
+ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | VoxelTold | SliceValueTold | TroubleTold
 
 
 class NextStep(msgspec.Struct):

@@ -21,9 +21,10 @@ from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.trouble import Trouble
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport import viewport_messages as said
-from volsplat.client.ui.viewport.slice_messages import SlicesAsked, SliceShown, VoxelAsked
+from volsplat.client.ui.viewport.slice_messages import SlicesAsked, SliceShown, VoxelAsked, VoxelTold, slice_value_told
 from volsplat.client.ui.viewport.slices_talk import SlicesTalk
 from volsplat.client.ui.viewport.under_way import UnderWay
+from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import asking_for_fit
 from volsplat.client.volume.value_certainty import Certainty
 from volsplat.protocol.description.scene import Bounds, Scene
@@ -159,7 +160,7 @@ class ViewportTalk:
             case SliceShown():
                 self._slices.shown()
             case VoxelAsked(index=index):
-                self._say(self._slices.voxel(index))
+                self._in_background(self._voxel(index))
             case _:
                 assert_never(message)
 
@@ -202,25 +203,41 @@ class ViewportTalk:
             return
         answer = said.probe_answered(x, y, found, scene, self._viewing.volume)
         self._say(answer)
-        if found is None or (answer.density_is is Certainty.EXACT and not self._has_second_scalar):
+        if found is None or not self._file_has_more(answer):
             return
-        await asyncio.sleep(REST_SECONDS)
-        async with self._reading_file:
-            if number == self._newest_probe:
-                await self._tell_file_value(x, y, found.index)
+        voxel = await self._file_voxel(number, found.index)
+        if voxel is not None:
+            self._say(said.file_value_told(x, y, voxel))
+
+    async def _voxel(self, index: Index) -> None:
+        """Likewise of a voxel that a slice shows."""
+        self._newest_probe += 1
+        number, told = self._newest_probe, self._slices.voxel(index)
+        self._say(told)
+        if told.found is None or not self._file_has_more(told):
+            return
+        voxel = await self._file_voxel(number, index)
+        if voxel is not None:
+            self._say(slice_value_told(index, voxel))
+
+    def _file_has_more(self, told: said.ProbeAnswered | VoxelTold) -> bool:
+        return told.density_is is not Certainty.EXACT or self._has_second_scalar
 
     @property
     def _has_second_scalar(self) -> bool:
         return self._viewing.volume.description.second_scalar is not None
 
-    async def _tell_file_value(self, x: float, y: float, index: Index) -> None:
-        try:
-            voxel = await asyncio.to_thread(self._viewing.session.file_voxel, index)
-        except VolsplatError as error:
-            log.info("the file's own value is not known: %s", error)
-            return
-        if voxel is not None:
-            self._say(said.file_value_told(x, y, voxel))
+    async def _file_voxel(self, number: int, index: Index) -> FileVoxel | None:
+        """What the file has there, if the pointer rests; None if it does not, or that is not known soon."""
+        await asyncio.sleep(REST_SECONDS)
+        async with self._reading_file:
+            if number != self._newest_probe:
+                return None
+            try:
+                return await asyncio.to_thread(self._viewing.session.file_voxel, index)
+            except VolsplatError as error:
+                log.info("the file's own value is not known: %s", error)
+                return None
 
     async def _center(self, x: float, y: float) -> None:
         scene = self._viewing.model.scene

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+from support.files.opened import read_whole
 from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, drag, opened
 from support.pages.tables_tab import box, until
@@ -60,12 +62,47 @@ def test_a_click_in_one_slice_moves_the_others_and_the_mark_in_the_picture(page:
         shown(page, name)
 
 
+def test_a_slice_is_zoomed_about_the_pointer_moved_and_reset_and_the_cross_hair_stays_right(page: Page) -> None:
+    across, place = slice_across(page, "k"), box(slice_across(page, "k"))
+    x, y = place["x"] + 0.4 * place["width"], place["y"] + 0.6 * place["height"]
+    page.mouse.click(x, y)
+    through, whole = {name: index_of(page, name) for name in "ij"}, shown(page, "k")
+    sent = page.evaluate("() => window.volsplatViewport.sent.length")
+    page.mouse.wheel(0, -800)
+    until(page, lambda: across.get_attribute("data-zoom") == "4.000")
+    assert shown(page, "k") != whole
+    crossing = across.locator(".vs-slice-cross line").evaluate_all(
+        "lines => lines.map(l => [l.x1.baseVal.value, l.y1.baseVal.value])"
+    )
+    on_line = [abs(end[n] - at) for end in crossing for n, at in ((0, x - place["x"]), (1, y - place["y"]))]
+    voxel = 4 * place["width"] / 24
+    assert sorted(on_line)[1] <= voxel / 2 + 1, "the cross-hair is where the pointer is, to half a voxel"
+    page.mouse.click(x, y)
+    assert {name: index_of(page, name) for name in "ij"} == through, "the same voxel is under the pointer"
+    page.mouse.down(button="middle")
+    page.mouse.move(x + voxel, y, steps=3)
+    page.mouse.up(button="middle")
+    page.mouse.click(x + voxel, y)
+    moved = {name: index_of(page, name) for name in "ij"}
+    assert all(abs(moved[name] - through[name]) <= 1 for name in "ij"), "it came along"
+    page.mouse.dblclick(x, y)
+    until(page, lambda: across.get_attribute("data-zoom") == "1.000")
+    across.focus()
+    page.keyboard.press("+")
+    assert across.get_attribute("data-zoom") == "1.250"
+    page.keyboard.press("0")
+    assert across.get_attribute("data-zoom") == "1.000"
+    assert page.evaluate("() => window.volsplatViewport.sent.length") == sent, "the picture's view is left alone"
+
+
 def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> None:
     sent = page.evaluate("() => window.volsplatViewport.sent.length")
     across, begin = slice_across(page, "k"), index_of(page, "k")
     pixels = shown(page, "k")
     across.hover()
+    page.keyboard.down("Shift")
     page.mouse.wheel(0, -100)
+    page.keyboard.up("Shift")
     until(page, lambda: index_of(page, "k") == begin + 2)
     assert shown(page, "k") != pixels
     across.focus()
@@ -78,12 +115,17 @@ def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> Non
     assert index_of(page, "k") == 17 and page.evaluate("() => window.volsplatViewport.sent.length") == sent
 
 
-def test_a_pointer_on_a_slice_is_told_its_value_and_shift_pointing_at_the_picture_moves_all(page: Page) -> None:
+def test_a_pointer_on_a_slice_is_told_the_files_own_value_and_shift_pointing_at_the_picture_moves_all(
+    page: Page, volume: Path
+) -> None:
     place = box(slice_across(page, "k"))
     page.mouse.move(place["x"] + place["width"] / 2, place["y"] + place["height"] / 2)
     value = page.locator(".vs-value")
     value.wait_for()
-    assert re.search(rf"density .* at \(\d+, \d+, {index_of(page, 'k')}\)", value.inner_text())
+    until(page, lambda: re.match(r"density -?[0-9.e-]+ ", value.inner_text()) is not None)  # and not ≈
+    i, j, k = map(int, re.findall("[0-9]+", value.inner_text().rpartition(" at ")[2]))
+    own = read_whole(volume)[k, j, i]
+    assert k == index_of(page, "k") and own.dtype.type(value.inner_text().split()[1]) == own
     picture = box(page.locator(".vs-viewport canvas").first)
     page.keyboard.down("Shift")
     page.mouse.move(picture["x"] + picture["width"] / 2, picture["y"] + picture["height"] / 2 + 4)

@@ -4,6 +4,10 @@
 import { svg } from "../viewport/svg.js";
 
 const MARGIN = 14; // CSS pixels about the grid, for the letters
+const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
+const MOST_ZOOM = 64;
+const KEY_ZOOM = 1.25;
+const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps
 const NOTCH = 50; // wheel pixels of one slice
 const LINE = 33; // wheel pixels of a line, if a browser counts in lines
 const FAR = 10; // slices that PageUp and PageDown step
@@ -19,6 +23,7 @@ const AXES = "ijk";
  * @typedef {Object} SliceListener
  * @property {(index: Vector) => void} go the shared point is to be this voxel
  * @property {(index: Vector | null) => void} hover the pointer is at this voxel, or away
+ * @property {() => void} zoomed it may have room for more samples
  * @property {import("../measure/measuring.js").Measuring} measuring takes what is clicked while it is on
  */
 
@@ -37,6 +42,9 @@ export class SliceView {
   #point = /** @type {Vector} */ ([0, 0, 0]);
   #box = /** @type {Bounds | null} */ (null);
   #size = { width: 0, height: 0 }; // of the element, CSS pixels
+  #zoom = 1; // times larger than all of the grid fits
+  #shift = /** @type {Point} */ ([0, 0]); // of what is in the middle, from the grid's middle, in physical units
+  #panning = /** @type {Point | null} */ (null); // where the pointer was last
   #turned = 0; // wheel pixels that have not made a slice yet
   #observer = new ResizeObserver(() => this.#place());
 
@@ -74,7 +82,8 @@ export class SliceView {
 
   /** The samples along a side that there is room for. */
   get room() {
-    return Math.ceil(Math.max(this.#size.width, this.#size.height) * window.devicePixelRatio);
+    const fits = Math.ceil(Math.max(this.#size.width, this.#size.height) * window.devicePixelRatio);
+    return Math.max(fits, Math.min(Math.ceil(fits * this.#zoom), Math.max(...this.#layout.size)));
   }
 
   /** @param {SliceHeader} header @param {ImageBitmap} image */
@@ -125,7 +134,9 @@ export class SliceView {
 
   #listen() {
     const { element } = this;
+    element.addEventListener("mousedown", (event) => event.button === 1 && event.preventDefault()); // which would scroll
     element.addEventListener("pointerdown", (event) => {
+      if (event.button === 1 || (event.button === 0 && event.shiftKey)) return this.#beginPan(event);
       if (event.button !== 0) return;
       element.setPointerCapture(event.pointerId);
       this.#listener.hover(null);
@@ -133,19 +144,27 @@ export class SliceView {
       else this.#listener.go(this.#indexAt(event));
     });
     element.addEventListener("pointermove", (event) => {
+      if (this.#panning !== null) return this.#pan(event);
       const held = element.hasPointerCapture(event.pointerId);
       if (held && this.#listener.measuring.on) return;
       if (held) this.#listener.go(this.#indexAt(event));
       else this.#listener.hover(this.#isInside(event) ? this.#indexAt(event) : null);
     });
     element.addEventListener("pointerleave", () => this.#listener.hover(null));
+    for (const end of ["pointerup", "pointercancel", "lostpointercapture"]) {
+      element.addEventListener(end, () => (this.#panning = null));
+    }
+    element.addEventListener("dblclick", () => this.#listener.measuring.on || this.#look(1, [0, 0]));
     element.addEventListener("wheel", (event) => this.#wheel(event), { passive: false });
     element.addEventListener("keydown", (event) => this.#key(event));
   }
 
   #wheel(event) {
     event.preventDefault();
-    this.#turned -= event.deltaY * (event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1);
+    const unit = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1;
+    const pixels = (event.deltaY || event.deltaX) * unit; // with Shift some browsers turn it aside
+    if (!event.shiftKey) return this.#zoomAt(this.#inView(event), 2 ** ((-pixels * (event.ctrlKey ? PINCH : 1)) / HALF_ZOOM));
+    this.#turned -= pixels;
     const slices = Math.trunc(this.#turned / NOTCH);
     this.#turned -= slices * NOTCH;
     this.#step(slices);
@@ -155,10 +174,59 @@ export class SliceView {
     const last = this.#layout.dims[this.#layout.axis] - 1;
     const steps = { ArrowUp: 1, ArrowRight: 1, ArrowDown: -1, ArrowLeft: -1, PageUp: FAR, PageDown: -FAR, Home: -last, End: last };
     if (event.key === "Enter" && this.#listener.measuring.on) return this.#listener.measuring.add(this.#point);
-    if (event.ctrlKey || event.altKey || event.metaKey || !Object.hasOwn(steps, event.key)) return;
+    const zooms = { "+": KEY_ZOOM, "=": KEY_ZOOM, "-": 1 / KEY_ZOOM };
+    const known = Object.hasOwn(steps, event.key) || Object.hasOwn(zooms, event.key) || event.key === "0";
+    if (event.ctrlKey || event.altKey || event.metaKey || !known) return;
     event.preventDefault();
     event.stopPropagation(); // the viewport's own keys do not hear of it
-    this.#step(steps[event.key]);
+    if (event.key === "0") this.#look(1, [0, 0]);
+    else if (Object.hasOwn(zooms, event.key)) this.#zoomAt(this.inElement(this.#point), zooms[event.key]);
+    else this.#step(steps[event.key]);
+  }
+
+  // -- zooming and moving
+
+  /** What lies at a place of the element stays there. @param {Point} at @param {number} factor */
+  #zoomAt(at, factor) {
+    const zoom = Math.min(Math.max(this.#zoom * factor, 1), MOST_ZOOM);
+    const [x, y] = this.#toPlane(at);
+    const [middle, kept] = [this.#frame, this.#zoom / zoom];
+    const [right, up] = [x + (middle.x - x) * kept, y + (middle.y - y) * kept];
+    this.#look(zoom, [right - middle.x + this.#shift[0], up - middle.y + this.#shift[1]]);
+  }
+
+  #beginPan(event) {
+    event.preventDefault();
+    this.element.setPointerCapture(event.pointerId);
+    this.#listener.hover(null);
+    this.#panning = this.#inView(event);
+  }
+
+  #pan(event) {
+    const [from, to] = [this.#panning, this.#inView(event)].map((at) => this.#toPlane(at));
+    this.#panning = this.#inView(event);
+    this.#look(this.#zoom, [this.#shift[0] + from[0] - to[0], this.#shift[1] + from[1] - to[1]]);
+  }
+
+  /** The grid covers the middle, and where it is not enlarged it stays in the middle. @param {number} zoom @param {Point} shift */
+  #look(zoom, [right, up]) {
+    const corners = this.#layout.corners();
+    const most = [0, 1].map((n) => {
+      const all = corners.map((corner) => corner[n]);
+      return ((Math.max(...all) - Math.min(...all)) / 2) * (1 - 1 / zoom);
+    });
+    this.#zoom = zoom;
+    this.#shift = [Math.min(Math.max(right, -most[0]), most[0]), Math.min(Math.max(up, -most[1]), most[1])];
+    this.element.dataset.zoom = zoom.toFixed(3);
+    this.#place();
+    this.#draw();
+    this.#listener.zoomed();
+  }
+
+  /** @param {MouseEvent} event @returns {Point} */
+  #inView(event) {
+    const { left, top } = this.element.getBoundingClientRect();
+    return [event.clientX - left, event.clientY - top];
   }
 
   #step(slices) {
@@ -172,16 +240,14 @@ export class SliceView {
 
   /** The place in the grid, which may lie between voxels. @returns {Vector} */
   #placeAt(event) {
-    const { left, top } = this.element.getBoundingClientRect();
     const found = [...this.#point];
-    const along = this.#layout.indexAt(this.#toPlane([event.clientX - left, event.clientY - top]));
+    const along = this.#layout.indexAt(this.#toPlane(this.#inView(event)));
     this.#layout.sides.forEach((side, n) => (found[side] = along[n]));
     return this.#within(found);
   }
 
   #isInside(event) {
-    const { left, top } = this.element.getBoundingClientRect();
-    const along = this.#layout.indexAt(this.#toPlane([event.clientX - left, event.clientY - top]));
+    const along = this.#layout.indexAt(this.#toPlane(this.#inView(event)));
     return along.every((n, side) => n >= -0.5 && n < this.#layout.size[side] - 0.5);
   }
 
@@ -192,7 +258,7 @@ export class SliceView {
 
   // -- where things are
 
-  /** CSS pixels for a physical unit, and the middle of the grid in both. */
+  /** CSS pixels for a physical unit, and what is in the middle of the element. */
   get #frame() {
     const corners = this.#layout.corners();
     const [xs, ys] = [0, 1].map((n) => corners.map((corner) => corner[n]));
@@ -200,7 +266,8 @@ export class SliceView {
     const middle = (/** @type {number[]} */ all) => (Math.max(...all) + Math.min(...all)) / 2;
     const { width, height } = this.#size;
     const room = (/** @type {number} */ side) => Math.max(side - 2 * MARGIN, 1);
-    return { scale: Math.min(room(width) / extent(xs), room(height) / extent(ys)), x: middle(xs), y: middle(ys) };
+    const scale = this.#zoom * Math.min(room(width) / extent(xs), room(height) / extent(ys));
+    return { scale, x: middle(xs) + this.#shift[0], y: middle(ys) + this.#shift[1] };
   }
 
   /** @param {Point} at @returns {Point} */

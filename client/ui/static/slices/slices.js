@@ -4,6 +4,7 @@ import { sliceLayouts } from "./slice_layout.js";
 import { SliceView } from "./slice_view.js";
 
 const REST = 60; // milliseconds until the value under a pointer is asked for
+const ZOOMED = 200; // milliseconds without a further zoom, after which finer slices are asked for
 const SHOWN = "vs-with-slices"; // a class of the host
 const REMEMBERED = "volsplat-slices";
 const GREY = "volsplat-grey-slices";
@@ -31,6 +32,7 @@ export class Slices {
   #bounds = /** @type {Bounds | null} */ (null);
   #point = /** @type {Vector | null} */ (null);
   #hovering = 0;
+  #zooming = 0;
   #asked = ""; // what was last sent
   #observer = new ResizeObserver(() => this.#ask());
 
@@ -46,6 +48,7 @@ export class Slices {
   close() {
     this.#observer.disconnect();
     clearTimeout(this.#hovering);
+    clearTimeout(this.#zooming);
     this.#hide();
   }
 
@@ -122,6 +125,10 @@ export class Slices {
     const listener = {
       go: (/** @type {Vector} */ index) => this.goTo(index),
       hover: (/** @type {Vector | null} */ index) => this.#hover(index),
+      zoomed: () => {
+        clearTimeout(this.#zooming);
+        this.#zooming = setTimeout(() => this.#ask(), ZOOMED);
+      },
       measuring: this.#listener.measuring,
     };
     this.#views = sliceLayouts(this.#volume).map((layout, axis) => new SliceView(layout, listener, names[axis]));

@@ -79,6 +79,12 @@ export class ValueReadout {
     this.#show(density, { ...this.#told, ...(strength !== null && { strength }) });
   }
 
+  /** The file's own, of the voxel of a slice that was told of last. @param {import("./viewport_messages.d.ts").SliceValueTold} value */
+  sliceValue({ index, density, strength }) {
+    if (this.#asked !== null || this.#told === null || index.some((n, axis) => n !== this.#told.index[axis])) return;
+    this.#show(density, { ...this.#told, ...(strength !== null && { strength }) });
+  }
+
   /** @param {number} x @param {number} y */
   #isAsked(x, y) {
     return this.#asked !== null && this.#asked[0] === x && this.#asked[1] === y;

@@ -245,6 +245,8 @@ export class Viewport {
         return this.#marks?.value.fileValue(message);
       case "voxel":
         return this.#marks?.value.tell(message);
+      case "slice_value":
+        return this.#marks?.value.sliceValue(message);
       case "trouble":
         return this.#trouble.ofProcess(message.text, message.lasting);
     }

@@ -176,6 +176,14 @@ export interface VoxelTold {
   strength_is: "" | "≈" | "≥" | "≤";
 }
 
+/** What the file has of a voxel that a slice shows, in all its digits. */
+export interface SliceValueTold {
+  type: "slice_value";
+  index: [number, number, number];
+  density: string;
+  strength: string | null;
+}
+
 /** A line for the person. */
 export interface TroubleTold {
   type: "trouble";
@@ -217,4 +225,4 @@ export interface SliceHeader {
 
 export type PageMessage = Size | ViewTurned | BoundsMoved | ProbeAsked | CenterAsked | UndoAsked | RedoAsked | PictureShown | SlicesAsked | SliceShown | VoxelAsked;
 
-export type ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | VoxelTold | TroubleTold;
+export type ProcessMessage = VolumeTold | SceneTold | ProbeAnswered | FileValueTold | VoxelTold | SliceValueTold | TroubleTold;
