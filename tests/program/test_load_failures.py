@@ -99,4 +99,4 @@ def test_a_library_that_cannot_be_mapped_ends_a_command_in_one_line(
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux limits a process's addresses")
 def test_too_little_memory_for_torch_is_told_before_it_is_loaded(volume: Path, tmp_path: Path) -> None:
-    assert "may have 512 MiB" in run(MADE, volume, tmp_path, before="ulimit -v 500000;")
+    assert "may have 512 MB" in run(MADE, volume, tmp_path, before="ulimit -v 500000;")
