@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import asyncio
 import re
-from functools import partial
+from collections.abc import Callable
+from functools import cache, partial
 
 from nicegui import context, events, ui
 
@@ -18,20 +19,31 @@ from volsplat.protocol.text.errors import VolsplatError
 
 
 def save_panel(viewing: Viewing) -> None:
-    figure = FigureDialog(viewing, file_stem(viewing))
-    movie = MovieDialog(viewing, file_stem(viewing))
+    figure = _built_when_opened(partial(FigureDialog, viewing, file_stem(viewing)))
+    movie = _built_when_opened(partial(MovieDialog, viewing, file_stem(viewing)))
     opening = _scene_upload(viewing)
     with ui.button("save", icon="save_alt").props("flat dense no-caps aria-label=save"):
         with ui.menu().props("auto-close"):
             ui.menu_item("image as PNG", partial(_save_image, viewing, "png"))
             ui.menu_item("image as EXR, with alpha", partial(_save_image, viewing, "exr"))
-            ui.menu_item("figure…", figure.open)
+            ui.menu_item("figure…", figure)
             ui.separator()
             ui.menu_item("scene as TOML", partial(_save_scene, viewing))
             ui.menu_item("open a scene…", lambda: opening.run_method("pickFiles"))
             ui.menu_item("copy a link to this scene", partial(_copy_link, viewing))
             ui.separator()
-            ui.menu_item("movie…", movie.open)
+            ui.menu_item("movie…", movie)
+
+
+def _built_when_opened(build: Callable[[], FigureDialog | MovieDialog]) -> Callable[[], None]:
+    """What opens a dialog. The page need not wait for what most never open."""
+    place, built = ui.element("div").style("display: none"), cache(build)
+
+    def open_it() -> None:
+        with place:
+            built().open()
+
+    return open_it
 
 
 async def _save_image(viewing: Viewing, kind: ImageFormat) -> None:
