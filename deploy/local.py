@@ -8,9 +8,10 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 
+from volsplat.deploy.forked_servers import ForkedServer, ForkedServers, forked_servers
 from volsplat.deploy.process_end import told_end
 from volsplat.deploy.restart_limit import RestartLimit
-from volsplat.deploy.server_command import Program, server_command
+from volsplat.deploy.server_command import Program
 from volsplat.protocol.wire.encryption import Encryption
 from volsplat.protocol.wire.heartbeat import SILENCE_SECONDS
 from volsplat.protocol.wire.tokens import Token
@@ -26,7 +27,7 @@ class _Place:
     """One server, whichever process is it now."""
 
     program: Program
-    command: list[str]
+    arguments: list[str]
     environment: dict[str, str]
     restarts: RestartLimit = field(default_factory=RestartLimit)
 
@@ -50,24 +51,23 @@ class LocalServers:
         self._silence = silence
         self._encryption = encryption
         self._lock = threading.Lock()  # guards what follows
-        self._processes: list[subprocess.Popen[bytes]] = []
+        self._forks: ForkedServers | None = None
+        self._processes: list[ForkedServer] = []
         self._ending = False
 
     def start(self, program: Program, address: str, token: Token, threads: int, options: Sequence[str] = ()) -> None:
         """Start one server that dials `address` (HOST:PORT) and may use so many threads, with more `options`."""
         limits = ("--patience", str(PATIENCE_SECONDS), "--silence", str(self._silence), "--threads", str(threads))
-        command = server_command(program, "--connect", address, *limits, *options, *self._encryption.options)
+        arguments = ["--connect", address, *limits, *options, *self._encryption.options]
         with self._lock:
-            self._start(_Place(program, command, token.added_to(os.environ)))
+            self._start(_Place(program, arguments, token.added_to(os.environ)))
 
     def _start(self, place: _Place) -> None:
-        process = subprocess.Popen(
-            place.command,
-            env=place.environment,
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+        if self._forks is not None and self._forks.gone:
+            self._forks.end()
+            self._forks = None
+        self._forks = self._forks or forked_servers()
+        process = self._forks.start(place.program, place.arguments, place.environment)
         self._processes.append(process)
         threading.Thread(
             target=self._watch, args=(place, process), name=f"watch {place.program.title}", daemon=True
@@ -76,9 +76,9 @@ class LocalServers:
     @property
     def process_ids(self) -> list[int]:
         """Of those that have not ended, as far as is known."""
-        return [process.pid for process in list(self._processes) if process.returncode is None]
+        return [process.pid for process in list(self._processes) if process.returncode is None and process.pid]
 
-    def _watch(self, place: _Place, process: "subprocess.Popen[bytes]") -> None:
+    def _watch(self, place: _Place, process: ForkedServer) -> None:
         status = process.wait()
         again = self._started_again(place, status)
         another = "; another one is started in its place" if again else ""
@@ -106,7 +106,7 @@ class LocalServers:
         if process is not None and not self._ending:
             process.kill()
 
-    def _here(self) -> "dict[str, subprocess.Popen[bytes]]":
+    def _here(self) -> dict[str, ForkedServer]:
         return {_name(process): process for process in list(self._processes)}
 
     def told_ends(self, names: Iterable[str]) -> dict[str, str]:
@@ -117,7 +117,7 @@ class LocalServers:
         here = self._here()
         asked = [name for name in names if name in here]
         deadline = time.monotonic() + REAPED_SECONDS
-        return {name: told_end(here[name].returncode) for name in asked if _ended_by(deadline, here[name])}
+        return {name: told_end(here[name].wait()) for name in asked if _ended_by(deadline, here[name])}
 
     def let_end(self) -> None:
         """From now on none is started in the place of one that ends."""
@@ -127,20 +127,22 @@ class LocalServers:
     def stop(self) -> None:
         """End every server: wait for them, then terminate, then kill. Returns when none is left."""
         self.let_end()
-        for end in (None, subprocess.Popen.terminate, subprocess.Popen.kill):
+        for end in (None, ForkedServer.terminate, ForkedServer.kill):
             for process in self._processes:
-                if end is not None and process.poll() is None:
+                if end is not None and process.returncode is None:
                     end(process)
             deadline = time.monotonic() + GRACE_SECONDS
             if all([_ended_by(deadline, process) for process in self._processes]):
-                return
+                break
+        if self._forks is not None:
+            self._forks.end()
 
 
-def _name(process: "subprocess.Popen[bytes]") -> str:
+def _name(process: ForkedServer) -> str:
     return f"{socket.gethostname()}, process {process.pid}"
 
 
-def _ended_by(deadline: float, process: "subprocess.Popen[bytes]") -> bool:
+def _ended_by(deadline: float, process: ForkedServer) -> bool:
     """Whether the process has ended at a moment of time.monotonic()."""
     try:
         process.wait(max(0.0, deadline - time.monotonic()))

@@ -3,7 +3,7 @@
 import logging
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NoReturn, TypeVar
@@ -167,6 +167,8 @@ def run_server(module: str, name: str, title: str, given: object = None) -> NoRe
 
     `given` is for the command, which takes it by click.pass_obj.
     """
+    with suppress(OSError):  # Linux: what `top` and `ps` show
+        Path("/proc/self/comm").write_text(title, encoding="utf-8")
     try:
         command: click.Command = getattr(import_module(module), name)
         command.main(prog_name=command.name, standalone_mode=False, obj=given)

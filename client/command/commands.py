@@ -13,6 +13,7 @@ from click.shell_completion import CompletionItem
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import meant
+from volsplat.deploy.forked_servers import begin_ahead
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
@@ -21,6 +22,8 @@ from volsplat.protocol.text.errors import BadInput
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
 
 
+# Of what is on the command line; it is read only once the command is imported, which takes as long as loading servers.
+SERVES_NOBODY = {"--single", "--cluster", "--listen", "--help", "-h"}
 DRAW, VOLUMES, MACHINES, MEASURE = "Show and draw", "Volumes and scenes", "Machines", "Measure"
 
 
@@ -29,14 +32,15 @@ class Entry(NamedTuple):
     summary: str
     torch: bool = False  # it makes volumes, by torch
     program: str = ""  # the module of the program that the command becomes
+    serves: bool = False  # it starts servers, unless it is told otherwise
     module: str = "volsplat.client.command.{name}_command"  # with a command of the entry's name
 
 
 ENTRIES = {
-    "view": Entry(DRAW, "Show a volume in the browser, with every control."),
-    "render": Entry(DRAW, "Draw a volume into an image."),
-    "movie": Entry(DRAW, "Turn a volume around, or fly through it, into a movie."),
-    "export": Entry(DRAW, "Write what is visible as 3-D Gaussians, or a surface as a mesh."),
+    "view": Entry(DRAW, "Show a volume in the browser, with every control.", serves=True),
+    "render": Entry(DRAW, "Draw a volume into an image.", serves=True),
+    "movie": Entry(DRAW, "Turn a volume around, or fly through it, into a movie.", serves=True),
+    "export": Entry(DRAW, "Write what is visible as 3-D Gaussians, or a surface as a mesh.", serves=True),
     "demo": Entry(DRAW, "Draw the head phantom, step by step, into a folder.", torch=True),
     "gallery": Entry(DRAW, "Draw the paper's sixteen images on four plates.", torch=True),
     "info": Entry(VOLUMES, "Tell what a volume is, with its histogram."),
@@ -75,6 +79,8 @@ class Commands(click.Group):
             return _becoming(name, entry.program)
         if entry.torch:
             _need_torch(name)
+        if entry.serves and not SERVES_NOBODY.intersection(word.partition("=")[0] for word in sys.argv):
+            begin_ahead()
         with interrupts_held():
             command: click.Command = getattr(import_module(entry.module.format(name=name)), name)
         return command

@@ -20,6 +20,7 @@ from websockets.exceptions import ConnectionClosed
 from support.pages.viewed import viewed
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT, Person
+from support.programs.server_processes import is_server
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 
@@ -80,11 +81,11 @@ def test_a_signal_ends_it_while_a_page_looks_on(volume: Path, number: signal.Sig
     assert words == SAID[number]
 
 
-@pytest.mark.parametrize("server", ["volsplat.mapshade_server", "volsplat.splat_server"])
+@pytest.mark.parametrize("server", ["mapshade_server", "splat_server"])
 def test_a_signal_ends_it_and_a_server_that_is_stopped(volume: Path, tmp_path: Path, server: str) -> None:
     begun = Begun(volume, tmp_path)
     wait_until(lambda: "token=" in begun.said(), "there")
-    next(running for running in begun.person.servers() if server in running.cmdline()).suspend()
+    next(running for running in begun.person.servers() if is_server(running, server)).suspend()
     begun.ends_by(signal.SIGTERM)
 
 

@@ -11,6 +11,7 @@ import torch
 from support.files.head_volume import skin
 from support.files.silent_progress import Silent
 from support.patience import wait_until
+from support.programs.server_processes import is_server
 from tolerances import LEVEL_BRIGHTNESS
 from volsplat.client import Session
 from volsplat.client.coordinator.base_level import LevelChoice, budgets
@@ -170,7 +171,7 @@ def test_what_is_lost_of_every_level_is_read_by_others(store: Path) -> None:
     with SingleProcess(store) as single, Session(store, workers=2) as session:
         session.render(at_zoom(session, 1.3))
         processes = [psutil.Process(pid) for pid in session.server_processes]
-        next(one for one in processes if "volsplat.mapshade_server" in one.cmdline()).kill()
+        next(one for one in processes if is_server(one, "mapshade_server")).kill()
         for zoom in (1.3, 0.4):
             assert torch.equal(session.render(at_zoom(session, zoom)), single.render(at_zoom(single, zoom)))
         wait_until(lambda: any(server.lost and server.handed_over for server in session.servers), "is one lost")

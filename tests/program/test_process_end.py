@@ -29,8 +29,12 @@ def test_a_signal_is_named_and_a_status_points_to_the_output(ends: str, told: st
 
 
 def test_a_start_that_is_interrupted_leaves_no_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    start = threading.Thread.start
+
     def interrupted(thread: threading.Thread) -> None:
-        raise KeyboardInterrupt
+        if thread.name.startswith("watch"):
+            raise KeyboardInterrupt
+        start(thread)
 
     servers = LocalServers(on_end=lambda line, name, replaced: None)
     with monkeypatch.context() as patched:

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from support.files.head_volume import SIZE, skin
 from support.programs.hand_started import joined_by_hand
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.coordinator.lending import slabs
 from volsplat.client.phantoms import make_phantom
@@ -60,7 +61,7 @@ def test_whoever_is_lost_while_it_is_read_again_the_others_hold_all_of_it(zipped
         scene = skin(session)
         session.render(scene)
         processes = [psutil.Process(pid) for pid in session.server_processes]
-        workers = [process for process in processes if "volsplat.mapshade_server" in process.cmdline()]
+        workers = [process for process in processes if is_server(process, "mapshade_server")]
 
         def die(text: str) -> None:
             if text.endswith("by one server for all") and workers[victim].is_running():

@@ -25,6 +25,7 @@ from support.messages.coordinated import (
     sent,
 )
 from support.messages.message_samples import IDENTITY
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.coordinator.coordinator_events import PublishVolume, ServerLost
 from volsplat.client.coordinator.phase import Phase
@@ -50,7 +51,7 @@ class Killer:
     def __call__(self, line: str) -> None:
         self.lines.append(line)
         if re.fullmatch(self.moment, line) and not self.killed:
-            servers = [one for one in psutil.Process().children() if "volsplat.mapshade_server" in one.cmdline()]
+            servers = [one for one in psutil.Process().children(recursive=True) if is_server(one, "mapshade_server")]
             self.killed = servers[-1].pid
             os.kill(self.killed, signal.SIGKILL)
 

@@ -13,6 +13,7 @@ import torch
 
 from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.coordinator.server_states import ServerState
 from volsplat.client.session.renderer import Refinement, finished_whole
@@ -49,7 +50,7 @@ class Watched:
     def kill(self) -> None:
         assert self.session is not None
         living = [psutil.Process(pid) for pid in self.session.server_processes if pid not in self.killed]
-        server = next(one for one in living if "volsplat.mapshade_server" in one.cmdline())
+        server = next(one for one in living if is_server(one, "mapshade_server"))
         self.killed.append(server.pid)
         server.send_signal(signal.SIGKILL)
 

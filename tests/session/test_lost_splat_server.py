@@ -14,6 +14,7 @@ import torch
 
 from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.protocol.description.scene import Image, Scene, Step
@@ -29,7 +30,7 @@ LONGEST_WAIT = 0.3  # seconds, before one is killed
 def splat_processes(session: Session) -> list[psutil.Process]:
     processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
     alive = [one for one in processes if one.status() != psutil.STATUS_ZOMBIE]
-    return [process for process in alive if "volsplat.splat_server" in process.cmdline()]
+    return [process for process in alive if is_server(process, "splat_server")]
 
 
 @contextmanager

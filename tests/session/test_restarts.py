@@ -9,6 +9,7 @@ import torch
 
 from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.deploy.restart_limit import MOST_RESTARTS
@@ -26,7 +27,7 @@ def kill_one(session: Session, program: str) -> None:
 
     def living() -> list[psutil.Process]:
         processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
-        return [one for one in processes if f"volsplat.{program}" in " ".join(one.cmdline())]
+        return [one for one in processes if is_server(one, program)]
 
     wait_until(lambda: bool(living()), "is there one")
     living()[0].send_signal(signal.SIGKILL)

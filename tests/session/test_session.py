@@ -14,6 +14,7 @@ import torch
 from support.files.head_volume import head, single, skin
 from support.messages.message_samples import SAMPLES
 from support.patience import wait_until
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.session.asked_frames import FrameAborted
 from volsplat.client.session.single import SingleProcess
@@ -154,7 +155,7 @@ def test_a_server_may_die_at_any_moment_and_all_is_drawn(
     def kill(text: str) -> None:
         if moment in text and sessions and not killed:
             servers = [psutil.Process(pid) for pid in sessions[0].server_processes]
-            server = next(one for one in servers if f"volsplat.{victim}" in one.cmdline())
+            server = next(one for one in servers if is_server(one, victim))
             killed.append(server.pid)
             server.send_signal(signal.SIGKILL)
 

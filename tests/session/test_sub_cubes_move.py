@@ -14,6 +14,7 @@ import torch
 from support.files.counted_bytes import bytes_read
 from support.files.prepared import Told
 from support.patience import wait_until
+from support.programs.server_processes import is_server
 from volsplat.client import Session
 from volsplat.client.coordinator import work_shares
 from volsplat.client.coordinator.server_states import ServerState
@@ -103,7 +104,7 @@ def test_a_server_killed_in_the_middle_is_lost_like_any_other(volume: Path) -> N
     def watch(line: str) -> None:
         if line == LINE and not killed:
             servers = [psutil.Process(pid) for pid in session.server_processes]
-            worker = next(s for s in servers if "volsplat.mapshade_server" in s.cmdline())
+            worker = next(s for s in servers if is_server(s, "mapshade_server"))
             killed.append(worker.pid)
             worker.send_signal(signal.SIGKILL)
 

@@ -17,6 +17,7 @@ from support.pages.browser import browser, browser_page
 from support.pages.page_tab import after, canvas, drag, opened, save
 from support.pages.tables_tab import until
 from support.pages.viewed import Viewed, view, viewed, volume
+from support.programs.server_processes import is_server
 from volsplat.bench.page_drag import REFINED, dragged, show_in
 from volsplat.bench.slow_link import slow_link
 from volsplat.client.image.image_file import read_scene
@@ -241,7 +242,7 @@ def test_a_lost_server_is_told_on_the_page_and_the_others_take_over(volume: Path
 
 
 def splat_servers(view: Viewed) -> list[psutil.Process]:
-    return [server for server in view.person.servers() if "volsplat.splat_server" in server.cmdline()]
+    return [server for server in view.person.servers() if is_server(server, "splat_server")]
 
 
 def test_the_page_shows_how_a_lost_splat_server_is_replaced_and_starts_again_what_has_ended(

@@ -23,6 +23,7 @@ from support.pages.browser import browser, browser_page, patient_context
 from support.pages.held_answers import HeldAnswers
 from support.pages.panels_page import State
 from support.patience import PATIENCE
+from support.programs.server_processes import is_server
 from tolerances import BALL_DIRECTION, ROTATION_ENTRY
 from volsplat.client.phantoms.make_phantom import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -613,8 +614,8 @@ def test_a_lost_server_is_told_in_words(browser: Browser, volume: Path) -> None:
         tab = Tab(page, address)
         page.get_by_text("Servers", exact=True).click()
         page.locator(".vs-servers-table tbody tr").nth(2).wait_for()
-        servers = [child for child in psutil.Process(program.pid).children() if "mapshade" in " ".join(child.cmdline())]
-        servers[0].kill()
+        below = psutil.Process(program.pid).children(recursive=True)
+        next(process for process in below if is_server(process, "mapshade_server")).kill()
         tab.button("roll left", "view").click()
         page.locator(".vs-server-lost td", has_text="lost: ").wait_for()
         page.locator(".vs-losses", has_text="lost since the start: 1 map/shade server").wait_for()

@@ -25,6 +25,7 @@ from websockets.sync.client import ClientConnection, connect
 from support.pages import patient_http
 from support.patience import PATIENCE
 from support.programs.programs import Person
+from support.programs.server_processes import is_server
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.protocol.description.volume import Index
@@ -59,7 +60,7 @@ class Viewed:
         return answer.text
 
     def mapshade_servers(self) -> list[psutil.Process]:
-        return [server for server in self.person.servers() if "volsplat.mapshade_server" in server.cmdline()]
+        return [server for server in self.person.servers() if is_server(server, "mapshade_server")]
 
     @contextmanager
     def viewport(self, tab: str, port: int | None = None, **headers: str) -> Iterator[Viewport]:

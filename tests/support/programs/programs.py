@@ -12,12 +12,13 @@ from typing import NoReturn
 import psutil
 
 from support.patience import PATIENCE
+from support.programs.server_processes import is_server
 from volsplat.bench.commands.command import SUMMARIES
 from volsplat.client.command.cli import main
 from volsplat.client.command.commands import ENTRIES
 
 VOLSPLAT = Path(sys.executable).parent / "volsplat"
-SERVER_MODULES = ("volsplat.mapshade_server", "volsplat.splat_server")
+SERVERS = ("mapshade_server", "splat_server")
 
 # Loads once what each command would load again, for a second or two: commands are forked from it.
 _LOADED = get_context("forkserver")
@@ -66,13 +67,13 @@ class Person:
     def servers(self) -> list[psutil.Process]:
         """The servers that run with this person's token."""
         found = []
-        for process in psutil.process_iter(["cmdline"]):
-            if any(module in (process.info["cmdline"] or []) for module in SERVER_MODULES):
-                try:
+        for process in psutil.process_iter():
+            try:
+                if any(is_server(process, program) for program in SERVERS):
                     if process.environ().get("VOLSPLAT_TOKEN") == self.token and process.is_running():
                         found.append(process)
-                except psutil.NoSuchProcess:
-                    continue
+            except psutil.NoSuchProcess:
+                continue
         return found
 
 

@@ -12,7 +12,12 @@ from volsplat.client import Session
 
 def servers(session: Session, program: str) -> list[psutil.Process]:
     processes = [psutil.Process(pid) for pid in session.server_processes if psutil.pid_exists(pid)]
-    return [one for one in processes if f"volsplat.{program}" in one.cmdline()]
+    return [one for one in processes if is_server(one, program)]
+
+
+def is_server(process: psutil.Process, program: str) -> bool:
+    """Whether a process is a server of this program: one that was forked has its name, one by itself its command."""
+    return process.name() == program.replace("_", "-") or f"volsplat.{program}" in process.cmdline()
 
 
 @contextmanager

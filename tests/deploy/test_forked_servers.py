@@ -1,0 +1,71 @@
+"""Servers that are forked from one process: how they are told of, and what becomes of them if that process is gone."""
+
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import psutil
+import pytest
+
+from support.files.head_volume import head
+from support.patience import wait_until
+from support.programs.server_processes import is_server
+from volsplat.client import Session
+from volsplat.deploy.forked_servers import FORK_SERVER, ForkedServers
+from volsplat.deploy.server_command import Program
+
+__all__ = ["head"]
+
+
+def test_a_server_has_its_own_arguments_environment_and_end() -> None:
+    forks = ForkedServers()
+    try:
+        refused = forks.start(Program.SPLAT_SERVER, ["--no-such-option"], {})
+        assert refused.wait(60) == 2 and refused.pid
+        running = forks.start(Program.MAPSHADE_SERVER, ["--wait-at", "127.0.0.1:0"], {"VOLSPLAT_TOKEN": "a" * 64})
+        process = psutil.Process(running.pid)
+        wait_until(lambda: is_server(process, "mapshade_server"), "is it shown by its name")
+        with pytest.raises(subprocess.TimeoutExpired):
+            running.wait(0)
+        running.kill()
+        assert running.wait(60) == -signal.SIGKILL
+    finally:
+        forks.end()
+
+
+def test_what_is_asked_of_a_fork_server_that_is_ended_while_it_loads_ends() -> None:
+    forks = ForkedServers()
+    server = forks.start(Program.SPLAT_SERVER, [], {})
+    server.terminate()
+    assert server.wait(60) == -signal.SIGKILL and not server.pid
+    wait_until(lambda: forks.gone, "is it noticed")
+    with pytest.raises(OSError, match="gone"):
+        forks.start(Program.SPLAT_SERVER, [], {})
+
+
+def test_a_session_outlives_its_fork_server(head: Path) -> None:
+    with Session(head, workers=2) as session:
+        scene = session.default_scene()
+        expected = session.finish(scene).published.pixels
+        before = session.server_processes
+        fork_server().kill()
+        wait_until(lambda: not set(before) & set(session.server_processes), "do its servers end")
+        wait_until(lambda: len(session.server_processes) == 3, "are others started")
+        assert bytes(session.finish(scene).published.pixels) == bytes(expected)
+
+
+def test_a_client_that_is_killed_leaves_no_fork_server() -> None:
+    begin = "from volsplat.deploy.forked_servers import begin_ahead; begin_ahead(); print(flush=True); input()"
+    with subprocess.Popen([sys.executable, "-c", begin], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as client:
+        assert client.stdout is not None
+        client.stdout.readline()
+        (forks,) = psutil.Process(client.pid).children()
+        os.kill(client.pid, signal.SIGKILL)
+        forks.wait(60)
+
+
+def fork_server() -> psutil.Process:
+    (found,) = [one for one in psutil.Process().children() if FORK_SERVER in one.cmdline()]
+    return found
