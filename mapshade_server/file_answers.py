@@ -6,7 +6,6 @@ from contextlib import AbstractContextManager, suppress
 from queue import SimpleQueue
 
 from volsplat.mapshade_server.file_voxels import FileVoxels
-from volsplat.mapshade_server.readers.folder_listing import listed
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.protocol.messages.folder_messages import ListFolder
@@ -58,6 +57,10 @@ class FileAnswers:
         try:
             if self._data_root is not None:
                 self._data_root.check(request.path)
-            return voxels.read(request) if isinstance(request, ReadVoxel) else Answer(listed(request))
+            if isinstance(request, ReadVoxel):
+                return voxels.read(request)
+            from volsplat.mapshade_server.readers.folder_listing import listed  # brings readers, and few ask for it
+
+            return Answer(listed(request))
         except Exception as error:  # whatever it is: the client must hear of it
             return Answer(refusal(request, error))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from volsplat.mapshade_server.readers.arrays import raw_voxels
 from volsplat.mapshade_server.readers.medicine import dicom_series, picture_folder, tiff_folder
-from volsplat.mapshade_server.readers.open_volume import VolumeFormat, format_of, head_of
+from volsplat.mapshade_server.readers.open_volume import DICOM, RAW, VolumeFormat, format_of, head_of
 from volsplat.mapshade_server.readers.zarr_arrays import zarr_store
 from volsplat.protocol.messages.folder_messages import (
     LONGEST_KIND,
@@ -52,7 +52,7 @@ def _entries(root: Path, folder: Path, words: str) -> tuple[list[FolderEntry], i
     for path in files:
         if (found := _format(path)) is None:
             continue
-        if found.open is dicom_series.open_dicom_file:
+        if found is DICOM:
             images.append(path)
         elif words in path.name.casefold():
             if len(volumes) < room:
@@ -104,7 +104,7 @@ def _format(path: Path) -> VolumeFormat | None:
     found = format_of(path, head) if head else None
     if found is None or (packed and not found.gzip):
         return None
-    undescribed = found.open is raw_voxels.open_raw_voxels and not raw_voxels.describes(path, "")
+    undescribed = found is RAW and not raw_voxels.describes(path, "")
     return None if undescribed else found
 
 

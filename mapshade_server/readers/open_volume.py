@@ -114,6 +114,8 @@ def _packed_or_not(*extensions: str) -> tuple[str, ...]:
     return tuple(name + packed for name in extensions for packed in ("", ".gz"))
 
 
+DICOM = VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises)
+RAW = VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=_packed_or_not(".raw"), gzip=True)
 FORMATS = (
     VolumeFormat("NRRD (.nrrd, .nhdr)", nrrd.open_nrrd, nrrd.recognises),
     VolumeFormat("MetaImage (.mha, .mhd)", metaimage.open_metaimage, metaimage.recognises),
@@ -122,7 +124,7 @@ FORMATS = (
     VolumeFormat("Analyze or NIfTI voxels (.img)", analyze.open_image, extensions=(".img",), gzip=True),
     VolumeFormat("FreeSurfer (.mgh, .mgz)", mgh.open_mgh, extensions=(".mgh", ".mgz", ".mgh.gz"), gzip=True),
     # Before TIFF, since a DICOM file may bear TIFF's magic in its preamble.
-    VolumeFormat("DICOM series (a folder)", dicom_series.open_dicom_file, dicom_series.recognises),
+    DICOM,
     VolumeFormat("TIFF stack (.tif, .ome.tif)", tiff_stack.open_tiff_stack, tiff_stack.recognises),
     VolumeFormat(
         "PDB or PQR coordinates (.pdb, .pqr)",
@@ -156,7 +158,7 @@ FORMATS = (
     VolumeFormat("VTK image or grid (.vtk)", legacy_vtk.open_legacy_vtk, legacy_vtk.recognises),
     VolumeFormat("Zarr (.zarr, .zarr.zip)", zarr_store.open_zip, zarr_store.recognises_zip, (".zip", ".ozx")),
     VolumeFormat("array in memory", shared_array.open_shared_array, shared_array.recognises),
-    VolumeFormat("raw voxels (.raw)", raw_voxels.open_raw_voxels, extensions=_packed_or_not(".raw"), gzip=True),
+    RAW,
 )
 
 FOLDER_FORMATS = (
