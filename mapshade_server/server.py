@@ -27,7 +27,7 @@ from volsplat.mapshade_server.links.data_links import DataLinks
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.slice_parts import slice_parts
-from volsplat.mapshade_server.visible_voxels import VoxelFields
+from volsplat.mapshade_server.visible_voxels import VoxelFields, depths_summed
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
@@ -330,6 +330,14 @@ class MapShadeServer:
         sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.line.plan)
         voxel = front_most(sub_cubes, request.geometry, request.quantisation, request.shading, request.line)
         self._client.send(messages.VoxelProbed(probe=request.probe, voxels=[voxel] if voxel else []))
+
+    @takes(messages.SumDepths)
+    def _sum_depths(self, request: messages.SumDepths) -> None:
+        self._held.check(request.assignment, f"what dims the light of frame {request.frame}")
+        sub_cubes = self._held.sub_cubes_drawn(request.level, request.geometry, request.plan)
+        with self._heartbeat.at_work(self._client):
+            summed, sums = depths_summed(request, sub_cubes)
+        self._client.send(summed, sums)
 
     @takes(messages.ReadSlice)
     def _read_slice(self, request: messages.ReadSlice) -> None:

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from decimal import Decimal, localcontext
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,10 +12,19 @@ from numpy.typing import NDArray
 from volsplat.mapshade_server import shading_tables
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import Field
-from volsplat.protocol.description.volume import Geometry, Index
+from volsplat.protocol.description.volume import Box, Geometry, Index
+from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
+from volsplat.protocol.rules.levels import dims_at_level
+from volsplat.protocol.rules.light_blocks import (
+    LEAST_THROUGH,
+    SUM_UNIT,
+    box_drawn,
+    light_block_dims,
+    light_block_size,
+)
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT, OPACITY_CODES, opacity_of_code
 from volsplat.protocol.rules.shading_rule import Lighting, ShadingRule
 
@@ -40,15 +51,28 @@ class VoxelFields:
     def directions(self) -> DirectionCode:
         return self.quantisation.directions_at(self.plan.factors)
 
+    @property
+    def uses_index(self) -> bool:
+        """Whether opacity depends on where a voxel lies."""
+        return not shading_tables.opacity_rule(self.shading).by_packet
+
     def opacity(self, index: Indices, packets: Packets, thickness: float) -> NDArray[np.float32]:
         """Of cells so thick, in reference spacings of the volume."""
+        opacities: NDArray[np.float32] = OPACITIES[self.opacity_codes(index, packets, thickness)]
+        return opacities
+
+    def opacity_codes(self, index: Indices, packets: Packets, thickness: float) -> NDArray[np.uint16]:
+        """Likewise. Where the index is not used it may be left empty."""
         rule = shading_tables.opacity_rule(self.shading)
         codes = np.asarray(memoryview(shading_tables.opacity_codes(rule, thickness)))
+        if rule.by_packet:
+            by_packet: NDArray[np.uint16] = codes[packets & np.uint32(0xFFFF)]
+            return by_packet
         low, high = (
             self.bytes_of(field, index, packets).astype(np.int64) for field in shading_tables.opacity_fields(rule)
         )
-        opacities: NDArray[np.float32] = OPACITIES[codes[low | high << 8]]
-        return opacities
+        by_fields: NDArray[np.uint16] = codes[low | high << 8]
+        return by_fields
 
     def colours(self, index: Indices, packets: Packets) -> tuple[Colours, Colours]:
         """Emitted and reflected."""
@@ -190,3 +214,72 @@ class VoxelSheets:
 
 
 OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)
+
+# How opaque the blocks are that light passes (see light_blocks).
+
+Depths = NDArray[np.uint64]
+
+
+def depths_summed(request: messages.SumDepths, sub_cubes: Sequence[SubCube]) -> tuple[messages.DepthsSummed, bytes]:
+    """The answer to a request, with its payload."""
+    fields = VoxelFields(request.geometry, request.quantisation, request.shading, request.plan)
+    dims = dims_at_level(request.geometry.dims, request.plan.factors)
+    sums = summed_depths(sub_cubes, fields, dims)
+    return messages.DepthsSummed(request.frame, request.assignment, light_block_dims(dims)), sums.astype(
+        "<u8"
+    ).tobytes()
+
+
+def summed_depths(sub_cubes: Sequence[SubCube], fields: VoxelFields, dims: Index) -> Depths:
+    """Of each block of a level of `dims` voxels (k, j, i) the sum over its voxels that are drawn and held here."""
+    total = np.zeros(light_block_dims(dims)[::-1], np.uint64)
+    size, drawn = light_block_size(dims), box_drawn(fields.plan)
+    for cube in sub_cubes:
+        rest = cube.box.common(drawn)
+        while rest is not None:
+            row = rest.low[2] // size[2]
+            end = (row + 1) * size[2]
+            sheets, rest = rest.cut(2, end) if end < rest.high[2] else (rest, None)
+            total[row] += _summed(cube, fields, sheets, size, total.shape[1:])
+    return total
+
+
+def _summed(cube: SubCube, fields: VoxelFields, box: Box, size: Index, shape: tuple[int, ...]) -> Depths:
+    """Of one row of blocks along k."""
+    (i0, j0, k0), (i1, j1, k1) = box
+    added = np.zeros((j1 - j0, i1 - i0), np.uint64)
+    held = np.asarray(memoryview(cube.packets))[box.slices(cube.box.low)]
+    for k, packets in zip(range(k0, k1), held, strict=True):
+        index = _indices(box, k) if fields.uses_index else np.zeros((0, 3), np.int64)
+        codes = fields.opacity_codes(index, packets.reshape(-1), thickness=1.0).reshape(packets.shape)
+        added += np.where(packets >> np.uint32(NO_DATA_BIT) == 0, _depths_of_codes()[codes], 0)
+    (first_i, starts_i), (first_j, starts_j) = (
+        _starts(low, high, of) for low, high, of in ((i0, i1, size[0]), (j0, j1, size[1]))
+    )
+    blocks = np.add.reduceat(np.add.reduceat(added, starts_i, axis=1), starts_j, axis=0)
+    total = np.zeros(shape, np.uint64)
+    total[first_j : first_j + blocks.shape[0], first_i : first_i + blocks.shape[1]] = blocks
+    return total
+
+
+def _starts(low: int, high: int, size: int) -> tuple[int, list[int]]:
+    """The first block, and where each begins, from `low` on."""
+    first = low // size
+    return first, [max(block * size - low, 0) for block in range(first, (high - 1) // size + 1)]
+
+
+def _indices(box: Box, k: int) -> NDArray[np.int64]:
+    """(n, 3) of a sheet."""
+    (i0, j0, _), (i1, j1, _) = box
+    j, i = np.mgrid[j0:j1, i0:i1]
+    return np.stack((i, j, np.full_like(i, k)), axis=-1).reshape(-1, 3).astype(np.int64)
+
+
+@lru_cache(maxsize=1)
+def _depths_of_codes() -> NDArray[np.uint64]:
+    """Of one reference spacing. In decimal arithmetic, which is the same on every machine."""
+    with localcontext() as context:
+        context.prec = 20
+        through = (Decimal(max(1 - opacity_of_code(code), LEAST_THROUGH)) for code in range(OPACITY_CODES))
+        depths = [int((-each.ln() * SUM_UNIT).to_integral_value()) for each in through]
+    return np.array(depths, np.uint64)

@@ -265,8 +265,9 @@ class SlabScene:
         half_way: Vector,
         switches: tuple[bool, bool, bool],
         specular_power: float,
+        dimming: tuple[float, float],
     ) -> None:
-        """`switches` are diffuse, specular and two-sided light."""
+        """`switches` are diffuse, specular and two-sided light, `dimming` depth cue and silhouettes."""
 
 class SlabGrid:
     """Where on the grid and in physical space a frame's slabs are; see slab_shading.h."""
@@ -280,6 +281,23 @@ class SlabGrid:
         dims: Index,
         factors: Index,
     ) -> None: ...
+
+class PassedLight:
+    """How much light comes through blocks of a volume to each of them; see passed_light.h."""
+
+    def __init__(self, depths: bytes, unit: float, dims: Index, steps: Sequence[tuple[Vector, float]]) -> None:
+        """`depths` of blocks, uint16 in 1 / `unit`; light comes in each step so far in blocks, and for such a length.
+
+        Raises ValueError for numbers that make no light.
+        """
+
+    def share(self, i: int, j: int, k: int) -> float:
+        """That comes to the middle of a block. Raises IndexError."""
+
+class SlabLight:
+    """How a frame of slabs looks up what light comes through; `shares` are shadows and occlusion."""
+
+    def __init__(self, size: Sequence[float], to_blocks: Matrix, shares: tuple[float, float]) -> None: ...
 
 class Slabs:
     """All that a frame of slabs is drawn by; see regions/slab_planes.h."""
@@ -295,6 +313,9 @@ class Slabs:
         thickness: float,
         places: Sequence[Vector],
         bounds: tuple[Vector, Vector],
+        light: SlabLight,
+        lamp: PassedLight | None,
+        sky: PassedLight | None,
     ) -> None:
         """`places` are grid coordinates of pixel (0, 0) on plane 0, and what x, y and planes add to them."""
 

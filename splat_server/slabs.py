@@ -4,11 +4,13 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from volsplat.protocol.description.scene import Field, Kernel
+from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix, Vector
 from volsplat.protocol.messages.frame_messages import RenderFrame
 from volsplat.protocol.rules.grid_on_screen import FIXED_ONE
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.light_blocks import DEPTH_UNIT, SKY, LightBlocks, light_step, to_blocks
 from volsplat.protocol.rules.shading_rule import ShadingRule
 from volsplat.protocol.text.errors import BadInput
 from volsplat.splat_server import _kernels
@@ -53,6 +55,8 @@ def slabs_of(request: RenderFrame) -> Slabs | None:
         thickness=slabs.thickness,
         places=slabs.grid,
         bounds=(slabs.low, slabs.high),
+        light=_light(request),
+        **_passed(request),
     )
     slices = 2 * slabs.before + 2
     return Slabs(kernel, slices * min(table.width, plan.width) * min(table.height, plan.height))
@@ -72,6 +76,35 @@ def slab_table(
         raise BadInput(f"{error}; lower the zoom") from error
 
 
+def _light(request: RenderFrame) -> _kernels.SlabLight:
+    size, shares = (1, 1, 1), (0.0, 0.0)
+    for blocks in request.light:
+        size, shares = blocks.size, (blocks.shadows, blocks.occlusion)
+    return _kernels.SlabLight(
+        size=size, to_blocks=to_blocks(request.geometry, request.plan.factors, size), shares=shares
+    )
+
+
+def _passed(request: RenderFrame) -> dict[str, _kernels.PassedLight | None]:
+    """What light comes through, if it is dimmed at all."""
+    if not request.light:
+        return {"lamp": None, "sky": None}
+    geometry, factors = request.geometry, request.plan.factors
+    return {
+        "lamp": _passed_light(request.light[0], (request.shading.lighting.light,), geometry, factors),
+        "sky": _passed_light(request.light[0], SKY, geometry, factors),
+    }
+
+
+@lru_cache(maxsize=4)
+def _passed_light(
+    blocks: LightBlocks, directions: tuple[Vector, ...], geometry: Geometry, factors: Index
+) -> _kernels.PassedLight:
+    """The mean over directions along physical axes. Remembered, since the sky does not turn with the view."""
+    steps = [light_step(direction, geometry, factors, blocks.size) for direction in directions]
+    return _kernels.PassedLight(blocks.depths, DEPTH_UNIT, blocks.dims, [(step.step, step.length) for step in steps])
+
+
 @lru_cache(maxsize=8)
 def _scene(shading: ShadingRule) -> _kernels.SlabScene:
     cross_bar, lighting = shading.cross_bar, shading.lighting
@@ -85,6 +118,7 @@ def _scene(shading: ShadingRule) -> _kernels.SlabScene:
         half_way=lighting.half_way,
         switches=(lighting.diffuse, lighting.specular, lighting.two_sided),
         specular_power=lighting.specular_power,
+        dimming=(lighting.depth_cue, lighting.silhouettes),
     )
 
 

@@ -1,5 +1,10 @@
 """The frame that is wanted or drawn, as the coordinator knows it: asked for, sent to the servers, put together."""
 
+from itertools import starmap
+
+import msgspec
+
+from volsplat.client.coordinator.block_depths import BlockDepths
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     EndFrame,
@@ -21,6 +26,7 @@ from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
 from volsplat.protocol.messages.frame_messages import (
     AbortFrame,
+    DepthsSummed,
     FrameAborted,
     FrameFinished,
     FrameMapped,
@@ -42,6 +48,7 @@ class Frames:
         self._shares = RegionShares()
         self._hidden = HiddenShare()
         self._work = work
+        self._depths = BlockDepths()
 
     @takes(FrameAsked)
     def asked(self, event: FrameAsked) -> list[Instruction]:
@@ -90,11 +97,18 @@ class Frames:
             return self.end(error)
         except ValueError as error:
             return self.end(BadInput(str(error)))
+        lit = render
+        if self._depths.are_needed(frame.scene, frame.step):
+            if asked := self._depths.ask(render, holding.boxes):
+                return [ReportProgress("adding up what dims the light"), *starmap(Send, asked)]
+            if self._depths.under_way:
+                return []
+            lit = msgspec.structs.replace(render, light=[self._depths.blocks(frame.scene.light)])
         frame.start(render, packing.why_level)
         partial = self.read_partial(PartialImageAsked(frame.frame)) if frame.partial_wanted else []
         return [
             ReportProgress(f"step {frame.step}"),
-            *(Send(server, render) for server in self._drawing()),
+            *(Send(server, lit if server in self._servers.splat_servers else render) for server in self._drawing()),
             *partial,
         ]
 
@@ -140,6 +154,11 @@ class Frames:
     def _drawing(self) -> list[int]:
         """The servers of a frame: splat servers last, since all others have work to do before these have any."""
         return [*self._holding.boxes, *self._servers.splat_servers]
+
+    @takes(DepthsSummed, *SURVEYED_PHASES)
+    def _depths_summed(self, message: DepthsSummed, event: MessageReceived) -> list[Instruction]:
+        self._depths.take(event.server, message, event.payload)
+        return []
 
     @takes(AbortAsked)
     def abort(self, event: AbortAsked) -> list[Instruction]:
@@ -258,7 +277,7 @@ class Frames:
         if not frame.started:
             others_read = frame.require_complete and self._servers.missing
             ready = self._holding.settled and self._holding.volume and all(self._drawing_roles())
-            assert not ready or others_read, "a frame waits though the servers are ready"
+            assert not ready or others_read or self._depths.under_way, "a frame waits though the servers are ready"
             assert not frame.unacknowledged and not frame.map_shade, "a frame that waits has answers"
             return
         assert self._holding.volume is not None, "a frame of an unknown volume runs"

@@ -31,6 +31,7 @@ TurningAxis = Literal["screen-x", "screen-y", "screen-z", "grid-i", "grid-j", "g
 TURNING_AXES: tuple[TurningAxis, ...] = get_args(TurningAxis)
 
 _SAME_DIRECTION = 1e-6  # radians; below it a straight line is as good as an arc
+_LIGHT_AMOUNTS = ("shadows", "occlusion", "depth_cue", "silhouettes")
 _OPPOSITE = 1e-6  # the length of a sum of two unit vectors, below which it has no direction
 
 
@@ -148,12 +149,14 @@ def _bounds_between(a: Scene, b: Scene, geometry: Geometry, part: Fraction) -> B
 
 
 def _light_between(a: Light, b: Light, part: float) -> Light:
+    amounts = {name: _between(getattr(a, name), getattr(b, name), part) for name in _LIGHT_AMOUNTS}
+    light = msgspec.structs.replace(a, **amounts)
     if a.fixed_to != b.fixed_to or a.direction == b.direction:
-        return a
+        return light
     direction = _vector_between(matrices.normalised(a.direction), matrices.normalised(b.direction), part)
     if matrices.length(direction) < _OPPOSITE:  # halfway between opposite directions
-        return a
-    return Light(direction=direction, fixed_to=a.fixed_to)
+        return light
+    return msgspec.structs.replace(light, direction=direction)
 
 
 def _tables_between(a: Tables, b: Tables, part: float) -> Tables:

@@ -11,6 +11,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from volsplat.client.caller.arguments import (
     checked_axis,
     checked_bytes,
@@ -23,6 +25,7 @@ from volsplat.client.caller.arguments import (
     checked_volume,
 )
 from volsplat.client.coordinator.base_level import budgets
+from volsplat.client.coordinator.block_depths import BlockDepths
 from volsplat.client.coordinator.coordinator_events import (
     FrameOutcome,
     Instruction,
@@ -47,7 +50,7 @@ from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.slice_parts import slice_parts
-from volsplat.mapshade_server.visible_voxels import VoxelFields, VoxelSheets
+from volsplat.mapshade_server.visible_voxels import VoxelFields, VoxelSheets, depths_summed
 from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
@@ -108,6 +111,7 @@ class SingleProcess:
         self._shares = RegionShares()
         self._held = HeldVolume()
         self._file_voxels = FileVoxels()
+        self._depths = BlockDepths()
         self._holding = VolumeHolding()
         left = budgets({WORKER: available_memory()}, {WORKER: "here"})
         self._carry_out(self._holding.begin(name, left if memory is None else {WORKER: memory}))
@@ -267,6 +271,8 @@ class SingleProcess:
                 owners=threads,
                 shares=self._shares,
             )
+            if self._depths.are_needed(scene, step):
+                request = self._lit(request, scene)
             assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))
         except ValueError as error:
             raise BadInput(str(error)) from error
@@ -283,6 +289,12 @@ class SingleProcess:
         )
         assembly.begin(request.regions, self._threads, self._news, walks=walk.walkers, traced=self._tracer is not None)
         return request, assembly
+
+    def _lit(self, request: messages.RenderFrame, scene: Scene) -> messages.RenderFrame:
+        """The request with what dims its light."""
+        for server, asked in self._depths.ask(request, [WORKER]):
+            self._depths.take(server, *depths_summed(asked, self._held.sub_cubes(asked.level)))
+        return msgspec.structs.replace(request, light=[self._depths.blocks(scene.light)])
 
     def _outcome(
         self, request: messages.RenderFrame, assembly: FrameAssembly, planning: float, frame: float

@@ -14,15 +14,15 @@ MOST_BLOCKS = 32  # on an axis
 BLOCK_BYTES = 16  # of each: float64 least, float64 greatest
 
 
-def block_size(dims: Index) -> Index:
+def block_size(dims: Index, most: int = MOST_BLOCKS) -> Index:
     """Voxels of a block along i, j, k; the last one on an axis may have fewer."""
     ni, nj, nk = dims
-    return (-(-ni // MOST_BLOCKS), -(-nj // MOST_BLOCKS), -(-nk // MOST_BLOCKS))
+    return (-(-ni // most), -(-nj // most), -(-nk // most))
 
 
-def block_dims(dims: Index) -> Index:
+def block_dims(dims: Index, most: int = MOST_BLOCKS) -> Index:
     """Blocks along i, j, k of a grid of so many voxels."""
-    (ni, nj, nk), (bi, bj, bk) = dims, block_size(dims)
+    (ni, nj, nk), (bi, bj, bk) = dims, block_size(dims, most)
     return (-(-ni // bi), -(-nj // bj), -(-nk // bk))
 
 

@@ -217,6 +217,38 @@ class Light(Part, frozen=True):
             PartOf("light"),
         ),
     ] = "world"
+    shadows: Annotated[
+        float,
+        Key(
+            "In step G, how much of the light is kept from what lies behind opaque matter. Other steps ignore it.",
+            Slide("shadows", step=0.05, tip="in step G, how dark the shadows are that the volume throws on itself"),
+            UNIT_INTERVAL,
+        ),
+    ] = 0.0
+    occlusion: Annotated[
+        float,
+        Key(
+            "In step G, how much darker is what opaque matter surrounds: ambient occlusion. Other steps ignore it.",
+            Slide("occlusion", step=0.05, tip="in step G, how dark hollows are: ambient occlusion"),
+            UNIT_INTERVAL,
+        ),
+    ] = 0.0
+    depth_cue: Annotated[
+        float,
+        Key(
+            "In step G, how much darker the farthest place is than the nearest. Other steps ignore it.",
+            Slide("depth cue", step=0.05, tip="in step G, how much darker the farthest place is than the nearest"),
+            UNIT_INTERVAL,
+        ),
+    ] = 0.0
+    silhouettes: Annotated[
+        float,
+        Key(
+            "In step G, how much darker surfaces are where they turn away from the viewer. Other steps ignore it.",
+            Slide("silhouettes", step=0.05, tip="in step G, how dark surfaces are where they turn away from you"),
+            UNIT_INTERVAL,
+        ),
+    ] = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -1,5 +1,6 @@
 """Messages about a frame: asked for by the client, mapped and shaded, splatted, read; and probes of its voxels."""
 
+import math
 from typing import Annotated, ClassVar
 
 from msgspec import Meta
@@ -33,6 +34,7 @@ from volsplat.protocol.messages.roles import CLIENT_TO_MAPSHADE, CLIENT_TO_SPLAT
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, tile_map_bytes
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.index_rules import Quantisation
+from volsplat.protocol.rules.light_blocks import MOST_LIGHT_BLOCKS, SUM_BYTES, LightBlocks
 from volsplat.protocol.rules.line_of_sight import LineOfSight
 from volsplat.protocol.rules.packet_layout import ROW_RUN_BYTES, SHADED_PACKET_BYTES
 from volsplat.protocol.rules.regions import MOST_REGIONS, LineNumber, Regions, check_regions
@@ -136,7 +138,8 @@ class RenderFrame(Message, frozen=True):
     which splat server splats which lines. `geometry` is the volume's, whatever level is drawn. A
     finished image that need not be `exact` may come with 8 bits a channel, as those before it may. If it is `paced`
     walkers wait for the merge where their links are slow, so as to send little that is hidden. Of one that is
-    `traced` the servers keep for ReadTrace what they did when.
+    `traced` the servers keep for ReadTrace what they did when. Splat servers get the `light` of a frame of slabs whose
+    scene asks for it.
     """
 
     frame: FrameId
@@ -151,9 +154,45 @@ class RenderFrame(Message, frozen=True):
     exact: bool
     paced: bool = False
     traced: bool = False
+    light: Annotated[list[LightBlocks], Meta(max_length=1)] = []
 
     def __post_init__(self) -> None:
         check_regions(self.regions, self.plan.height)
+
+
+class DepthsSummed(Message, frozen=True):
+    """Map/shade server to client: payload uint64 sums of all `blocks` of the level (see light_blocks), (k, j, i)."""
+
+    largest_payload: ClassVar[int] = SUM_BYTES * MOST_LIGHT_BLOCKS**3
+
+    frame: FrameId
+    assignment: AssignmentId
+    blocks: Index
+
+    def payload_bytes(self) -> int:
+        if not all(1 <= count <= MOST_LIGHT_BLOCKS for count in self.blocks):
+            raise ValueError(f"light passes 1 to {MOST_LIGHT_BLOCKS} blocks on an axis, not {self.blocks}")
+        return SUM_BYTES * math.prod(self.blocks)
+
+
+@asks(CLIENT_TO_MAPSHADE, DepthsSummed)
+class SumDepths(Message, frozen=True):
+    """Client to map/shade server: add up the optical depths of the voxels that you hold of each block.
+
+    They are those of a frame of slabs that is about to be asked for; `geometry` is the volume's.
+    """
+
+    frame: FrameId
+    assignment: AssignmentId
+    plan: FramePlan
+    shading: ShadingRule
+    geometry: Geometry
+    quantisation: Quantisation
+    level: LevelNumber
+
+    def __post_init__(self) -> None:
+        if self.plan.slabs is None:
+            raise ValueError(f"light passes frames of slabs, not those of step {self.plan.step}")
 
 
 class FrameAborted(Message, frozen=True):

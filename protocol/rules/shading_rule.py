@@ -8,6 +8,7 @@ from volsplat.protocol.description.scene import (
     ColourTable,
     CrossBar,
     Field,
+    Light,
     ScalarTable,
     Scene,
     Shading,
@@ -18,7 +19,7 @@ from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import density_spread
-from volsplat.protocol.rules.refinement import active_shading
+from volsplat.protocol.rules.refinement import STEP_RULES, active_shading
 from volsplat.protocol.rules.resolved_view import screen_rotation
 
 BLACK = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
@@ -28,7 +29,10 @@ LONGEST_UNIT = 1.0 + 1e-9  # rounding included
 
 
 class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """What multiplies the reflected colour; unit vectors along the volume's physical axes."""
+    """What multiplies the reflected colour; unit vectors along the volume's physical axes.
+
+    In frames of slabs also what multiplies all colour (see slab_shape); in others that is 0.
+    """
 
     light: Vector  # towards it
     half_way: Vector  # between light and eye, or zero where they are opposite: then nothing is reflected to the eye
@@ -36,11 +40,14 @@ class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     specular: bool
     two_sided: bool
     specular_power: float
+    depth_cue: float = 0.0
+    silhouettes: float = 0.0
 
     def __post_init__(self) -> None:
         if not all(matrices.length(vector) <= LONGEST_UNIT for vector in (self.light, self.half_way)):
             raise ValueError(f"light and half way must be unit vectors, not {self.light} and {self.half_way}")
         Shading(specular_power=self.specular_power)
+        Light(depth_cue=self.depth_cue, silhouettes=self.silhouettes)
 
 
 class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -86,6 +93,7 @@ def _lighting(scene: Scene, step: Step) -> Lighting:
         light = matrices.applied(to_physical, light)
     eye = matrices.applied(to_physical, (0.0, 0.0, 1.0))
     between = matrices.plus(light, eye)
+    in_slabs = STEP_RULES[step].slabs
     return Lighting(
         light=light,
         half_way=matrices.normalised(between) if any(between) else between,
@@ -93,4 +101,6 @@ def _lighting(scene: Scene, step: Step) -> Lighting:
         specular=active.specular,
         two_sided=scene.shading.two_sided,
         specular_power=scene.shading.specular_power,
+        depth_cue=scene.light.depth_cue if in_slabs else 0.0,
+        silhouettes=scene.light.silhouettes if in_slabs else 0.0,
     )

@@ -19,6 +19,7 @@ struct SlabScene {
     double light[3], half_way[3];  // physical axes
     bool diffuse, specular, two_sided;
     double specular_power;
+    double depth_cue, silhouettes;
 };
 
 struct SlabGrid {
@@ -37,6 +38,15 @@ struct SlabRays {
     int baseline;                         // pixels to either side that gradients look at
 };
 
+// What light comes to blocks of voxels: (k, j, i), of the scene's light and from all sides.
+struct SlabLight {
+    const float *lamp, *sky;  // null: nothing is dimmed
+    std::int32_t dims[3];     // blocks
+    double size[3];           // voxels of a block
+    double to_blocks[3][3];   // from physical vectors
+    double shadows, occlusion;
+};
+
 // Integrals over tables, from entry 0 to before each: of the depth that density alone gives, and of that times red,
 // green and blue of both colours; and of the depth by 255 times the opacity that density lacks.
 struct ColourIntegral {
@@ -48,6 +58,7 @@ struct SlabShadingView {
     const SlabScene* scene;
     const SlabGrid* grid;
     const SlabRays* rays;
+    const SlabLight* light;
     const std::int32_t* next_visible;  // [257]: the first entry from each on that can be seen
     int first_visible, last_visible;   // entries; all between can be seen if `visible_together`
     bool visible_together;

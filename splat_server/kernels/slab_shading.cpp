@@ -22,8 +22,8 @@ bool constant(const double (&entries)[kTableEntries]) {
 
 }  // namespace
 
-SlabShading::SlabShading(const SlabScene& scene, const SlabGrid& grid, const SlabRays& rays)
-    : scene_(scene), grid_(grid), rays_(rays), depths_(new DepthIntegrals[1]) {
+SlabShading::SlabShading(const SlabScene& scene, const SlabGrid& grid, const SlabRays& rays, const SlabLight& light)
+    : scene_(scene), grid_(grid), rays_(rays), light_(light), depths_(new DepthIntegrals[1]) {
     // Whatever indexes what is the same everywhere, it may be density
     if (constant(scene_.opac)) scene_.cross_bar[kOpac] = Field::density;
     if (constant(scene_.modu)) scene_.cross_bar[kModu] = Field::density;
@@ -62,6 +62,7 @@ SlabShadingView SlabShading::view() const {
     return {&scene_,
             &grid_,
             &rays_,
+            &light_,
             next_visible_.data(),
             first,
             last_visible_,

@@ -16,7 +16,8 @@ namespace volsplat {
 
 class SlabShading {
 public:
-    SlabShading(const SlabScene& scene, const SlabGrid& grid, const SlabRays& rays);
+    // What the light points to outlives it.
+    SlabShading(const SlabScene& scene, const SlabGrid& grid, const SlabRays& rays, const SlabLight& light);
 
     SlabShadingView view() const;
     int baseline() const { return rays_.baseline; }
@@ -27,6 +28,7 @@ private:
     SlabScene scene_;
     const SlabGrid grid_;
     const SlabRays rays_;
+    const SlabLight light_;
     std::array<std::int32_t, kTableEntries + 1> next_visible_;
     int last_visible_ = -1;
     const std::unique_ptr<DepthIntegrals[]> depths_;  // one

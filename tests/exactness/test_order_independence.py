@@ -50,6 +50,7 @@ def restored_cpu_paths() -> Iterator[None]:
     step=st.sampled_from((Step.A, Step.B, Step.C, Step.F, Step.G)),
     threads=st.sampled_from((1, 2, 5)),
     walkers=st.sampled_from((1, 3)),
+    shadows=st.sampled_from((0.0, 0.8)),
 )
 def test_image_is_the_same_for_any_partition_batches_arrival_regions_and_threads(
     seed: int,
@@ -65,11 +66,13 @@ def test_image_is_the_same_for_any_partition_batches_arrival_regions_and_threads
     step: Step,
     threads: int,
     walkers: int,
+    shadows: float,
 ) -> None:
     random = Random(seed)
     geometry = Geometry(DIMS, matrix)
     scene = shaded_scene(View(rotation=rotation, zoom=zoom), (24, 30), order)
-    scene = msgspec.structs.replace(scene, bounds=bounds)
+    light = msgspec.structs.replace(scene.light, shadows=shadows, occlusion=shadows)
+    scene = msgspec.structs.replace(scene, bounds=bounds, light=light)
     expected = rendered(VALUES, geometry, scene, step)
     holdings = handed_out(cut(geometry.box, random, cuts), workers, random)
     image = rendered(

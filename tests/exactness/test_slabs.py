@@ -1,5 +1,7 @@
 """Step G against its float64 reference, and what must hold of it whatever the view is."""
 
+from typing import Any
+
 import msgspec
 import pytest
 import torch
@@ -102,6 +104,47 @@ def test_densities_between_others_that_are_seen_are_hidden() -> None:
     shading = msgspec.structs.replace(scene.shading, specular=True, specular_power=500.0)
     scene = msgspec.structs.replace(scene, tables=tables, shading=shading)
     assert difference(scene, SKEWED, exact=False).max() <= ONE_LEVEL
+
+
+@pytest.mark.parametrize("changes", [{"depth_cue": 0.8}, {"silhouettes": 0.9}, {"depth_cue": 1.0, "silhouettes": 1.0}])
+def test_what_is_far_or_turns_away_is_darker(changes: dict[str, float]) -> None:
+    plain = scene_of(OBLIQUE)
+    scene = msgspec.structs.replace(plain, light=msgspec.structs.replace(plain.light, **changes))
+    assert difference(scene, SKEWED, exact=False).max() <= ONE_LEVEL
+    drawn, before = (rendered(shells(SIZE), SKEWED, one, Step.G) for one in (scene, plain))
+    assert torch.equal(drawn[..., 3], before[..., 3])
+    assert (drawn[..., :3] <= before[..., :3]).all() and drawn[..., :3].sum() < 0.9 * before[..., :3].sum()
+    assert torch.equal(*(rendered(shells(SIZE), SKEWED, one, Step.F) for one in (scene, plain)))
+
+
+BY_GRID, BY_SCREEN = CrossBar(modu=Field.GRID_J), CrossBar(modu=Field.SCREEN_Y)
+
+
+@pytest.mark.parametrize("geometry", [CUBIC, SKEWED])
+@pytest.mark.parametrize(
+    ("changes", "others"),
+    [
+        ({"shadows": 1.0, "direction": (1.0, 0.4, -0.2)}, {"cross_bar": BY_SCREEN}),
+        (
+            {"shadows": 0.7, "direction": (0.2, -1.0, 0.5), "fixed_to": "grid"},
+            {"cross_bar": CrossBar(modu=Field.GRID_J)},
+        ),
+        ({"occlusion": 1.0}, {}),
+        ({"shadows": 0.5, "occlusion": 0.8, "silhouettes": 0.5}, {"bounds": Bounds(low=(3, 0, 2), high=(-1, 9, 11))}),
+    ],
+)
+def test_the_volume_dims_its_own_light(geometry: Geometry, changes: dict[str, Any], others: dict[str, Any]) -> None:
+    plain = msgspec.structs.replace(scene_of(OBLIQUE), **others)
+    dark = {key: 0.0 for key in ("shadows", "occlusion", "silhouettes")}
+    scene = msgspec.structs.replace(plain, light=msgspec.structs.replace(plain.light, **changes))
+    plain = msgspec.structs.replace(plain, light=msgspec.structs.replace(scene.light, **dark))
+    values = shells(SIZE)
+    values[4:6, 3:7, 9:] = torch.nan
+    off = difference(scene, geometry, exact=False, values=values)
+    assert (off > ONE_LEVEL).double().mean() <= FEW_TIES
+    drawn, before = (rendered(values, geometry, one, Step.G) for one in (scene, plain))
+    assert torch.equal(drawn[..., 3], before[..., 3])
+    assert (drawn[..., :3] <= before[..., :3]).all() and drawn[..., :3].sum() < before[..., :3].sum()
 
 
 @pytest.mark.parametrize("order", TRAVERSAL_ORDERS)

@@ -248,6 +248,13 @@ def test_light_goes_straight_whatever_its_length_and_switches_where_there_is_no_
     assert halfway(lit((1.0, 0.0, 0.0)), lit((0.0, 1.0, 0.0), "grid")) == Light(direction=(1.0, 0.0, 0.0))
 
 
+def test_the_depth_cue_and_silhouettes_come_little_by_little() -> None:
+    first, last = plain_scene(), plain_scene()
+    last = msgspec.structs.replace(last, light=msgspec.structs.replace(last.light, depth_cue=1.0, silhouettes=0.5))
+    between = [(scene.light.depth_cue, scene.light.silhouettes) for scene in key_framed([first, last], GRID, 3)]
+    assert between == [(0.0, 0.0), (0.5, 0.25), (1.0, 0.5)]
+
+
 @pytest.mark.parametrize(("keys", "frames"), [(0, 5), (1, 5), (3, 2)])
 def test_too_few_keys_or_frames_are_refused(keys: int, frames: int) -> None:
     with pytest.raises(BadInput, match=f"{frames} frames cannot pass through {keys} key scenes"):

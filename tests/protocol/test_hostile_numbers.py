@@ -30,6 +30,7 @@ from volsplat.protocol.messages.refusals import OUT_OF_MEMORY, refusal
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey, strength_scale
 from volsplat.protocol.rules.levels import Resolution, factors_of, own_resolution
+from volsplat.protocol.rules.light_blocks import LightBlocks
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput
@@ -122,9 +123,11 @@ class Situation(msgspec.Struct):
 
 
 def render(step: Step) -> messages.RenderFrame:
-    return frame_request(
+    request = frame_request(
         1, 1, EDGED, step, GEOMETRY, QUANTISATION, own_resolution(GEOMETRY, step), {1: 1}, {2: 1}, RegionShares()
     )
+    light = [LightBlocks((1, 1, 1), GEOMETRY.dims, bytes(range(240)), 0.5, 0.5)] if request.plan.slabs else []
+    return msgspec.structs.replace(request, light=light)
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,7 @@ from torch import Tensor
 from reference import mapping
 from reference.combining import FROZEN_ALPHA
 from reference.footprint import integral, kernel_density
+from reference.slab_light import BlockLight, block_light
 from volsplat.protocol.description.scene import Field, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -56,9 +57,10 @@ def render(packets: Tensor, geometry: Geometry, quantisation: Quantisation, scen
     plan = plan_frame(scene, geometry, Step.G)
     assert plan.slabs is not None
     planes = reconstructed(packets, geometry, scene, plan, plan.slabs, exact)
+    light = block_light(packets, geometry, quantisation, scene)
     image = torch.zeros((plan.height, plan.width, 4), dtype=torch.float64)
     for slab in range(plan.slabs.planes - 1):
-        colour, opacity = _shaded(planes, slab, geometry, quantisation, scene, plan, plan.slabs)
+        colour, opacity = _shaded(planes, slab, geometry, quantisation, scene, plan, plan.slabs, light)
         alpha = image[..., 3:]
         more = (1 - alpha) * opacity[..., None] * torch.cat((colour, torch.ones_like(alpha)), dim=-1)
         image = torch.where(alpha >= FROZEN_ALPHA, image, image + more)
@@ -150,6 +152,7 @@ def _shaded(
     scene: Scene,
     plan: FramePlan,
     slabs: SlabShape,
+    light: BlockLight,
 ) -> tuple[Tensor, Tensor]:
     """Colour (H, W, 3) and opacity (H, W) of a slab."""
     aside = slabs.baseline
@@ -171,11 +174,14 @@ def _shaded(
     depth = _mean(_depths(scene, fields), low, high)
     emitted, reflected = (_colour(scene, table, fields, low, high) for table in ("emit", "refl"))
     active = active_shading(scene, Step.G)
-    seen = reflected * _light(gradient, scene)[..., None]
+    lamp, sky = light.at(place, gradient)
+    seen = reflected * (_light(gradient, scene) * (1 - scene.light.shadows * (1 - lamp)))[..., None]
     if active.emitted:
         seen = seen + emitted
+    open_sky = (2 * sky).clamp(max=1)  # half of it is, on a plane
+    left = _dimming(gradient, place, scene, plan) * (1 - scene.light.occlusion * (1 - open_sky))
     colour, opacity = torch.zeros((*drawn.shape, 3), dtype=torch.float64), torch.zeros_like(begin)
-    colour[drawn] = seen.clamp(0, 1)
+    colour[drawn] = (seen * left[..., None]).clamp(0, 1)
     opacity[drawn] = -torch.expm1(-depth * scene.reconstruction.slab * (end - begin)[drawn])
     return colour, opacity
 
@@ -334,3 +340,18 @@ def _light(gradient: Tensor, scene: Scene) -> Tensor:
     specular = torch.where(lambert > 0, towards_half.clamp(min=0) ** scene.shading.specular_power, 0.0)
     total = lambert.clamp(min=0) * float(active.diffuse) + specular * float(active.specular)
     return torch.where(size < 1e-9, 0.0, total)
+
+
+def _dimming(gradient: Tensor, place: Tensor, scene: Scene, plan: FramePlan) -> Tensor:
+    """What is left of all colour (H, W): far away, and where a surface turns away from the viewer."""
+    z = plan.screen_index[2]
+    nearness = (z.origin + place @ (2 * torch.tensor(z.half_steps, dtype=torch.float64))) / 2**FRACTION_BITS / 256
+    cue = 1 - scene.light.depth_cue * (1 - nearness.clamp(0, 1))
+    eye = torch.tensor(
+        matrices.applied(matrices.transposed(screen_rotation(scene.view)), (0.0, 0.0, 1.0)), dtype=torch.float64
+    )
+    size = torch.linalg.vector_norm(gradient, dim=-1)
+    facing = (gradient @ eye).abs() / size.clamp(min=1e-300)
+    edge = torch.where(size < 1e-9, 0.0, (1 - facing.clamp(max=1)) ** 2)
+    left: Tensor = cue * (1 - scene.light.silhouettes * edge)
+    return left

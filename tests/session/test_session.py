@@ -51,6 +51,22 @@ def test_every_step_is_the_same_distributed_and_single(
     assert torch.equal(image, single.render(scene, step))
 
 
+def test_shadows_and_occlusion_are_the_same_distributed_and_single(session: Session, single: SingleProcess) -> None:
+    plain = skin(session)
+    light = msgspec.structs.replace(plain.light, shadows=0.8, occlusion=0.6)
+    scene = msgspec.structs.replace(plain, light=light)
+    bare = session.render(plain, Step.G)
+    for turn in ((0.0, 0.0, 0.0, 1.0), (0.1, 0.2, 0.3, 0.9)):
+        scene = msgspec.structs.replace(scene, view=msgspec.structs.replace(scene.view, rotation=turn))
+        assert torch.equal(session.render(scene, Step.G), single.render(scene, Step.G))
+    scene = msgspec.structs.replace(scene, view=plain.view)
+    image = session.render(scene, Step.G)
+    assert torch.equal(image, single.render(scene, Step.G))
+    assert torch.equal(image[..., 3], bare[..., 3])
+    assert 0 < image[..., :3].sum() < 0.99 * bare[..., :3].sum()
+    assert torch.equal(session.render(scene), session.render(plain))  # step F
+
+
 def test_refinement_yields_the_finished_steps_in_order(session: Session) -> None:
     scene = skin(session)
     refinements = list(session.refine(scene, partial_interval=0.0001))

@@ -10,7 +10,7 @@ from nicegui import ui
 from volsplat.client.ui.controls.controls import TOGGLE_PROPS, SceneEditor, choose
 from volsplat.client.ui.controls.light_ball import LightBall
 from volsplat.client.ui.viewing.viewing import Viewing
-from volsplat.protocol.description.scene import Light, Scene
+from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Vector
 from volsplat.protocol.rules.resolved_view import screen_rotation
@@ -64,7 +64,7 @@ def _lit_from(scene: Scene, direction: Vector) -> Scene:
 def light_fixed_to(scene: Scene, fixed_to: Literal["world", "grid"]) -> Scene:
     """The scene with its light fixed to something else, where it stands now."""
     direction = screen_direction(scene)
-    return _lit_from(replace(scene, light=Light(direction=direction, fixed_to=fixed_to)), direction)
+    return _lit_from(replace(scene, light=replace(scene.light, fixed_to=fixed_to)), direction)
 
 
 def light_words(direction: Vector) -> str:

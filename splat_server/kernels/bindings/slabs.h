@@ -10,6 +10,7 @@ namespace volsplat {
 // With what it points to.
 struct PythonSlabs {
     nanobind::object table;
+    nanobind::object lamp, sky;  // or None
     SlabShading shading;
     SlabFrame frame;
 };

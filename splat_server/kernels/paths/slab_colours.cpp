@@ -125,7 +125,7 @@ private:
         const SlabRays& rays = *view_.rays;
         if (lies_inside_) {
             for (int n = 0; n < count_; ++n) thickness_[n] = rays.thickness;
-            if (indexed_by_place()) find_places(nullptr, nullptr);
+            if (uses_place()) find_places(nullptr, nullptr);
             return;
         }
         Reals begin, end;
@@ -141,8 +141,8 @@ private:
         }
     }
 
-    bool indexed_by_place() const {
-        bool found = false;
+    bool uses_place() const {
+        bool found = view_.scene->depth_cue > 0 || view_.light->lamp;
         for (int table = kEmit; table <= kModu; ++table)
             found = found || view_.scene->cross_bar[table] >= Field::screen_x;
         return found;
@@ -258,8 +258,10 @@ private:
 
     // Of what density does not index the entry, else the mean over the span, by the depth that density alone gives.
     void colour() {
-        Floats lit;
+        Floats lit, left;
         light(lit);
+        dim(left);
+        if (view_.light->lamp) shade(lit, left);
         if (!by_density(kEmit)) take_entries(kEmit, view_.scene->emit, emitted_);
         if (!by_density(kRefl)) take_entries(kRefl, view_.scene->refl, reflected_);
         const bool of_emit = by_density(kEmit), of_refl = by_density(kRefl);
@@ -268,7 +270,7 @@ private:
             const double depth = emitted_[n][kDepth], share = depth < kNoDepth ? 0.0 : 1 / depth;
             const FourReals emitted = load<FourReals>(emitted_[n]) * (of_emit ? share : 1.0);
             const FourReals reflected = load<FourReals>(reflected_[n]) * (of_refl ? share : 1.0);
-            const FourReals sum = emitted + reflected * static_cast<double>(lit[n]);
+            const FourReals sum = (emitted + reflected * static_cast<double>(lit[n])) * static_cast<double>(left[n]);
             const FourReals above = sum < none ? none : sum, found = whole < above ? whole : above;
             float* const out = samples_.found[first_ + n];
             store(out, __builtin_convertvector(found, Four));
@@ -310,6 +312,78 @@ private:
         }
         VOLSPLAT_INDEPENDENT
         for (int n = 0; n < count_; ++n) lit[n] = size_[n] < kNoGradient ? 0.0f : lit[n];
+    }
+
+    // What is left of all colour far from the viewer, and where a surface turns away from him.
+    void dim(Floats& left) const {
+        for (int n = 0; n < count_; ++n) left[n] = 1;
+        if (view_.scene->depth_cue > 0) {
+            const double cue = view_.scene->depth_cue;
+            const auto& z = view_.grid->screen_bytes[2];
+            VOLSPLAT_INDEPENDENT
+            for (int n = 0; n < count_; ++n) {
+                const double byte = z[0] + z[1] * place_[0][n] + z[2] * place_[1][n] + z[3] * place_[2][n];
+                left[n] *= static_cast<float>(1 - cue * (1 - within(byte / kTableEntries, 0.0, 1.0)));
+            }
+        }
+        if (view_.scene->silhouettes > 0) {
+            const auto strength = static_cast<float>(view_.scene->silhouettes);
+            float behind[3], squared = 0;
+            for (int axis = 0; axis < 3; ++axis) {
+                behind[axis] = static_cast<float>(view_.grid->gradient[axis][2]);
+                squared += behind[axis] * behind[axis];
+            }
+            const float unit = 1 / __builtin_sqrtf(squared);
+            VOLSPLAT_INDEPENDENT
+            for (int n = 0; n < count_; ++n) {
+                const float along =
+                    gradient_[0][n] * behind[0] + gradient_[1][n] * behind[1] + gradient_[2][n] * behind[2];
+                const float facing = __builtin_fabsf(along) * unit / most(size_[n], kNoGradient);
+                const float aside = most(1 - facing, 0.0f);
+                left[n] *= size_[n] < kNoGradient ? 1.0f : 1 - strength * aside * aside;
+            }
+        }
+    }
+
+    // What the volume leaves of light, and where it surrounds a place. Looked at a block outwards, so that a surface
+    // does not shade itself.
+    void shade(Floats& lit, Floats& left) const {
+        const SlabLight& light = *view_.light;
+        const auto shadows = static_cast<float>(light.shadows), occlusion = static_cast<float>(light.occlusion);
+        for (int n = 0; n < count_; ++n) {
+            double outwards[3], squared = 0;
+            for (int axis = 0; axis < 3; ++axis) {
+                const double (&row)[3] = light.to_blocks[axis];
+                outwards[axis] = -(row[0] * gradient_[0][n] + row[1] * gradient_[1][n] + row[2] * gradient_[2][n]);
+                squared += outwards[axis] * outwards[axis];
+            }
+            const double unit = size_[n] < kNoGradient ? 0.0 : 1 / most(__builtin_sqrt(squared), 1e-300);
+            std::int64_t low[3], high[3];
+            float part[3];
+            for (int axis = 0; axis < 3; ++axis) {
+                const double last = light.dims[axis] - 1;
+                const double block = (place_[axis][n] + 0.5) / light.size[axis] - 0.5 + outwards[axis] * unit;
+                const double at = block > 0 ? least(block, last) : 0.0;  // also for what is no number
+                low[axis] = static_cast<std::int64_t>(at);
+                high[axis] = least(low[axis] + 1, static_cast<std::int64_t>(light.dims[axis] - 1));
+                part[axis] = static_cast<float>(at - static_cast<double>(low[axis]));
+            }
+            const auto between = [&](const float* shares) {
+                const auto along = [&](std::int64_t j, std::int64_t k) {
+                    const float* const row = shares + (k * light.dims[1] + j) * light.dims[0];
+                    return row[low[0]] + part[0] * (row[high[0]] - row[low[0]]);
+                };
+                const auto across = [&](std::int64_t k) {
+                    const float before = along(low[1], k);
+                    return before + part[1] * (along(high[1], k) - before);
+                };
+                const float before = across(low[2]);
+                return before + part[2] * (across(high[2]) - before);
+            };
+            lit[n] *= 1 - shadows * (1 - between(light.lamp));
+            // On a plane half the sky is open
+            left[n] *= 1 - occlusion * (1 - least(2 * between(light.sky), 1.0f));
+        }
     }
 
     // The byte of the field that indexes a table.

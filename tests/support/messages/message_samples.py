@@ -28,6 +28,7 @@ from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation, Survey
 from volsplat.protocol.rules.levels import Prepared
+from volsplat.protocol.rules.light_blocks import LightBlocks
 from volsplat.protocol.rules.line_of_sight import line_of_sight
 from volsplat.protocol.rules.packet_layout import ROW_RUN
 from volsplat.protocol.rules.regions import Rectangle, Region
@@ -66,6 +67,7 @@ SCENE = Scene(
     )
 )
 PLAN, SHADING = plan_frame(SCENE, GEOMETRY, Step.F), shading_rule(SCENE, Step.F)
+IN_SLABS = plan_frame(SCENE, GEOMETRY, Step.G)
 PLANE = SlicePlane(GEOMETRY.dims, 2, 3)
 LINE = line_of_sight(SCENE, GEOMETRY, 12.5, 7.25)
 REGIONS = [Region(3, 0, 0), Region(3, 0, 256), Region(4, 256, PLAN.height)]
@@ -118,6 +120,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.ConnectToSplatServers([messages.Route(3, "127.0.0.1", 7001, bytes(range(32)))]), b""),
         (messages.ConnectedToSplatServers([3]), b""),
         (messages.RenderFrame(7, 1, PLAN, SHADING, GEOMETRY, QUANTISATION, 0, {1: 1, 2: 4}, REGIONS, True), b""),
+        (messages.SumDepths(7, 1, IN_SLABS, SHADING, GEOMETRY, QUANTISATION, 0), b""),
+        (messages.DepthsSummed(7, 1, (2, 1, 1)), struct.pack("<2Q", 65536, 7)),
         (messages.ReadClock(), b""),
         (messages.ClockRead(1024.5), b""),
         (messages.ReadTrace(7), b""),
@@ -229,6 +233,7 @@ _scalar_types = st.sampled_from(sorted(SCALAR_BYTES))
 _parts = st.builds(messages.Part, ids, ordinals, st.integers(0, 1), _scalar_types, _small_boxes)
 _steps = st.sampled_from(Step)
 _plans = st.tuples(situations(), _steps).map(lambda drawn: plan_frame(*drawn[0], drawn[1]))
+_slab_plans = situations().map(lambda drawn: plan_frame(*drawn, Step.G))
 _lines = st.tuples(situations(), finite, finite).map(lambda drawn: line_of_sight(*drawn[0], *drawn[1:]))
 _shadings = st.builds(shading_rule, scenes(), _steps)
 _level_numbers = st.integers(0, 31)
@@ -283,7 +288,17 @@ def _render_frame(plan: FramePlan, cut: int, *others: Any) -> messages.RenderFra
     frame, assignment, shading, geometry, quantisation, level, workers = others
     regions = [Region(5, 0, middle), Region(2, middle, plan.height)]
     return messages.RenderFrame(
-        frame, assignment, plan, shading, geometry, quantisation, level, workers, regions, cut % 2 == 0
+        frame,
+        assignment,
+        plan,
+        shading,
+        geometry,
+        quantisation,
+        level,
+        workers,
+        regions,
+        cut % 2 == 0,
+        light=[LightBlocks((9, 8, 7), (2, 1, 3), bytes(range(12)), 0.5, 0.25)] if plan.slabs else [],
     )
 
 
@@ -332,6 +347,10 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         ),
         counts,
     ),
+    messages.SumDepths: st.builds(
+        messages.SumDepths, ids, ids, _slab_plans, _shadings, geometries(), quantisations, _level_numbers
+    ),
+    messages.DepthsSummed: st.builds(messages.DepthsSummed, ids, ids, st.tuples(*[st.integers(1, 3)] * 3)),
     messages.NameSession: st.builds(messages.NameSession, lines),
     messages.DescribeMachine: st.builds(messages.DescribeMachine),
     messages.LeaveSession: st.builds(messages.LeaveSession),

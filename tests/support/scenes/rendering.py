@@ -12,13 +12,16 @@ from torch import Tensor
 from reference import mapping
 from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
+from volsplat.client.coordinator.block_depths import BlockDepths
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.frame_walk import FrameWalk
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.visible_voxels import depths_summed
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
+from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE
 from volsplat.protocol.rules.footprint_shape import FootprintShape, footprint_shape
 from volsplat.protocol.rules.grid_on_screen import grid_on_screen
@@ -69,11 +72,13 @@ def rendered(
     )
     plan, regions = request.plan, _regions(request.plan.height, threads, arrival)
     request = msgspec.structs.replace(request, regions=regions)
-    walks = []
-    for boxes in holdings:
-        sub_cubes = [SubCube.of_volume(held, values, box) for box in boxes]
+    held_by = [[SubCube.of_volume(held, values, box) for box in boxes] for boxes in holdings]
+    for sub_cubes in held_by:
         for sub_cube in sub_cubes:
             sub_cube.pack(quantisation)
+    request = _lit(request, scene, held_by)
+    walks = []
+    for sub_cubes in held_by:
         shading = request.shading
         walks += FrameWalk(sub_cubes, geometry, quantisation, shading, plan, None, regions, walkers).walkers
     news = Bell()
@@ -93,6 +98,16 @@ def rendered(
         image = torch.frombuffer(bytearray(assembly.published()), dtype=torch.float32)
     width, height = plan.image_size
     return image.reshape(height, width, 4)
+
+
+def _lit(request: messages.RenderFrame, scene: Scene, held_by: Sequence[Sequence[SubCube]]) -> messages.RenderFrame:
+    """With what dims its light, by what each worker holds."""
+    depths = BlockDepths()
+    if not depths.are_needed(scene, request.plan.step):
+        return request
+    for worker, asked in depths.ask(request, range(1, len(held_by) + 1)):
+        depths.take(worker, *depths_summed(asked, held_by[worker - 1]))
+    return msgspec.structs.replace(request, light=[depths.blocks(scene.light)])
 
 
 def _regions(lines: int, threads: int, arrival: Random | None) -> list[Region]:

@@ -53,7 +53,14 @@ def scenes() -> st.SearchStrategy[Scene]:
         ),
         cross_bar=st.builds(CrossBar),
         shading=st.builds(Shading, specular_power=st.floats(0, 1000, exclude_min=True)),
-        light=st.builds(Light, direction=vectors.filter(any)),
+        light=st.builds(
+            Light,
+            direction=vectors.filter(any),
+            shadows=st.floats(0, 1),
+            occlusion=st.floats(0, 1),
+            depth_cue=st.floats(0, 1),
+            silhouettes=st.floats(0, 1),
+        ),
         view=st.builds(
             View,
             rotation=st.tuples(finite, finite, finite, finite).filter(any),
