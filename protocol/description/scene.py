@@ -221,7 +221,9 @@ class Light(Part, frozen=True):
         float,
         Key(
             "In step G, how much of the light is kept from what lies behind opaque matter. Other steps ignore it.",
-            Slide("shadows", step=0.05, tip="in step G, how dark the shadows are that the volume throws on itself"),
+            Slide(
+                "cast shadows", step=0.05, tip="in step G, how dark the shadows are that the volume throws on itself"
+            ),
             UNIT_INTERVAL,
         ),
     ] = 0.0
