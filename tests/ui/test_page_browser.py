@@ -191,6 +191,8 @@ def test_a_copied_link_restores_the_scene(view: Viewed, page: Page) -> None:
     after(page, lambda: drag(page, -99, 10))
     opened(page, link)
     assert torch.equal(canvas(page), seen)
+    page.goto(link.replace("volume=head.nrrd", "volume=other.nrrd"))
+    page.get_by_text("this link is to a scene of other.nrrd, and head.nrrd is shown; open that first").wait_for()
     assert patient_http.get(link).status_code == 403  # it opens the page to nobody
     page.goto(view.url + "&scene=AAAA")
     page.get_by_text("this link holds no").wait_for()

@@ -93,7 +93,7 @@ def scene_link(base_url: str, scene: Scene, default_scene: Scene, volume: str = 
     of_link = (SCENE_PARAMETER, VOLUME_PARAMETER)
     kept = [(name, value) for name, value in parse_qsl(parts.query) if name not in of_link]
     named = [(VOLUME_PARAMETER, volume)] if volume else []
-    return urlunsplit(parts._replace(query=urlencode([*kept, *named, (SCENE_PARAMETER, text)])))
+    return urlunsplit(parts._replace(query=urlencode([*kept, (SCENE_PARAMETER, text), *named])))
 
 
 def check_link_is_of(volume: str | None, shown: VolumeDescription) -> None:
