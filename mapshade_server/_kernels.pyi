@@ -102,6 +102,27 @@ def opacity_table(opac: _Vector, modu: _Vector, exponent: float, spread: float) 
     opac is the mean of what lies within `spread` times the modu index on either side.
     """
 
+class PatchTable:
+    """What patches give by density and strength; see kernels/tables/patch_table.h."""
+
+    def __init__(self, patches: Sequence[_Vector], spread: float) -> None:
+        """Patches are 14 numbers each: Patch.numbers."""
+    @property
+    def opacity(self) -> Array:
+        """float64 (65536,), at density | strength << 8."""
+
+    @property
+    def emit(self) -> Array:
+        """float32 (65536, 4): red, green, blue and 0."""
+
+    @property
+    def refl(self) -> Array: ...
+    def seen(self) -> tuple[list[int], list[int]]:
+        """The densities, and the strengths, that are not transparent with all of the others."""
+
+def plane_opacity_codes(opacities: Array, exponent: float) -> Array:
+    """12-bit codes of 1 - (1 - opacity)^exponent: uint16 (65536,)."""
+
 class ClassifiedRows:
     """Which voxels of a box's rows can be seen, for each axis that rows were walked along; see classified_rows.h."""
 

@@ -107,6 +107,7 @@ def _sheet_walk(
     """Sheet by sheet, shaded."""
     directions = quantisation.directions_at(plan.factors)
     cross_bar, rule = shading.cross_bar, shading_tables.opacity_rule(shading)
+    colours = shading_tables.frame_colours(shading)
     distinct = sorted(set(plan.opacity_exponents))
     return _kernels.FrameWalk(
         boxes=[(cube.packets, cube.box.low, cube.classified_rows) for cube in sub_cubes],
@@ -120,8 +121,8 @@ def _sheet_walk(
         reach=sample_reach(plan),
         thresholds=plan.thresholds,
         cross_bar=[FIELDS.index(f) for f in (cross_bar.emit, cross_bar.refl, *shading_tables.opacity_fields(rule))],
-        emit=shading_tables.colours(shading.emit),
-        refl=shading_tables.colours(shading.refl),
+        emit=colours.emit,
+        refl=colours.refl,
         light=shading_tables.light_of_directions(shading.lighting, directions),
         opacity=[shading_tables.opacity_codes(rule, exponent) for exponent in distinct],
         opacity_of_class=[distinct.index(exponent) for exponent in plan.opacity_exponents],

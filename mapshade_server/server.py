@@ -28,7 +28,7 @@ from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
 from volsplat.mapshade_server.slice_parts import slice_parts
 from volsplat.mapshade_server.visible_voxels import VoxelFields, depths_summed
-from volsplat.mapshade_server.volume_answers import Answer
+from volsplat.mapshade_server.volume_answers import Answer, plane_counts
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
 from volsplat.program.counts import Counts
@@ -320,7 +320,7 @@ class MapShadeServer:
 
     def _goes_beside(self, request: messages.Message) -> bool:
         """Whether it can be answered from what is held now, or by others."""
-        if isinstance(request, messages.ProbeVoxels | messages.ReadSlice):
+        if isinstance(request, messages.ProbeVoxels | messages.ReadSlice | messages.CountPlane):
             return request.assignment == self._held.assignment
         return isinstance(request, messages.ReadVoxel | messages.ListFolder)
 
@@ -349,6 +349,12 @@ class MapShadeServer:
         parts = list(slice_parts(sub_cubes, fields, request.plane))
         read = messages.SliceRead(request.probe, request.assignment, parts=[part for part, _ in parts])
         self._client.send(read, *(samples for _, samples in parts))
+
+    @takes(messages.CountPlane)
+    def _count_plane(self, request: messages.CountPlane) -> None:
+        self._held.check(request.assignment, f"counts {request.probe}")
+        counts = plane_counts(self._held.sub_cubes(request.level))
+        self._client.send(messages.PlaneCounted(request.probe, request.assignment), counts.cast("B"))
 
 
 def _over(walking: "list[Future[FrameTally]]") -> bool:

@@ -5,6 +5,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from volsplat.mapshade_server import _kernels
+from volsplat.protocol.description.patches import Patches, colourless
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, Field, ScalarTable
 from volsplat.protocol.geometry import matrices
 from volsplat.protocol.geometry.matrices import Matrix
@@ -15,6 +16,7 @@ from volsplat.protocol.rules.shading_rule import ONE, Lighting, ShadingRule
 KEPT_OPACITY_TABLES = 96  # of 128 KiB
 KEPT_LIGHT_TABLES = 8
 KEPT_TABLES = 16
+KEPT_PLANES = 4  # of 2.5 MiB
 
 PACKET_SCALARS = (Field.DENSITY, Field.STRENGTH)
 
@@ -38,16 +40,43 @@ class OpacityRule(NamedTuple):
     opac_field: Field
     modu_field: Field
     density_spread: float  # see ShadingRule
+    patches: Patches = ()  # without colours: they take the place of the two tables
 
     @property
     def by_packet(self) -> bool:
-        """Whether density and strength alone decide."""
+        """Whether density and strength alone decide; by patches they do."""
         return self.opac_field in PACKET_SCALARS and self.modu_field in PACKET_SCALARS
 
 
 def opacity_rule(shading: ShadingRule) -> OpacityRule:
     cross_bar = shading.cross_bar
-    return OpacityRule(shading.opac, shading.modu, cross_bar.opac, cross_bar.modu, shading.density_spread)
+    return OpacityRule(
+        shading.opac, shading.modu, cross_bar.opac, cross_bar.modu, shading.density_spread, colourless(shading.patches)
+    )
+
+
+@lru_cache(KEPT_PLANES)
+def plane(patches: Patches, density_spread: float) -> "_kernels.PatchTable":
+    """What patches give at each density and strength."""
+    return _kernels.PatchTable([patch.numbers for patch in patches], density_spread)
+
+
+class FrameColours(NamedTuple):
+    """Emitted and reflected, with red, green, blue and 0 of each entry in float32.
+
+    Of a plane the entries are at density | strength << 8, else at the byte of the field that the cross-bar names.
+    """
+
+    emit: "_kernels.Array"
+    refl: "_kernels.Array"
+    of_plane: bool
+
+
+def frame_colours(shading: ShadingRule) -> FrameColours:
+    if shading.patches:
+        table = plane(shading.patches, shading.density_spread)
+        return FrameColours(table.emit, table.refl, True)
+    return FrameColours(colours(shading.emit), colours(shading.refl), False)
 
 
 def opacity_fields(rule: OpacityRule) -> tuple[Field, Field]:
@@ -61,6 +90,8 @@ def opacity_codes(rule: OpacityRule, exponent: float) -> "_kernels.Array":
 
     The place in the table is the byte of the first of `opacity_fields` plus 256 times that of the second.
     """
+    if rule.patches:
+        return _kernels.plane_opacity_codes(plane(rule.patches, rule.density_spread).opacity, exponent)
     if rule.by_packet:
         by_density, by_strength = (_factors(rule, field) for field in PACKET_SCALARS)
         return _kernels.opacity_table(by_density, by_strength, exponent, rule.density_spread)
@@ -73,13 +104,22 @@ def visibility(rule: OpacityRule) -> bytes:
 
     A voxel whose two bits are not both set is transparent whatever its other fields and its opacity exponent are.
     """
+    seen = _seen_of_plane(rule) if rule.patches else _seen_of_tables(rule)
+    bits = [sum(1 << n for n in numbers) for numbers in seen]
+    return b"".join(number.to_bytes(TABLE_ENTRIES // 8, "little") for number in bits)
+
+
+def _seen_of_plane(rule: OpacityRule) -> tuple[list[int], list[int]]:
+    return plane(rule.patches, rule.density_spread).seen()
+
+
+def _seen_of_tables(rule: OpacityRule) -> list[list[int]]:
     others = [table for table, field in _tables_of(rule) if field not in PACKET_SCALARS]
     visible = all(max(scalar_entries(table)) > 0.0 for table in others)
     seen = [[n for n, a in enumerate(_factors(rule, field)) if visible and a > 0.0] for field in PACKET_SCALARS]
     if rule.by_packet and all(seen):
         seen[0] = _within(seen[0], math.ceil(rule.density_spread * max(seen[1])))
-    bits = [sum(1 << n for n in numbers) for numbers in seen]
-    return b"".join(number.to_bytes(TABLE_ENTRIES // 8, "little") for number in bits)
+    return seen
 
 
 def _within(bytes_seen: list[int], distance: int) -> list[int]:

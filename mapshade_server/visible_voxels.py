@@ -76,12 +76,15 @@ class VoxelFields:
 
     def colours(self, index: Indices, packets: Packets) -> tuple[Colours, Colours]:
         """Emitted and reflected."""
-        tables, cross_bar = (self.shading.emit, self.shading.refl), self.shading.cross_bar
+        tables, cross_bar = shading_tables.frame_colours(self.shading), self.shading.cross_bar
         emitted, reflected = (
-            np.asarray(shading_tables.colours(table), dtype=np.float32)[self.bytes_of(field, index, packets), :3]
-            for table, field in zip(tables, (cross_bar.emit, cross_bar.refl), strict=True)
+            np.asarray(table, dtype=np.float32)[self._entries(field, index, packets, tables.of_plane), :3]
+            for table, field in ((tables.emit, cross_bar.emit), (tables.refl, cross_bar.refl))
         )
         return emitted, reflected
+
+    def _entries(self, field: Field, index: Indices, packets: Packets, of_plane: bool) -> Packets | Bytes:
+        return packets & np.uint32(0xFFFF) if of_plane else self.bytes_of(field, index, packets)
 
     def bytes_of(self, field: Field, index: Indices, packets: Packets) -> Bytes:
         if field == Field.DENSITY:

@@ -6,16 +6,19 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import msgspec
+import numpy as np
 
 from volsplat.mapshade_server.packet_store import PacketStore
 from volsplat.mapshade_server.slabs import PassedBox
 from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes
+from volsplat.protocol.description.patches import PLANE_ENTRIES
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 from volsplat.protocol.messages import messages
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS
 from volsplat.protocol.rules.levels import Prepared
+from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 from volsplat.protocol.text.errors import BadInput
 
 
@@ -83,3 +86,17 @@ def counted(sub_cubes: Sequence[SubCube] | Sequence[PassedBox], request: message
     return Answer(
         told, (memoryview(density).cast("B"), memoryview(strength).cast("B"), memoryview(extremes.as_bytes()))
     )
+
+
+def plane_counts(sub_cubes: Sequence[SubCube]) -> memoryview:
+    """How many voxels have each density together with each strength: uint64 (65536,), at density | strength << 8.
+
+    Voxels without data do not count.
+    """
+    counts = np.zeros(PLANE_ENTRIES, np.uint64)
+    for cube in sub_cubes:
+        for sheet in np.asarray(memoryview(cube.packets)):
+            there = sheet >> np.uint32(NO_DATA_BIT) == 0
+            fields = (sheet if there.all() else sheet[there]) & np.uint32(PLANE_ENTRIES - 1)
+            counts += np.bincount(fields.reshape(-1), minlength=PLANE_ENTRIES).astype(np.uint64)
+    return counts.data

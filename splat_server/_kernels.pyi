@@ -299,6 +299,12 @@ class SlabLight:
 
     def __init__(self, size: Sequence[float], to_blocks: Matrix, shares: tuple[float, float]) -> None: ...
 
+class PatchTable:
+    """What patches give by density and strength; see kernels/tables/patch_table.h."""
+
+    def __init__(self, patches: Sequence[Sequence[float]], spread: float) -> None:
+        """Patches are 14 numbers each: Patch.numbers."""
+
 class Slabs:
     """All that a frame of slabs is drawn by; see regions/slab_planes.h."""
 
@@ -316,8 +322,12 @@ class Slabs:
         light: SlabLight,
         lamp: PassedLight | None,
         sky: PassedLight | None,
+        plane: PatchTable | None,
     ) -> None:
-        """`places` are grid coordinates of pixel (0, 0) on plane 0, and what x, y and planes add to them."""
+        """`places` are grid coordinates of pixel (0, 0) on plane 0, and what x, y and planes add to them.
+
+        `plane` takes the place of the scene's tables.
+        """
 
 class EdgeLayer:
     """Coverage of anti-aliased white lines, positions in pixels from the centre of the top-left one, y down."""

@@ -3,6 +3,7 @@
 from functools import lru_cache
 from typing import NamedTuple
 
+from volsplat.protocol.description.patches import Patches
 from volsplat.protocol.description.scene import Field, Kernel
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.geometry import matrices
@@ -57,6 +58,7 @@ def slabs_of(request: RenderFrame) -> Slabs | None:
         bounds=(slabs.low, slabs.high),
         light=_light(request),
         **_passed(request),
+        plane=_plane(request.shading.patches) if request.shading.patches else None,
     )
     slices = 2 * slabs.before + 2
     return Slabs(kernel, slices * min(table.width, plan.width) * min(table.height, plan.height))
@@ -120,6 +122,11 @@ def _scene(shading: ShadingRule) -> _kernels.SlabScene:
         specular_power=lighting.specular_power,
         dimming=(lighting.depth_cue, lighting.silhouettes),
     )
+
+
+@lru_cache(maxsize=2)
+def _plane(patches: Patches) -> _kernels.PatchTable:
+    return _kernels.PatchTable([patch.numbers for patch in patches], 0.0)
 
 
 def _strength_scale(quantisation: Quantisation) -> float:

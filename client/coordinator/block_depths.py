@@ -6,6 +6,7 @@ What was answered last is kept, and holds while tables, bounds and what is held 
 from collections.abc import Iterable
 from typing import Any
 
+from volsplat.protocol.description.patches import colourless
 from volsplat.protocol.description.scene import Field, Light, Scene, Step
 from volsplat.protocol.messages.frame_messages import DepthsSummed, RenderFrame, SumDepths
 from volsplat.protocol.rules.levels import dims_at_level
@@ -102,4 +103,5 @@ def _key(frame: RenderFrame) -> object:
     shading, fields = frame.shading, (frame.shading.cross_bar.opac, frame.shading.cross_bar.modu)
     on_screen = frame.plan.screen_index if any(field in SCREEN for field in fields) else None
     drawn = box_drawn(frame.plan)
-    return (frame.assignment, frame.level, frame.quantisation, shading.opac, shading.modu, fields, drawn, on_screen)
+    opacity = (shading.opac, shading.modu, fields, colourless(shading.patches))
+    return (frame.assignment, frame.level, frame.quantisation, opacity, drawn, on_screen)

@@ -25,6 +25,7 @@ from volsplat.client.coordinator.coordinator_events import (
     FrameAsked,
     Instruction,
     MessageReceived,
+    PlaneAsked,
     ProbeAsked,
     ReportProgress,
     Send,
@@ -108,7 +109,7 @@ class Coordinator:
         match event:
             case FrameAsked(frame=frame):
                 return [EndFrame(frame, failure)]
-            case ProbeAsked(probe=probe) | SliceAsked(probe=probe):
+            case ProbeAsked(probe=probe) | SliceAsked(probe=probe) | PlaneAsked(probe=probe):
                 return [AnswerProbe(probe, None, failure)]
             case VoxelAsked(probe=probe):
                 return [AnswerVoxel(probe, None, failure)]

@@ -3,6 +3,7 @@
 import secrets
 from dataclasses import dataclass, field
 
+from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.file_voxel import FileVoxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
@@ -147,6 +148,14 @@ class SliceAsked:
     longest: int
 
 
+@dataclass(frozen=True)
+class PlaneAsked:
+    """How many voxels have each density with each strength, in this scene's window."""
+
+    probe: int  # of one row with those of ProbeAsked
+    scene: Scene
+
+
 Event = (
     ServerJoined
     | ServerLost
@@ -160,6 +169,7 @@ Event = (
     | VoxelAsked
     | FolderAsked
     | SliceAsked
+    | PlaneAsked
 )
 
 # -- instructions -----------------------------------------------------------------------------------------------
@@ -231,7 +241,7 @@ class EndFrame:
     error: VolsplatError | None = None
 
 
-Found = messages.ProbedVoxel | VolumeSlice | None
+Found = messages.ProbedVoxel | VolumeSlice | PlaneCounts | None
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What can be asked of the voxels that servers hold: what is seen at a point of the image, and a slice of the volume.
+"""What can be asked of the voxels that servers hold: what is seen at a point, a slice of the volume, counts.
 
 Each knows what to ask of every server that holds voxels, and makes one answer of theirs.
 """
@@ -8,13 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from volsplat.client.coordinator.coordinator_events import Found, ProbeAsked, SliceAsked
+from volsplat.client.coordinator.coordinator_events import Found, PlaneAsked, ProbeAsked, SliceAsked
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.frame_messages import ProbedVoxel, ProbeVoxels, VoxelProbed
 from volsplat.protocol.messages.message import Message
+from volsplat.protocol.messages.plane_messages import CountPlane, PlaneCounted
 from volsplat.protocol.messages.slice_messages import ReadSlice, SliceRead
 from volsplat.protocol.rules.frame_plan import plan_frame
 from volsplat.protocol.rules.index_rules import Quantisation
@@ -29,7 +31,7 @@ class Probe(Protocol):
     pending: set[int] | None  # servers that were asked and have not answered; None before
 
     @property
-    def asked(self) -> ProbeAsked | SliceAsked: ...
+    def asked(self) -> ProbeAsked | SliceAsked | PlaneAsked: ...
 
     @property
     def found(self) -> Found:
@@ -126,3 +128,37 @@ class SliceProbe:
 
     def forget(self) -> None:
         self.slice = None
+
+
+@dataclass
+class PlaneProbe:
+    """How many voxels have each density with each strength, from all who hold some: whole numbers, so that it matters
+    not how the volume is divided.
+    """
+
+    asked: PlaneAsked
+    pending: set[int] | None = None
+    counts: PlaneCounts = field(default_factory=PlaneCounts)
+    assignment: int = 0  # by which they were asked for
+
+    @classmethod
+    def of(cls, asked: PlaneAsked, geometry: Geometry) -> PlaneProbe:
+        return cls(asked)
+
+    @property
+    def found(self) -> PlaneCounts:
+        return self.counts
+
+    def request(self, holding: VolumeHolding, packed_by: Quantisation) -> CountPlane:
+        self.assignment = holding.assignment
+        return CountPlane(self.asked.probe, holding.assignment, holding.finest().level)
+
+    def take(self, payload: memoryview) -> None:
+        self.counts = self.counts.plus(payload)
+
+    def answers(self, message: PlaneCounted) -> bool:
+        """Whether it is of the boxes that are held now."""
+        return message.assignment == self.assignment
+
+    def forget(self) -> None:
+        self.counts = PlaneCounts()

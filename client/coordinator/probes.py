@@ -9,16 +9,18 @@ from volsplat.client.coordinator.coordinator_events import (
     AnswerProbe,
     Instruction,
     MessageReceived,
+    PlaneAsked,
     ProbeAsked,
     Send,
     SliceAsked,
 )
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
-from volsplat.client.coordinator.probe_kinds import PointProbe, Probe, SliceProbe
+from volsplat.client.coordinator.probe_kinds import PlaneProbe, PointProbe, Probe, SliceProbe
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.messages.frame_messages import VoxelProbed
 from volsplat.protocol.messages.handlers import takes
+from volsplat.protocol.messages.plane_messages import PlaneCounted
 from volsplat.protocol.messages.slice_messages import SliceRead
 from volsplat.protocol.text.errors import BadInput, VolsplatError
 
@@ -38,7 +40,15 @@ class Probes:
     def _slice_asked(self, event: SliceAsked) -> list[Instruction]:
         return self._begin(SliceProbe, event)
 
-    def _begin(self, kind: type[PointProbe] | type[SliceProbe], event: ProbeAsked | SliceAsked) -> list[Instruction]:
+    @takes(PlaneAsked)
+    def _plane_asked(self, event: PlaneAsked) -> list[Instruction]:
+        return self._begin(PlaneProbe, event)
+
+    def _begin(
+        self,
+        kind: type[PointProbe] | type[SliceProbe] | type[PlaneProbe],
+        event: ProbeAsked | SliceAsked | PlaneAsked,
+    ) -> list[Instruction]:
         """Take a probe, or refuse it if it does not fit the volume."""
         volume = self._holding.volume
         assert volume is not None, "who asks knows the volume"
@@ -90,6 +100,14 @@ class Probes:
         if not isinstance(probe, SliceProbe) or probe.pending is None or not probe.answers(message):
             return []
         probe.take(message, event.payload)
+        return self._answered(probe, event.server)
+
+    @takes(PlaneCounted, *SURVEYED_PHASES)
+    def _plane_counted(self, message: PlaneCounted, event: MessageReceived) -> list[Instruction]:
+        probe = self._probes.get(message.probe)
+        if not isinstance(probe, PlaneProbe) or probe.pending is None or not probe.answers(message):
+            return []
+        probe.take(event.payload)
         return self._answered(probe, event.server)
 
     def _answered(self, probe: Probe, server: int) -> list[Instruction]:

@@ -13,6 +13,7 @@ from volsplat.client.coordinator.shares.block_work import VOXELS_OF_A_PACKET, Bl
 from volsplat.client.coordinator.shares.measured_speeds import MeasuredSpeeds
 from volsplat.client.coordinator.shares.sub_cubes import Share, divided_by_work
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.protocol.description.patches import colourless
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages.frame_messages import MapShadeStats, SplatStats
@@ -125,5 +126,7 @@ class WorkShares:
 
 def _shown(scene: Scene) -> object:
     """What of a scene decides which voxels are visible."""
+    if scene.plane.patches:
+        return colourless(scene.plane.patches), scene.bounds, scene.quantise
     tables = scene.tables.opac, scene.tables.modu
     return *tables, scene.cross_bar.opac, scene.cross_bar.modu, scene.shading.modulation, scene.bounds, scene.quantise

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from volsplat.client.image.whole_file import whole_file
 from volsplat.client.session.single import SingleProcess
+from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.visible_blocks import opacities
 from volsplat.program.extras import need
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Scene
@@ -135,6 +136,9 @@ def _surface(
 
 def _colour(scene: Scene, density: float) -> NDArray[np.uint8]:
     """What voxels of this density reflect and emit, if density decides it; else grey. 8 bits, with alpha."""
+    if scene.plane.patches:
+        entry = clearest_entries(scene.plane.patches)[round(density)]
+        return _eight_bits(np.array(entry.refl) + np.array(entry.emit) * scene.shading.emitted)
     colour = np.zeros(3)
     for field, table, shown in (
         (scene.cross_bar.refl, scene.tables.refl, True),
@@ -144,6 +148,10 @@ def _colour(scene: Scene, density: float) -> NDArray[np.uint8]:
             colour = np.array(GREY)
             break
         colour = colour + np.array(table.entries()[round(density)]) * shown
+    return _eight_bits(colour)
+
+
+def _eight_bits(colour: NDArray[np.float64]) -> NDArray[np.uint8]:
     return np.round(255 * np.append(np.clip(colour, 0.0, 1.0), 1.0)).astype(np.uint8)
 
 

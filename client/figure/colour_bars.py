@@ -9,6 +9,7 @@ from volsplat.client.figure.axis_ticks import tick_texts, ticks
 from volsplat.client.figure.drawing import Anchor, Area, Box, Line, Ramp, Shape, Words
 from volsplat.client.figure.type_faces import size_within, width_of
 from volsplat.client.histogram.density_histogram import density_histogram
+from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.client.volume.field_axis import GRID_FIELDS, FieldAxis, field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.kind import CLASS_KINDS
@@ -92,7 +93,9 @@ NONE = ColourBars((), ())
 
 
 def colour_bars(scene: Scene, volume: SurveyedVolume) -> ColourBars:
-    """Of what the scene's switches let be seen."""
+    """Of what the scene's switches let be seen; of a 2-D table, by density, what is most opaque of its strengths."""
+    if scene.plane.patches:
+        return _of_plane(scene, volume)
     classes = _classes(scene, volume)
     if classes:
         return ColourBars((), classes)
@@ -115,6 +118,15 @@ def colour_bars(scene: Scene, volume: SurveyedVolume) -> ColourBars:
     )
 
 
+def _of_plane(scene: Scene, volume: SurveyedVolume) -> ColourBars:
+    entries = clearest_entries(scene.plane.patches)
+    emitted, reflected = tuple(entry.emit for entry in entries), tuple(entry.refl for entry in entries)
+    strips = _strips_of(scene, (Field.DENSITY, emitted), (Field.DENSITY, reflected))
+    axis = field_axis(volume, Field.DENSITY, scene.quantise)
+    opacities = tuple(entry.opacity for entry in entries)
+    return ColourBars((AxisBar(axis, tuple(strip for _, strip in strips), opacities),), ())
+
+
 def _along(
     axis: FieldAxis,
     strips: tuple[Strip, ...],
@@ -133,22 +145,27 @@ def _along(
 
 
 def _strips(scene: Scene) -> list[tuple[Field, Strip]]:
+    tables, bus = scene.tables, scene.cross_bar
+    return _strips_of(scene, (bus.emit, tuple(tables.emit.entries())), (bus.refl, tuple(tables.refl.entries())))
+
+
+def _strips_of(
+    scene: Scene, emit: tuple[Field, tuple[Colour, ...]], refl: tuple[Field, tuple[Colour, ...]]
+) -> list[tuple[Field, Strip]]:
     """One of what is given off and reflected together where both differ by a factor alone, else one of each."""
-    emitted = tuple(scene.tables.emit.entries()) if scene.shading.emitted else ()
-    lit = scene.shading.diffuse or scene.shading.specular
-    reflected = tuple(scene.tables.refl.entries()) if lit else ()
-    bus = scene.cross_bar
+    emitted = emit[1] if scene.shading.emitted else ()
+    reflected = refl[1] if scene.shading.diffuse or scene.shading.specular else ()
     if not _seen(reflected):
-        return [(bus.emit, Strip("", emitted))] if _seen(emitted) else []
+        return [(emit[0], Strip("", emitted))] if _seen(emitted) else []
     if not _seen(emitted):
-        return [(bus.refl, Strip("", reflected))]
-    if bus.emit is bus.refl and _proportional(emitted, reflected):
+        return [(refl[0], Strip("", reflected))]
+    if emit[0] is refl[0] and _proportional(emitted, reflected):
         both = tuple(
             (min(a[0] + b[0], 1.0), min(a[1] + b[1], 1.0), min(a[2] + b[2], 1.0))
             for a, b in zip(emitted, reflected, strict=True)
         )
-        return [(bus.emit, Strip("", both))]
-    return [(bus.emit, Strip("emitted", emitted)), (bus.refl, Strip("reflected", reflected))]
+        return [(emit[0], Strip("", both))]
+    return [(emit[0], Strip("emitted", emitted)), (refl[0], Strip("reflected", reflected))]
 
 
 def _seen(colours: Sequence[Colour]) -> bool:

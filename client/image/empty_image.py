@@ -15,6 +15,11 @@ def why_empty(image: NDArray[np.float32], scene: Scene) -> str:
     """One line for the person; "" if something is visible. `image` is (H, W, 4), associated, without background."""
     if image[..., 3].any():
         return ""
+    if scene.plane.patches:
+        return (
+            "nothing is visible: no voxel within the bounds and the image lies in a patch of the 2-D table; move or "
+            "widen the patches, raise their opacity, or reset the view and the bounds"
+        )
     if scene.tables.opac.greatest == 0:
         return "nothing is visible: the opacity table is 0 everywhere; raise it"
     if scene.shading.modulation and scene.tables.modu.greatest == 0:

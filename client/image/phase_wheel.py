@@ -21,7 +21,7 @@ LEAST_LABEL = 9  # pixels
 
 def wheel_colours(description: VolumeDescription, scene: Scene) -> tuple[Colour, ...] | None:
     """The colours of equal sectors of phase, from 0 degrees up; None if the scene does not colour by phase."""
-    if not scene.shading.emitted:
+    if not scene.shading.emitted or scene.plane.patches:
         return None
     emitted, field = scene.tables.emit.entries(), scene.cross_bar.emit
     if field is Field.STRENGTH and description.strength_name == PHASE and description.second_scalar is not None:

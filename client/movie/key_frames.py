@@ -9,6 +9,7 @@ from typing import Literal, get_args
 
 import msgspec
 
+from volsplat.protocol.description.patches import Patch, Plane
 from volsplat.protocol.description.scene import (
     Bounds,
     Colour,
@@ -48,8 +49,8 @@ def key_framed(keys: Sequence[Scene], geometry: Geometry, frames: int) -> list[S
     """`frames` scenes that pass through the keys at even distances in time; the ends are the first and last key.
 
     Rotation goes the shortest way at an even rate, zoom by even factors, centre, bounds, light direction and the
-    points of tables that have equally many go in straight lines; all else is the earlier key's until the later one
-    is reached. Raises BadInput if that cannot be.
+    points of tables and patches that are equally many go in straight lines; all else is the earlier key's until the
+    later one is reached. Raises BadInput if that cannot be.
     """
     check_key_count(len(keys), frames)
     places = [Fraction(n * (len(keys) - 1), frames - 1) for n in range(frames)]
@@ -92,6 +93,7 @@ def _at(keys: Sequence[Scene], geometry: Geometry, place: Fraction) -> Scene:
     return msgspec.structs.replace(
         a,
         tables=_tables_between(a.tables, b.tables, float(part)),
+        plane=_plane_between(a.plane, b.plane, float(part)),
         light=_light_between(a.light, b.light, float(part)),
         view=_view_between(a, b, geometry, float(part)),
         bounds=_bounds_between(a, b, geometry, part),
@@ -166,6 +168,29 @@ def _tables_between(a: Tables, b: Tables, part: float) -> Tables:
         opac=_scalars_between(a.opac, b.opac, part),
         modu=_scalars_between(a.modu, b.modu, part),
     )
+
+
+def _plane_between(a: Plane, b: Plane, part: float) -> Plane:
+    if a == b or len(a.patches) != len(b.patches):
+        return a
+    return Plane(patches=tuple(_patch_between(p, q, part) for p, q in zip(a.patches, b.patches, strict=True)))
+
+
+def _patch_between(a: Patch, b: Patch, part: float) -> Patch:
+    top = a.top if a.top == b.top else _ends_between(a.ends[1], b.ends[1], part)
+    return Patch(
+        density=_ends_between(a.density, b.density, part),
+        strength=_ends_between(a.strength, b.strength, part),
+        top=top,
+        soft=_between(a.soft, b.soft, part),
+        opacity=_between(a.opacity, b.opacity, part),
+        emit=_vector_between(a.emit, b.emit, part),
+        refl=_vector_between(a.refl, b.refl, part),
+    )
+
+
+def _ends_between(a: tuple[float, float], b: tuple[float, float], part: float) -> tuple[float, float]:
+    return _between(a[0], b[0], part), _between(a[1], b[1], part)
 
 
 def _colours_between(a: ColourTable, b: ColourTable, part: float) -> ColourTable:

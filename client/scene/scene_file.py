@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 
 from volsplat.protocol.description.colours import colour_from_text, hex_of_colour
+from volsplat.protocol.description.patches import Patch
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.scene_key import Part, Section, declarations
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
@@ -92,6 +93,8 @@ def toml_value(value: Any, key: str) -> str:
         coloured = key.split(".")[1] in _COLOUR_TABLES
         rows = [f"  [{point!r}, {_toml_colour(entry) if coloured else repr(entry)}]," for point, entry in value]
         return "\n".join(["[", *rows, "]"])
+    if key == "plane.patches":
+        return "\n".join(["[", *(f"  {_toml_patch(patch)}," for patch in value), "]"]) if value else "[]"
     if key == "image.background":
         return _toml_colour(value)
     if isinstance(value, bool):
@@ -101,6 +104,14 @@ def toml_value(value: Any, key: str) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(repr(part) for part in value) + "]"
     return repr(value)
+
+
+def _toml_patch(patch: Patch) -> str:
+    """In one line, as TOML wants inline tables."""
+    parts = [f"{name} = {toml_value(getattr(patch, name), name)}" for name in ("density", "strength", "top")]
+    parts += [f"{name} = {getattr(patch, name)!r}" for name in ("soft", "opacity")]
+    parts += [f"{name} = {_toml_colour(getattr(patch, name))}" for name in _COLOUR_TABLES]
+    return "{ " + ", ".join(parts) + " }"
 
 
 def _toml_colour(colour: tuple[float, float, float]) -> str:
@@ -155,6 +166,11 @@ def _read_hex_colours(name: str, given: dict[str, Any]) -> None:
     image = given.get("image", {})
     if "background" in image:
         image["background"] = read(image["background"], "image.background")
+    patches = given.get("plane", {}).get("patches")
+    for n, patch in enumerate(patches if isinstance(patches, list) else []):
+        for table in _COLOUR_TABLES:
+            if isinstance(patch, dict) and table in patch:
+                patch[table] = read(patch[table], f"plane.patches[{n}].{table}")
     for table in _COLOUR_TABLES:
         points = given.get("tables", {}).get(table, {}).get("points")
         if isinstance(points, list):
@@ -178,6 +194,8 @@ def _value_message(name: str, problem: str, merged: dict[str, Any]) -> str:
         return f"{name}: {problem}"
     what, place = match[1], match[2]
     key = place.partition("[")[0]
+    if key == "plane.patches" and " of a patch " in what:
+        return f"{name}: {place}: {what}"
     if key in KEYS:
         return f"{name}: {place}: {_shown(_found(merged, place))} cannot be used; allowed: {KEYS[key].allowed}"
     # The struct's own check, which opens with the name of the key if it concerns one.

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from volsplat.client.coordinator.coordinator_events import FrameOutcome
 from volsplat.client.coordinator.server_states import VolumeIncomplete, part_of_volume
+from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.client.volume.file_voxel import FileVoxel
@@ -96,6 +97,9 @@ class Renderer(Finisher, Protocol):
 
     def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
         """A slice of the volume across a grid axis, in the scene's colours."""
+
+    def plane_counts(self, scene: Scene) -> PlaneCounts:
+        """How many voxels have each density with each strength, in the scene's window."""
 
 
 def refined(

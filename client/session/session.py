@@ -52,6 +52,7 @@ from volsplat.client.coordinator.coordinator_events import (
     FrameAsked,
     Instruction,
     PartialImageAsked,
+    PlaneAsked,
     ProbeAsked,
     PublishImage,
     PublishVolume,
@@ -62,6 +63,7 @@ from volsplat.client.coordinator.coordinator_events import (
     VoxelAsked,
 )
 from volsplat.client.coordinator.server_states import ImageIncomplete, ServerState, VolumeIncomplete
+from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.memory.array_volume import SAVE_FIRST, volume_in_memory
 from volsplat.client.session.asked_frames import Answers, AskedFrames, FrameAborted, next_image
 from volsplat.client.session.cluster_servers import ClusterServers
@@ -170,7 +172,7 @@ class Session:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._frames = AskedFrames()
-        self._probe_answers = LateAnswers[messages.ProbedVoxel | VolumeSlice]()
+        self._probe_answers = LateAnswers[messages.ProbedVoxel | VolumeSlice | PlaneCounts]()
         self._voxel_answers = LateAnswers[FileVoxel]()
         self._folder_answers = LateAnswers[messages.FolderListed]()
         self._volume: SurveyedVolume | None = None
@@ -359,7 +361,7 @@ class Session:
         probe, answer = self._probe_answers.ask()
         self._events.put(ProbeAsked(probe, scene, x, y))
         found = answer.result()
-        assert not isinstance(found, VolumeSlice), "it was not asked for"
+        assert not isinstance(found, VolumeSlice | PlaneCounts), "it was not asked for"
         return found
 
     def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
@@ -376,6 +378,20 @@ class Session:
         self._events.put(SliceAsked(probe, scene, across, index, longest))
         found = answer.result()
         assert isinstance(found, VolumeSlice), "a slice was asked for"
+        return found
+
+    def plane_counts(self, scene: Scene) -> PlaneCounts:
+        """How many voxels have each density with each strength, in the scene's window: the 2-D histogram.
+
+        They are those that servers hold, which of a prepared volume are those of a level. Frames that run go on.
+        Raises BadInput for a window without a scale, and PeerLost if nothing can be drawn any more.
+        """
+        scene = checked_scene(scene)
+        self.volume  # noqa: B018  until it is known there is nothing to count
+        probe, answer = self._probe_answers.ask()
+        self._events.put(PlaneAsked(probe, scene))
+        found = answer.result()
+        assert isinstance(found, PlaneCounts), "counts were asked for"
         return found
 
     def slice(self, axis: str, index: int) -> Tensor:

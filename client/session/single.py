@@ -37,6 +37,7 @@ from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.packing import Packing
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.coordinator.volume_holding import VolumeHolding
+from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.memory.array_volume import volume_in_memory
 from volsplat.client.session.published_image import PublishedImage
 from volsplat.client.session.renderer import ALL_STEPS, FILE_SECONDS, PARTIAL_INTERVAL, Refinement, StepOutcome, refined
@@ -51,7 +52,7 @@ from volsplat.mapshade_server.held_volume import HeldVolume
 from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.slice_parts import slice_parts
 from volsplat.mapshade_server.visible_voxels import VoxelFields, VoxelSheets, depths_summed
-from volsplat.mapshade_server.volume_answers import Answer
+from volsplat.mapshade_server.volume_answers import Answer, plane_counts
 from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine
@@ -209,6 +210,11 @@ class SingleProcess:
         for part, samples in slice_parts(self._held.sub_cubes(resolution.level), fields, plane):
             whole.take([part], samples)
         return whole
+
+    def plane_counts(self, scene: Scene) -> PlaneCounts:
+        """How many voxels have each density with each strength; see Session. Raises BadInput."""
+        _, resolution = self._fields(checked_scene(scene))
+        return PlaneCounts().plus(plane_counts(self._held.sub_cubes(resolution.level)))
 
     def voxels(self, scene: Scene, every: int = 1) -> VoxelSheets:
         """What step F of a scene is drawn from: every `every`th voxel on each axis. Raises BadInput."""

@@ -14,6 +14,7 @@ from volsplat.client.volume.up_guess import StandsUp, stands_up
 from volsplat.client.volume.visible_part import fitting_view, visible_ball
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.kind import CLASS_KINDS
+from volsplat.protocol.description.patches import Plane, colourless
 from volsplat.protocol.description.scene import ColourTable, Quantise, Scene, Step
 from volsplat.protocol.description.volume import VolumeDescription
 from volsplat.protocol.geometry.upright import Up
@@ -167,6 +168,7 @@ def _deciding_visibility(scene: Scene) -> Scene:
     return msgspec.structs.replace(
         plain,
         tables=msgspec.structs.replace(scene.tables, emit=NO_COLOUR, refl=NO_COLOUR),
+        plane=Plane(patches=colourless(scene.plane.patches)),
         cross_bar=msgspec.structs.replace(plain.cross_bar, opac=scene.cross_bar.opac, modu=scene.cross_bar.modu),
         shading=msgspec.structs.replace(plain.shading, modulation=scene.shading.modulation),
         view=msgspec.structs.replace(plain.view, center=scene.view.center),

@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from itertools import accumulate, product
 from typing import NamedTuple
 
+from volsplat.client.volume.clearest_entries import clearest_entries
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Scene
 from volsplat.protocol.description.volume import Box, Index
@@ -24,7 +25,9 @@ class BlockRow(NamedTuple):
 
 
 def opacities(scene: Scene) -> list[float] | None:
-    """By density; None if another field indexes them, so that they may be anything."""
+    """By density, of a 2-D table the greatest; None if another field indexes them, so that they may be anything."""
+    if scene.plane.patches:
+        return [entry.opacity for entry in clearest_entries(scene.plane.patches)]
     if scene.cross_bar.opac != Field.DENSITY:
         return None
     entries = scene.tables.opac.entries()

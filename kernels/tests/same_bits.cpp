@@ -87,7 +87,7 @@ std::vector<std::uint64_t> shaded_row(std::uint64_t& sum, std::size_t& count) {
     const SurvivingSamples samples{{positions.data(), visible.data(), count}, codes.data(), {bytes, 4}, {bytes + 1, 4}};
     std::vector<std::uint64_t> shaded(count);
     const RowLine line{std::int64_t{3} << 32, std::int64_t{5} << 32, 500000000, 250000000};
-    kernels.shade(samples, {colours.data(), colours.data() + 4 * 256, light.data()}, line,
+    kernels.shade(samples, {colours.data(), colours.data() + 4 * 256, light.data(), false}, line,
                   {0, count, 3 << kSubpixelBits, 5 << kSubpixelBits, false}, shaded.data());
     add(sum, shaded, count);
     return shaded;

@@ -6,11 +6,10 @@
 #include <vector>
 
 #include "kernels/constants.h"
+#include "kernels/tables/patch_table.h"
 #include "paths/map_shade_kernels.h"
 
 namespace volsplat {
-
-constexpr int kTableEntries = 256;
 
 using Vector3 = std::array<double, 3>;
 
@@ -38,5 +37,8 @@ std::vector<float> light_table(Directions code, const std::vector<Cosines>& roug
 // 12-bit opacity codes of 1 - (1 - opac * modu)^exponent at opac index | modu index << 8. opac is the mean over
 // `spread` times the modu index on either side.
 std::vector<std::uint16_t> opacity_table(const double* opac, const double* modu, double exponent, double spread);
+
+// Those of 1 - (1 - opacity)^exponent for the opacities of a table over density and strength.
+std::vector<std::uint16_t> plane_opacity_codes(const double* opacities, double exponent);
 
 }  // namespace volsplat

@@ -10,6 +10,7 @@ import math
 from enum import StrEnum
 from typing import Annotated, Any, Literal
 
+from volsplat.protocol.description.patches import Plane
 from volsplat.protocol.description.scene_key import (
     UNIT_INTERVAL,
     Buttons,
@@ -480,6 +481,13 @@ class Scene(Part, frozen=True):
             " volume."
         ),
     ] = CrossBar()
+    plane: Annotated[
+        Plane,
+        Section(
+            "A table over two fields at once, density and gradient strength. With patches it takes the place of the"
+            " four\ntables, the cross-bar and the modulation; without any there is none."
+        ),
+    ] = Plane()
     shading: Annotated[
         Shading,
         Section("Switches for the parts of the shading rules. A part that is off counts as 0, modulation as 1."),

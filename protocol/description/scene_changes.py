@@ -10,6 +10,7 @@ from typing import Any
 import msgspec
 
 from volsplat.protocol.description.colours import colour_from_text
+from volsplat.protocol.description.patches import Patch
 from volsplat.protocol.description.scene import Bounds, Colour, ColourTable, ScalarTable, Scene
 from volsplat.protocol.description.scene_key import Part
 from volsplat.protocol.description.scene_keys import KEYS, SECTIONS, SceneKey
@@ -70,6 +71,17 @@ def _put_table(scene: Scene, name: str, value: Any) -> Scene:
     return msgspec.structs.replace(scene, tables=msgspec.structs.replace(scene.tables, **{name: value}))
 
 
+def _put_patches(scene: Scene, value: Any) -> Scene:
+    return KEYS["plane.patches"].put(scene, tuple(map(_patch, value)))
+
+
+def _patch(value: Any) -> Patch:
+    if isinstance(value, Patch):
+        return value
+    coloured = {name: _colour(part) if name in ("emit", "refl") else part for name, part in dict(value).items()}
+    return msgspec.convert(coloured, Patch)
+
+
 def _put_size(scene: Scene, value: Any) -> Scene:
     width, height = msgspec.convert((value, value) if isinstance(value, int) else value, tuple[int, int])
     return msgspec.structs.replace(scene, image=msgspec.structs.replace(scene.image, width=width, height=height))
@@ -116,6 +128,7 @@ _OWN: dict[str, Callable[[Scene, Any], Scene]] = {
     "size": _put_size,
     "rotation": _put_rotation,
     "bounds": _put_bounds,
+    "patches": _put_patches,
 }
 _SHORTER = {
     "size": "; allowed: pixels, or (width, height)",

@@ -97,6 +97,8 @@ TABLE_WORDS = {table: called.split()[0].capitalize() for table, called in TABLES
 
 def why_unused(table: str, scene: Scene) -> str:
     """Why a table changes nothing under the switches of the shading rules; "" if it does."""
+    if scene.plane.patches:
+        return "the 2-D table takes its place"
     shading = scene.shading
     why = {
         "emit": "" if shading.emitted else "emitted light is off",

@@ -69,7 +69,7 @@ def active_shading(scene: Scene, step: Step) -> ActiveShading:
     earlier; a scene with no emission is lit from A.
     """
     shading = scene.shading
-    dark = not shading.emitted or all(max(colour) == 0.0 for _, colour in scene.tables.emit.points)
+    dark = not shading.emitted or _emits_nothing(scene)
     diffuse_from = Step.A if dark else scene.refine.lit_from
     specular_from = Step.F if diffuse_from == Step.E else diffuse_from
     return ActiveShading(
@@ -77,3 +77,9 @@ def active_shading(scene: Scene, step: Step) -> ActiveShading:
         diffuse=shading.diffuse and step >= diffuse_from,
         specular=shading.specular and step >= specular_from,
     )
+
+
+def _emits_nothing(scene: Scene) -> bool:
+    if scene.plane.patches:
+        return scene.plane.dark
+    return all(max(colour) == 0.0 for _, colour in scene.tables.emit.points)

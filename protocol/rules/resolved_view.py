@@ -54,12 +54,18 @@ def resolved_order(scene: Scene, geometry: Geometry) -> Order:
     """
     if scene.order != Order.FASTEST:
         return scene.order
-    greatest = scene.tables.opac.greatest
-    if scene.shading.modulation:
-        greatest *= scene.tables.modu.greatest
+    greatest = _greatest_opacity(scene)
     thickest = 2 * bounding_radius(geometry) / geometry.reference_spacing
     hides = greatest >= 1.0 or -math.log1p(-greatest) * thickest >= -math.log(1.0 - FROZEN_ALPHA)
     return Order.FRONT_TO_BACK if hides else Order.BACK_TO_FRONT
+
+
+def _greatest_opacity(scene: Scene) -> float:
+    """No sample's is greater."""
+    if scene.plane.patches:
+        return scene.plane.greatest
+    greatest = scene.tables.opac.greatest
+    return greatest * scene.tables.modu.greatest if scene.shading.modulation else greatest
 
 
 @lru_cache(maxsize=16)

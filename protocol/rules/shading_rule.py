@@ -4,6 +4,7 @@ import math
 
 import msgspec
 
+from volsplat.protocol.description.patches import NO_COLOUR, Patches
 from volsplat.protocol.description.scene import (
     ColourTable,
     CrossBar,
@@ -22,7 +23,7 @@ from volsplat.protocol.rules.levels import density_spread
 from volsplat.protocol.rules.refinement import STEP_RULES, active_shading
 from volsplat.protocol.rules.resolved_view import screen_rotation
 
-BLACK = ColourTable(points=((0.0, (0.0, 0.0, 0.0)),))
+BLACK = ColourTable(points=((0.0, NO_COLOUR),))
 ONE = ScalarTable(points=((0.0, 1.0),))
 
 LONGEST_UNIT = 1.0 + 1e-9  # rounding included
@@ -51,7 +52,10 @@ class Lighting(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The four tables, what indexes them, and the light: what is off is black, without modulation modu is 1."""
+    """The four tables, what indexes them, and the light: what is off is black, without modulation modu is 1.
+
+    Patches over density and strength take the tables' place.
+    """
 
     emit: ColourTable
     refl: ColourTable
@@ -59,6 +63,7 @@ class ShadingRule(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     modu: ScalarTable
     cross_bar: CrossBar
     lighting: Lighting
+    patches: Patches = ()
     density_spread: float = 0.0  # see levels: of a level, the mean over what its voxels stand for is classified
 
     def __post_init__(self) -> None:
@@ -73,6 +78,17 @@ def shading_at_level(scene: Scene, step: Step, geometry: Geometry, level: Geomet
 
 def shading_rule(scene: Scene, step: Step, density_spread: float = 0.0) -> ShadingRule:
     active, tables, cross_bar = active_shading(scene, step), scene.tables, scene.cross_bar
+    if scene.plane.patches:
+        return ShadingRule(
+            emit=BLACK,
+            refl=BLACK,
+            opac=ONE,
+            modu=ONE,
+            cross_bar=CrossBar(),
+            lighting=_lighting(scene, step),
+            patches=scene.plane.patches if active.emitted else _without_emission(scene.plane.patches),
+            density_spread=density_spread,
+        )
     modulated = scene.shading.modulation
     return ShadingRule(
         emit=tables.emit if active.emitted else BLACK,
@@ -83,6 +99,10 @@ def shading_rule(scene: Scene, step: Step, density_spread: float = 0.0) -> Shadi
         lighting=_lighting(scene, step),
         density_spread=density_spread,
     )
+
+
+def _without_emission(patches: Patches) -> Patches:
+    return tuple(msgspec.structs.replace(patch, emit=NO_COLOUR) for patch in patches)
 
 
 def _lighting(scene: Scene, step: Step) -> Lighting:

@@ -5,11 +5,11 @@
 #include <cstdint>
 
 #include "kernels/field.h"
+#include "kernels/tables/table_means.h"
 #include "slab_sums.h"
 
 namespace volsplat {
 
-constexpr int kTableEntries = 256;
 constexpr int kOpacityLevels = 256;  // of what is not indexed by density
 
 struct SlabScene {
@@ -64,7 +64,8 @@ struct SlabShadingView {
     bool visible_together;
     bool opaque_by_density;  // and by nothing else
     const DepthIntegrals* depths;
-    const ColourIntegral* colours;  // [257]
+    const ColourIntegral* colours;  // [257], or so many for each strength
+    bool by_strength;
 };
 
 // Of the planes of a block at neighbouring pixels, and of the last plane before it.

@@ -9,21 +9,28 @@
 #include <array>
 #include <cstdint>
 #include <memory>
+#include <vector>
 
+#include "kernels/tables/patch_table.h"
 #include "slab_samples.h"
 
 namespace volsplat {
 
 class SlabShading {
 public:
-    // What the light points to outlives it.
-    SlabShading(const SlabScene& scene, const SlabGrid& grid, const SlabRays& rays, const SlabLight& light);
+    // What the light points to outlives it. A plane takes the place of the scene's tables; it is null where there is
+    // none.
+    SlabShading(const SlabScene& scene, const SlabGrid& grid, const SlabRays& rays, const SlabLight& light,
+                const PatchTable* plane);
 
     SlabShadingView view() const;
     int baseline() const { return rays_.baseline; }
 
 private:
     bool by_density(int table) const { return scene_.cross_bar[table] == Field::density; }
+    void find_visible(const double (&opacity)[kTableEntries], double others);
+    void take_tables();
+    void take_plane(const PatchTable& plane);
 
     SlabScene scene_;
     const SlabGrid grid_;
@@ -32,7 +39,7 @@ private:
     std::array<std::int32_t, kTableEntries + 1> next_visible_;
     int last_visible_ = -1;
     const std::unique_ptr<DepthIntegrals[]> depths_;  // one
-    std::array<ColourIntegral, kTableEntries + 1> colours_{};
+    std::vector<ColourIntegral> colours_;
 };
 
 }  // namespace volsplat

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from by_the_book.tables import Points
+from by_the_book.tables import Patch, Points
 
 Array = NDArray[np.float64]
 Colours = tuple[Points, Points, Points]  # of red, green and blue
@@ -34,9 +34,11 @@ class Book:
     refl: Colours
     opac: Points
     modu: Points
+    patches: list[Patch]  # none: the four tables
     cross_bar: dict[str, str]  # of "emit", "refl", "opac", "modu"
     light: tuple[float, float, float]
     light_on_screen: bool
+    emits: bool
     lit: tuple[bool, bool]  # diffuse, specular
     two_sided: bool
     power: float

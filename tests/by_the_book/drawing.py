@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from by_the_book.book import Book
 from by_the_book.edges import covered
 from by_the_book.kernels import PROFILE, projection
-from by_the_book.tables import coded, table
+from by_the_book.tables import coded, patched, table
 from by_the_book.voxels import directions, packed
 
 Array = NDArray[np.float64]
@@ -103,8 +103,12 @@ class _Drawing:
             for name, field in self.book.cross_bar.items()
         }
         light = self.light[packet >> 16 & 0x7FFF]
-        colour = self.tables["emit"][byte["emit"]] + self.tables["refl"][byte["refl"]] * light
+        emit, refl = self.tables["emit"][byte["emit"]], self.tables["refl"][byte["refl"]]
         a = self.tables["opac"][byte["opac"]] * self.tables["modu"][byte["modu"]]
+        if self.book.patches:
+            a, emit, refl = patched(self.book.patches, packet & 255, packet >> 8 & 255)
+            emit = emit * self.book.emits
+        colour = emit + refl * light
         t = self._thickness([high - low for low, high in blocks])
         opacity = coded(a if t == 1 else -np.expm1(t * np.log1p(-a)) if a < 1 else float(t > 0))
         return (np.floor(255 * np.clip(colour, 0, 1) + 0.5) / 255, opacity) if opacity else None

@@ -1,10 +1,51 @@
 """Section 5 of docs/how_it_works/image.md: tables of 256 entries, and the 4096 opacities that there are."""
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 Points = list[tuple[float, float]]
+
+
+@dataclass
+class Patch:
+    """As on the page: d0 and d1, e0 and e1, s0 and s1, the share of the rim, opacity, colours."""
+
+    lower: tuple[float, float]
+    upper: tuple[float, float]
+    strength: tuple[float, float]
+    soft: float
+    opacity: float
+    emit: tuple[float, float, float]
+    refl: tuple[float, float, float]
+
+
+def patched(patches: list[Patch], density: int, strength: int) -> tuple[float, Array, Array]:
+    """Opacity and both colours at an entry of the plane."""
+    through, weight, emit, refl = 1.0, 0.0, np.zeros(3), np.zeros(3)
+    for patch in patches:
+        w = patch.opacity * _inside(patch, density / 255, strength / 255)
+        through, weight = through * (1 - w), weight + w
+        emit, refl = emit + w * np.array(patch.emit), refl + w * np.array(patch.refl)
+    return 1 - through, emit / (weight or 1), refl / (weight or 1)
+
+
+def _inside(patch: Patch, d: float, s: float) -> float:
+    s0, s1 = patch.strength
+    u = (s - s0) / (s1 - s0)
+    left, right = (a + (b - a) * u for a, b in zip(patch.lower, patch.upper, strict=True))
+    return min(_along(s, s0, s1, patch.soft), _along(d, left, right, patch.soft)) if 0 <= u <= 1 else 0.0
+
+
+def _along(x: float, low: float, high: float, soft: float) -> float:
+    if not low <= x <= high:
+        return 0.0
+    rim = soft * (high - low) / 2
+    up = 1.0 if low <= 0 or x - low >= rim else (x - low) / rim
+    down = 1.0 if high >= 1 or high - x >= rim else (high - x) / rim
+    return min(up, down)
 
 
 def table(points: Points) -> Array:

@@ -1,13 +1,17 @@
 """docs/how_it_works/image.md suffices to draw the image: what was written from it alone draws the programs'."""
 
+import msgspec
 import numpy as np
 import pytest
 import torch
 
 from by_the_book.book import Book, Colours
 from by_the_book.drawing import draw
+from by_the_book.tables import Patch
 from support.scenes.rendering import rendered
 from tolerances import ONE_LEVEL
+from volsplat.protocol.description.patches import Patch as ScenePatch
+from volsplat.protocol.description.patches import Plane
 from volsplat.protocol.description.scene import (
     Bounds,
     ColourTable,
@@ -113,6 +117,11 @@ def book(values: torch.Tensor, geometry: Geometry, scene: Scene, step: Step, oct
         refl=colours(scene.tables.refl),
         opac=list(scene.tables.opac.points),
         modu=list(scene.tables.modu.points) if scene.shading.modulation else [(0.0, 1.0)],
+        patches=[
+            Patch(*patch.ends, patch.strength, patch.soft, patch.opacity, patch.emit, patch.refl)
+            for patch in scene.plane.patches
+        ],
+        emits=active.emitted,
         cross_bar={name: getattr(scene.cross_bar, name).value for name in ("emit", "refl", "opac", "modu")},
         light=scene.light.direction,
         light_on_screen=scene.light.fixed_to == "world",
@@ -131,6 +140,15 @@ CASES = [
 ]
 
 
+PATCHES = (
+    ScenePatch(density=(0.1, 0.7), strength=(0.0, 0.8), top=(0.3, 0.6), soft=0.7, opacity=0.4, refl=(0.9, 0.5, 0.2)),
+    ScenePatch(
+        density=(0.5, 1.0), strength=(0.1, 1.0), soft=0.3, opacity=0.8, emit=(0.1, 0.2, 0.4), refl=(0.3, 0.9, 0.9)
+    ),
+    ScenePatch(density=(0.2, 0.2), strength=(0.05, 0.6), top=(0.0, 0.5), soft=0.0, opacity=0.2),
+)
+
+
 @pytest.mark.parametrize(("step", "matrix", "rotation", "zoom"), CASES)
 def test_the_page_suffices(step: str, matrix: str, rotation: str, zoom: float) -> None:
     seed = CASES.index((step, matrix, rotation, zoom))
@@ -145,4 +163,19 @@ def test_the_page_suffices(step: str, matrix: str, rotation: str, zoom: float) -
     programs = rendered(values, geometry, one, Step(step), quantisation)
     by_the_book = torch.from_numpy(draw(book(values, geometry, one, Step(step), octahedral)))
     assert programs.shape == by_the_book.shape and (step in "AB" or float(programs[..., 3].max()) > 0)
+    assert float((programs - by_the_book).abs().max()) <= ONE_LEVEL
+
+
+@pytest.mark.parametrize(("step", "seed"), [("A", 1), ("C", 2), ("D", 3), ("E", 5), ("F", 8)])
+def test_it_suffices_for_patches_over_density_and_strength(step: str, seed: int) -> None:
+    dims = (9, 8, 10)
+    geometry = Geometry(dims, MATRICES["skewed"])
+    view = View(rotation=ROTATIONS["oblique"], zoom=1.7, up="+z")
+    one = scene(seed, view, Order.FRONT_TO_BACK, Kernel.GAUSSIAN, False, Bounds())
+    one = msgspec.structs.replace(one, plane=Plane(patches=PATCHES))
+    values = volume(seed, dims)
+    quantisation = Quantisation(WINDOW, STRENGTH_SCALE, "octahedral")
+    programs = rendered(values, geometry, one, Step(step), quantisation)
+    by_the_book = torch.from_numpy(draw(book(values, geometry, one, Step(step), octahedral=True)))
+    assert float(programs[..., 3].max()) > 0
     assert float((programs - by_the_book).abs().max()) <= ONE_LEVEL

@@ -14,6 +14,7 @@ from support.scenes.arbitrary import turns
 from support.scenes.phantoms import QUANTISATION, shaded_scene, shells
 from support.scenes.rendering import rendered
 from tolerances import FEW_TIES, MISMATCHED_SLABS, ONE_LEVEL
+from volsplat.protocol.description.patches import Patch, Plane
 from volsplat.protocol.description.scene import (
     TRAVERSAL_ORDERS,
     Bounds,
@@ -85,6 +86,19 @@ def test_every_field_indexes_every_table(cross_bar: CrossBar) -> None:
     assert (off > ONE_LEVEL).double().mean() <= FEW_TIES  # where a byte is a hair from the next one
 
 
+PLANE = Plane(
+    patches=(
+        Patch(density=(0.1, 0.9), strength=(0.0, 0.5), top=(0.3, 0.6), soft=0.4, opacity=0.6, refl=(0.9, 0.5, 0.2)),
+        Patch(density=(0.2, 1.0), strength=(0.2, 1.0), soft=0.3, opacity=0.9, emit=(0.1, 0.2, 0.4)),
+    )
+)
+
+
+def test_patches_are_those_of_the_strength_in_the_middle_of_a_slab() -> None:
+    off = difference(scene_of(OBLIQUE, plane=PLANE), SKEWED, exact=False)
+    assert (off > ONE_LEVEL).double().mean() <= FEW_TIES  # where a byte is a hair from the next one
+
+
 def test_bounds_cut_between_voxels_and_look_beyond() -> None:
     scene = scene_of(OBLIQUE, bounds=Bounds(low=(3, 0, 2), high=(-1, 9, 11)))
     assert difference(scene, SKEWED, exact=False).max() <= ONE_LEVEL
@@ -130,6 +144,7 @@ BY_GRID, BY_SCREEN = CrossBar(modu=Field.GRID_J), CrossBar(modu=Field.SCREEN_Y)
             {"cross_bar": CrossBar(modu=Field.GRID_J)},
         ),
         ({"occlusion": 1.0}, {}),
+        ({"shadows": 0.8, "occlusion": 0.5}, {"plane": PLANE}),
         ({"shadows": 0.5, "occlusion": 0.8, "silhouettes": 0.5}, {"bounds": Bounds(low=(3, 0, 2), high=(-1, 9, 11))}),
     ],
 )

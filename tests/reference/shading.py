@@ -4,6 +4,7 @@ import torch
 from torch import Tensor
 
 from reference import voxel_packets
+from reference.plane import plane_table
 from volsplat.protocol.description.scene import ColourTable, Field, ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry import matrices
@@ -103,18 +104,32 @@ def shade(
 
     `packets` int64 (n,); `fields` their bytes; `exponent` float64 (n,); `directions` (32768, 3) unit vectors.
     """
-    cross_bar, shading = scene.cross_bar, scene.shading
-    colour = torch.zeros(len(packets), 3, dtype=torch.float64)
-    if active_shading(scene, step).emitted:
-        colour = colour + _colours(scene.tables.emit)[fields[cross_bar.emit]]
+    alpha, emitted, reflected = looked_up(fields, scene)
     light = light_of_directions(scene, step, directions)[packets >> DIRECTION_SHIFT & 0x7FFF]
-    colour = colour + _colours(scene.tables.refl)[fields[cross_bar.refl]] * light[:, None]
-
-    alpha = _scalars(scene.tables.opac)[fields[cross_bar.opac]]
-    if shading.modulation:
-        alpha = alpha * _scalars(scene.tables.modu)[fields[cross_bar.modu]]
+    colour = reflected * light[:, None]
+    if active_shading(scene, step).emitted:
+        colour = colour + emitted
     no_data = packets >> 31 & 1 == 1
     return colour.clamp(0, 1), torch.where(no_data, 0.0, thickened(alpha, exponent))
+
+
+def looked_up(fields: dict[Field, Tensor], scene: Scene) -> tuple[Tensor, Tensor, Tensor]:
+    """Opacity (n,) of one reference spacing, emitted and reflected colour (n, 3)."""
+    return _by_plane(fields, scene) if scene.plane.patches else _by_tables(fields, scene)
+
+
+def _by_tables(fields: dict[Field, Tensor], scene: Scene) -> tuple[Tensor, Tensor, Tensor]:
+    tables, cross_bar = scene.tables, scene.cross_bar
+    alpha = _scalars(tables.opac)[fields[cross_bar.opac]]
+    if scene.shading.modulation:
+        alpha = alpha * _scalars(tables.modu)[fields[cross_bar.modu]]
+    return alpha, _colours(tables.emit)[fields[cross_bar.emit]], _colours(tables.refl)[fields[cross_bar.refl]]
+
+
+def _by_plane(fields: dict[Field, Tensor], scene: Scene) -> tuple[Tensor, Tensor, Tensor]:
+    table = plane_table(scene.plane.patches)
+    at = fields[Field.STRENGTH], fields[Field.DENSITY]
+    return table.opacity[at], table.emit[at], table.refl[at]
 
 
 def thickened(alpha: Tensor, exponent: Tensor) -> Tensor:

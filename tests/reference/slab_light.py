@@ -87,10 +87,7 @@ def _depths(packets: Tensor, geometry: Geometry, quantisation: Quantisation, sce
 def _opacity(packets: Tensor, indices: Tensor, geometry: Geometry, quantisation: Quantisation, scene: Scene) -> Tensor:
     plan = plan_frame(scene, geometry, Step.F)
     fields = shading.field_bytes(plan, geometry, quantisation.directions, indices, packets)
-    opacity = torch.tensor(scene.tables.opac.entries(), dtype=torch.float64)[fields[scene.cross_bar.opac]]
-    if scene.shading.modulation:
-        opacity = opacity * torch.tensor(scene.tables.modu.entries(), dtype=torch.float64)[fields[scene.cross_bar.modu]]
-    return torch.where(packets >> NO_DATA_BIT == 1, 0.0, opacity)
+    return torch.where(packets >> NO_DATA_BIT == 1, 0.0, shading.looked_up(fields, scene)[0])
 
 
 def _sky() -> list[Tensor]:

@@ -14,6 +14,7 @@ from torch import Tensor
 from reference import mapping
 from reference.combining import FROZEN_ALPHA
 from reference.footprint import integral, kernel_density
+from reference.plane import plane_table
 from reference.slab_light import BlockLight, block_light
 from volsplat.protocol.description.scene import Field, Scene, Step
 from volsplat.protocol.description.volume import Geometry
@@ -171,8 +172,11 @@ def _shaded(
     one, other, gradient, place = (values[drawn] for values in (one, other, gradient, place))
     fields = _fields(one, other, gradient, place, geometry, quantisation, plan)
     low, high = _span(one, other)
-    depth = _mean(_depths(scene, fields), low, high)
-    emitted, reflected = (_colour(scene, table, fields, low, high) for table in ("emit", "refl"))
+    if scene.plane.patches:
+        depth, emitted, reflected = _by_plane(scene, fields, low, high)
+    else:
+        depth = _mean(_depths(scene, fields), low, high)
+        emitted, reflected = (_colour(scene, table, fields, low, high) for table in ("emit", "refl"))
     active = active_shading(scene, Step.G)
     lamp, sky = light.at(place, gradient)
     seen = reflected * (_light(gradient, scene) * (1 - scene.light.shadows * (1 - lamp)))[..., None]
@@ -290,6 +294,19 @@ def _mean(entries: Tensor, low: Tensor, high: Tensor) -> Tensor:
     cell = torch.arange(256)
     within = (torch.minimum(high[..., None], cell + 1) - torch.maximum(low[..., None], cell)).clamp(min=0)
     return (entries * within).sum(dim=-1) / (high - low)
+
+
+def _by_plane(scene: Scene, fields: dict[Field, Tensor], low: Tensor, high: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    """Depth (H, W), emitted and reflected colour (H, W, 3): of the row of entries of each pixel's strength."""
+    table, strength = plane_table(scene.plane.patches), fields[Field.STRENGTH]
+    depths = -torch.log1p(-table.opacity[strength].clamp(max=MOST_OPAQUE))
+    depth = _mean(depths, low, high)
+    means = [
+        torch.stack([_mean(depths * colours[strength][..., n], low, high) for n in range(3)], dim=-1)
+        for colours in (table.emit, table.refl)
+    ]
+    emitted, reflected = (mean / depth.clamp(min=1e-300)[..., None] for mean in means)
+    return depth, emitted, reflected
 
 
 def _depths(scene: Scene, fields: dict[Field, Tensor]) -> Tensor:

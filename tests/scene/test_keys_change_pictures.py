@@ -40,6 +40,7 @@ OTHERS = {
     "cross_bar.refl": Other("grid-i"),
     "cross_bar.opac": Other("screen-y"),
     "cross_bar.modu": Other("density"),
+    "plane.patches": Other(({"density": (0.3, 1.0), "opacity": 0.4},)),
     "shading.emitted": Other(False),
     "shading.diffuse": Other(False),
     "shading.specular": Other(False),

@@ -1,5 +1,6 @@
 """The coordinator as a state machine: events in, instructions out, no socket and no clock."""
 
+import struct
 from dataclasses import replace
 from itertools import permutations
 
@@ -45,6 +46,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Instruction,
     MessageReceived,
     PartialImageAsked,
+    PlaneAsked,
     ProbeAsked,
     PublishImage,
     ReportProgress,
@@ -56,6 +58,7 @@ from volsplat.client.coordinator.coordinator_events import (
     VolumeAsked,
 )
 from volsplat.client.coordinator.phase import Phase
+from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.slices.volume_slice import VolumeSlice
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Bounds, Order, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Box
@@ -638,6 +641,35 @@ def test_a_slice_that_a_server_makes_larger_than_it_is_costs_that_server_its_pla
     coordinator.handle(SliceAsked(5, SCENE, axis=2, index=4, longest=99))
     told = coordinator.handle(said(FIRST, messages.SliceRead(5, 1, [Rectangle(0, 0, 9, 9)]), bytes(8 * 81)))
     assert any(isinstance(one, CutOff) and one.server == FIRST for one in told)
+
+
+def test_counts_of_the_plane_are_summed_and_asked_anew_after_a_loss() -> None:
+    coordinator = drawing()
+    asked = coordinator.handle(PlaneAsked(5, SCENE))
+    assert sent(asked) == [(FIRST, messages.CountPlane), (SECOND, messages.CountPlane)]
+    threes, fours = (struct.pack("<Q", count) + bytes(8 * 65535) for count in (3, 4))
+    assert coordinator.handle(said(FIRST, messages.PlaneCounted(5, 1), threes)) == []
+    (answer,) = coordinator.handle(said(SECOND, messages.PlaneCounted(5, 1), fours))
+    assert isinstance(answer, AnswerProbe) and isinstance(answer.found, PlaneCounts)
+    assert (answer.found.counts[0], answer.found.voxels) == (7, 7)
+
+    coordinator.handle(PlaneAsked(6, SCENE))
+    coordinator.handle(said(SECOND, messages.PlaneCounted(6, 1), fours))
+    told = coordinator.handle(ServerLost(FIRST, GONE))
+    read_ahead(coordinator, told)
+    told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
+    assert (SECOND, messages.CountPlane) in sent(told)
+    (answer,) = coordinator.handle(said(SECOND, messages.PlaneCounted(6, 2), threes))
+    assert isinstance(answer, AnswerProbe) and isinstance(answer.found, PlaneCounts) and answer.found.voxels == 3
+
+
+def test_a_server_that_counts_more_voxels_than_there_can_be_costs_its_place() -> None:
+    coordinator = drawing()
+    coordinator.handle(PlaneAsked(5, SCENE))
+    many = struct.pack("<Q", (1 << 64) - 1) + bytes(8 * 65535)
+    coordinator.handle(said(FIRST, messages.PlaneCounted(5, 1), many))
+    told = coordinator.handle(said(SECOND, messages.PlaneCounted(5, 1), many))
+    assert any(isinstance(one, CutOff) and one.server == SECOND for one in told)
 
 
 def test_a_failed_session_ends_all_probes() -> None:

@@ -13,7 +13,8 @@ def with_tables_of(kept: Scene, scene: Scene, before: SurveyedVolume, volume: Su
 
     Values in the same unit keep their colours: then the density window is kept as well.
     """
-    scene = msgspec.structs.replace(scene, tables=kept.tables, cross_bar=kept.cross_bar, shading=kept.shading)
+    look = {part: getattr(kept, part) for part in ("tables", "cross_bar", "plane", "shading")}
+    scene = msgspec.structs.replace(scene, **look)
     if volume.prepared is not None or before.description.value_unit != volume.description.value_unit:
         return scene
     window = before.quantisation(kept.quantise).window

@@ -12,6 +12,7 @@ from volsplat.client.ui.controls.controls import SceneEditor, title
 from volsplat.client.ui.controls.density_window_fields import density_window_fields
 from volsplat.client.ui.controls.image_size_fields import image_size_fields
 from volsplat.client.ui.controls.key_controls import key_control
+from volsplat.client.ui.controls.patches_control import patches_control
 from volsplat.client.ui.panels.bounds_controls import bounds_controls
 from volsplat.client.ui.panels.cross_bar import cross_bar
 from volsplat.client.ui.panels.light_controls import light_controls
@@ -30,6 +31,7 @@ class ScenePanel(NamedTuple):
 PANELS = (
     ScenePanel("window", "Window", ("quantise.window",)),
     ScenePanel("shading", "Shading", ("cross_bar", "shading", "light")),
+    ScenePanel("2-D table", "2-D table", ("plane",)),
     ScenePanel("view", "View", ("view",)),
     ScenePanel("bounds", "", ("bounds",)),
     ScenePanel("refinement", "How the image forms", ("", "refine", "reconstruction")),
@@ -43,6 +45,7 @@ CONTROLS: dict[str, Callable[[SceneEditor, Viewing], None]] = {
     "light": light_controls,
     "moves": move_buttons,
     "sides": side_buttons,
+    "patches": patches_control,
     "size": image_size_fields,
     "up": up_menu,
 }

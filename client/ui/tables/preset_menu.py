@@ -80,7 +80,11 @@ class PresetMenu:
 
 def in_force(preset: Scene, scene: Scene) -> bool:
     """Whether the scene's samples look as the preset has them, wherever the light stands."""
-    return (preset.tables, preset.cross_bar, preset.shading) == (scene.tables, scene.cross_bar, scene.shading)
+    return _look(preset) == _look(scene)
+
+
+def _look(scene: Scene) -> tuple[object, ...]:
+    return scene.tables, scene.cross_bar, scene.plane, scene.shading
 
 
 def strip(preset: Scene) -> str:

@@ -191,7 +191,12 @@ class TablesPanel:
         preset = self._presets.scene(name, self._model.scene.quantise)
         self._model.change(
             lambda scene: replace(
-                scene, tables=preset.tables, cross_bar=preset.cross_bar, shading=preset.shading, light=preset.light
+                scene,
+                tables=preset.tables,
+                cross_bar=preset.cross_bar,
+                plane=preset.plane,
+                shading=preset.shading,
+                light=preset.light,
             ),
             by=self._by("presets"),
         )

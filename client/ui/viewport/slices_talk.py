@@ -127,6 +127,8 @@ def _look(scene: Scene, coloured: bool) -> object:
     """What of a scene its slices show."""
     if not coloured:
         return scene.quantise
+    if scene.plane.patches:
+        return (scene.quantise, scene.plane, scene.shading)
     cross_bar = scene.cross_bar
     by_screen = SCREEN & {cross_bar.emit, cross_bar.refl, cross_bar.opac, cross_bar.modu}
     view = (scene.view, scene.image) if by_screen else None

@@ -28,7 +28,7 @@ using namespace nb::literals;
 
 namespace {
 
-using ColourArray = nb::ndarray<const float, nb::shape<256, 4>, nb::c_contig, nb::device::cpu>;
+using ColourArray = nb::ndarray<const float, nb::shape<-1, 4>, nb::c_contig, nb::device::cpu>;
 using OpacityArray = nb::ndarray<const std::uint16_t, nb::shape<65536>, nb::c_contig, nb::device::cpu>;
 using VisibilityArray = nb::ndarray<const std::uint8_t, nb::shape<64>, nb::c_contig, nb::device::cpu>;
 using LightArray = nb::ndarray<const float, nb::shape<32768>, nb::c_contig, nb::device::cpu>;
@@ -56,6 +56,15 @@ ShadingTables tables_of(const std::array<int, 4>& cross_bar, const std::vector<O
     static_assert(sizeof(Visibility) == 64);
     std::memcpy(&tables.visibility, visibility.data(), sizeof(Visibility));
     return tables;
+}
+
+// Whether colours are those of a plane rather than of a field.
+bool are_of_plane(const ColourArray& emit, const ColourArray& refl) {
+    const std::size_t entries = emit.shape(0);
+    if (refl.shape(0) != entries || (entries != kTableEntries && entries != kPlaneEntries)) {
+        throw std::invalid_argument("colours must be those of 256 bytes or of 65536 pairs of them");
+    }
+    return entries == kPlaneEntries;
 }
 
 // Keeps alive what the walk and its walkers borrow.
@@ -121,7 +130,7 @@ PythonFrameWalk::PythonFrameWalk(
     if (closed_tiles_) check_tiles(*closed_tiles_, plan);
 
     ShadingTables tables = tables_of(cross_bar, opacity_, opacity_of_class, visibility);
-    tables.colours = {emit_.data(), refl_.data(), light_.data()};
+    tables.colours = {emit_.data(), refl_.data(), light_.data(), are_of_plane(emit_, refl_)};
     tables.gradient_bytes = gradient_bytes_.data();
     for (int axis = 0; axis < 3; ++axis) {
         if (static_cast<std::int64_t>(grid_bytes_[axis].size()) < plan.visits[axis].high) {

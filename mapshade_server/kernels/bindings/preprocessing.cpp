@@ -153,6 +153,14 @@ nb::object python_opacity_table(const std::vector<double>& opac, const std::vect
     return owned_array(std::move(codes), kTableEntries * kTableEntries);
 }
 
+nb::object python_plane_opacity_codes(
+    const nb::ndarray<const double, nb::shape<kPlaneEntries>, nb::c_contig, nb::device::cpu>& opacities,
+    double exponent) {
+    std::vector<std::uint16_t> codes = plane_opacity_codes(opacities.data(), exponent);
+    codes.resize(codes.size() + kSpare);
+    return owned_array(std::move(codes), kPlaneEntries);
+}
+
 }  // namespace
 
 void bind_preprocessing(nb::module_& m) {
@@ -172,6 +180,7 @@ void bind_preprocessing(nb::module_& m) {
           "specular"_a, "two_sided"_a, "specular_power"_a);
     m.def("colour_table", &python_colour_table, "colours"_a);
     m.def("opacity_table", &python_opacity_table, "opac"_a, "modu"_a, "exponent"_a, "spread"_a);
+    m.def("plane_opacity_codes", &python_plane_opacity_codes, "opacities"_a, "exponent"_a);
 }
 
 }  // namespace volsplat

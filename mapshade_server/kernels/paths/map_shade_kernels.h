@@ -86,9 +86,10 @@ struct SurvivingSamples {
 };
 
 struct ColourTables {
-    const float* emit;   // 256 x (r, g, b, 0)
+    const float* emit;   // 256 x (r, g, b, 0), or of a plane 65536 at density | strength << 8
     const float* refl;   // likewise
     const float* light;  // for each direction code
+    bool plane;
 };
 
 // Screen positions of a row's samples: value(n) = start + n * step, 2^-32 pixel.

@@ -28,6 +28,7 @@ struct Offsets {
 
 // As many samples at a time as there are lanes. Colours are worked on in four registers: number q holds every fourth
 // sample from q on, so that packing to bytes leaves them in order.
+template <bool plane>
 class GroupShading {
 public:
     GroupShading(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line,
@@ -48,8 +49,12 @@ public:
     }
 
 private:
-    const float* emit(std::size_t s) const { return tables_.emit + 4 * samples_.emit.bytes[s * samples_.emit.spacing]; }
-    const float* refl(std::size_t s) const { return tables_.refl + 4 * samples_.refl.bytes[s * samples_.refl.spacing]; }
+    const float* emit(std::size_t s) const { return tables_.emit + 4 * entry(samples_.emit, s); }
+    const float* refl(std::size_t s) const { return tables_.refl + 4 * entry(samples_.refl, s); }
+    std::size_t entry(const TableIndices& indices, std::size_t s) const {
+        if constexpr (plane) return samples_.voxels.packets[s] & 0xFFFF;
+        return indices.bytes[s * indices.spacing];
+    }
 
     template <int q>
     Integers levels(std::size_t s, Reals light) const {
@@ -72,11 +77,10 @@ private:
     const Offsets x_, y_;
 };
 
-}  // namespace
-
-void shade(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
-           std::uint64_t* out) {
-    const GroupShading shading(samples, tables, line, run);
+template <bool plane>
+void shade_run(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
+               std::uint64_t* out) {
+    const GroupShading<plane> shading(samples, tables, line, run);
     if (run.count < kWidest) {
         // Shade what lies behind the run too, but do not hand it out
         std::uint64_t all[kWidest];
@@ -90,6 +94,13 @@ void shade(const SurvivingSamples& samples, const ColourTables& tables, const Ro
         const std::size_t at = done + kWidest <= run.count ? done : run.count - kWidest;
         shading.write(run.first + at, run.descending, out + (run.descending ? run.count - kWidest - at : at));
     }
+}
+
+}  // namespace
+
+void shade(const SurvivingSamples& samples, const ColourTables& tables, const RowLine& line, const RunSamples& run,
+           std::uint64_t* out) {
+    (tables.plane ? shade_run<true> : shade_run<false>)(samples, tables, line, run, out);
 }
 
 }  // namespace volsplat::VOLSPLAT_PATH

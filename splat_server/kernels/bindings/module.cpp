@@ -5,6 +5,7 @@
 #include "combining.h"
 #include "kernels/bind_image_tiles.h"
 #include "kernels/bind_module.h"
+#include "kernels/tables/bind_patch_table.h"
 #include "owners.h"
 #include "slabs.h"
 
@@ -13,6 +14,7 @@ NB_MODULE(_kernels, m) {
     volsplat::bind_module(m);
     volsplat::bind_owners(m);
     volsplat::bind_combining(m);
+    volsplat::bind_patch_table(m);
     volsplat::bind_slabs(m);
     volsplat::bind_batch_decoder(m);
     volsplat::bind_image_tiles(m);

@@ -165,18 +165,19 @@ void bind_slabs(nb::module_& m) {
             "__init__",
             [](PythonSlabs* self, nb::object table, const SlabScene& scene, const SlabGrid& grid, int planes, int lead,
                int baseline, double thickness, const std::array<Vector3, 4>& places,
-               const std::array<Vector3, 2>& bounds, const SlabLight& light, nb::object lamp, nb::object sky) {
+               const std::array<Vector3, 2>& bounds, const SlabLight& light, nb::object lamp, nb::object sky,
+               const PatchTable* plane) {
                 const SlabTable* slices = &nb::cast<const SlabTable&>(table);
                 new (self) PythonSlabs{std::move(table),
                                        lamp,
                                        sky,
                                        SlabShading(scene, grid, rays_of(places, bounds, thickness, baseline),
-                                                   pointing_to(light, lamp, sky)),
+                                                   pointing_to(light, lamp, sky), plane),
                                        {slices, nullptr, planes, lead}};
                 self->frame.shading = &self->shading;
             },
             "table"_a, "scene"_a, "grid"_a, "planes"_a, "lead"_a, "baseline"_a, "thickness"_a, "places"_a, "bounds"_a,
-            "light"_a, "lamp"_a.none(), "sky"_a.none());
+            "light"_a, "lamp"_a.none(), "sky"_a.none(), "plane"_a.none());
 }
 
 }  // namespace volsplat

@@ -211,8 +211,19 @@ private:
 
     // Both colours times depth, and depth, over the span.
     void integrate() {
-        const ColourIntegral* const colours = view_.colours;
+        if (!view_.by_strength) {
+            integrate([this](int) { return view_.colours; });
+            return;
+        }
+        std::int32_t strengths[kAtOnce];
+        each(strengths, [this](int n) { return size_[n] * view_.grid->strength + 0.5; });
+        integrate([&](int n) { return view_.colours + strengths[n] * (kTableEntries + 1); });
+    }
+
+    template <class OfSample>
+    void integrate(const OfSample& of_sample) {
         for (int n = 0; n < count_; ++n) {
+            const ColourIntegral* const colours = of_sample(n);
             const auto emitted = [&](std::int32_t entry) { return colours[entry].emit; };
             const auto reflected = [&](std::int32_t entry) { return colours[entry].refl; };
             store(emitted_[n], integral_to<FourReals>(high_[n], emitted) - integral_to<FourReals>(low_[n], emitted));

@@ -157,6 +157,8 @@ SAMPLES: dict[type[Message], tuple[Message, bytes]] = {
         (messages.VoxelProbed(5, [messages.ProbedVoxel((1, 2, 3), -12.0, 0.5)]), b""),
         (messages.ReadSlice(6, 1, PLANE, PLAN, SHADING, GEOMETRY, QUANTISATION, 0), b""),
         (messages.SliceRead(6, 1, [Rectangle(0, 1, 2, 1)]), struct.pack("<2I8B", 1 << 31, 7, *range(8))),
+        (messages.CountPlane(8, 1, 0), b""),
+        (messages.PlaneCounted(8, 1), struct.pack("<2Q", 3, 4) + bytes(8 * 65534)),
         (messages.Refused("RenderFrame", "no such assignment", frame=7), b""),
         (messages.EndSession(), b""),
     )
@@ -437,6 +439,8 @@ STRATEGIES: dict[type[Message], st.SearchStrategy[Message]] = {
         ids,
         st.lists(st.builds(Rectangle, *[st.integers(0, 9)] * 2, *[st.integers(1, 9)] * 2), max_size=3),
     ),
+    messages.CountPlane: st.builds(messages.CountPlane, ids, ids, _level_numbers),
+    messages.PlaneCounted: st.builds(messages.PlaneCounted, ids, ids),
     messages.Refused: st.builds(
         messages.Refused, lines, lines, ids_or_none, ids_or_none, st.booleans(), ids_or_none, ids_or_none, st.booleans()
     ),

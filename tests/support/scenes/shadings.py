@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from torch import Tensor
 
 from support.scenes.arbitrary import bounds_within, views
+from volsplat.protocol.description.patches import Patch, Patches, Plane
 from volsplat.protocol.description.scene import (
     ColourTable,
     CrossBar,
@@ -27,6 +28,7 @@ from volsplat.protocol.rules.index_rules import Quantisation
 WINDOW = (-2.0, 2.0)
 WIDE_IMAGE = Image(width=8192, height=8192)  # holds all of a small volume at any of the zooms that are drawn
 
+SAME: Literal["same"] = "same"
 units = st.floats(0, 1)
 Scheme = Literal["octahedral", "paper"]
 SCHEMES: tuple[Scheme, ...] = ("octahedral", "paper")
@@ -65,6 +67,33 @@ def scalar_tables(draw: st.DrawFn) -> ScalarTable:
 
 
 @st.composite
+def ends(draw: st.DrawFn) -> tuple[float, float]:
+    """Often at the plane's own ends, and of one place."""
+    place = units | st.sampled_from((0.0, 1.0)) | st.integers(0, 255).map(lambda n: n / 255)
+    one, other = draw(place), draw(place)
+    return min(one, other), max(one, other)
+
+
+@st.composite
+def patches(draw: st.DrawFn, least: int = 1) -> Patches:
+    """Trapezia, triangles and rectangles that may overlap."""
+    colour = st.tuples(units, units, units)
+    drawn = [
+        Patch(
+            density=draw(ends()),
+            strength=draw(ends().filter(lambda rising: rising[0] < rising[1])),
+            top=draw(st.just(SAME) | ends()),
+            soft=draw(st.sampled_from((0.0, 1.0)) | units),
+            opacity=draw(st.just(1.0) | units),
+            emit=draw(st.just((0.0, 0.0, 0.0)) | colour),
+            refl=draw(colour),
+        )
+        for _ in range(draw(st.integers(least, 4)))
+    ]
+    return tuple(drawn)
+
+
+@st.composite
 def shaded_scenes(draw: st.DrawFn, geometry: Geometry, image: Image = WIDE_IMAGE) -> Scene:
     """Any tables, cross-bar, light and view that a volume of this geometry can be drawn with."""
     fields = st.sampled_from(Field)
@@ -77,6 +106,7 @@ def shaded_scenes(draw: st.DrawFn, geometry: Geometry, image: Image = WIDE_IMAGE
             modu=draw(scalar_tables()),
         ),
         cross_bar=CrossBar(emit=draw(fields), refl=draw(fields), opac=draw(fields), modu=draw(fields)),
+        plane=Plane(patches=draw(st.just(()) | patches())),
         shading=Shading(
             emitted=draw(st.booleans()),
             diffuse=draw(st.booleans()),
