@@ -1,5 +1,6 @@
 """The coordinator as a state machine: events in, instructions out, no socket and no clock."""
 
+import math
 import struct
 from dataclasses import replace
 from itertools import permutations
@@ -34,7 +35,8 @@ from support.messages.coordinated import (
     sent,
     surveyed,
 )
-from support.messages.message_samples import IDENTITY
+from support.messages.message_samples import GEOMETRY, IDENTITY, IN_SLABS, QUANTISATION, REGIONS
+from volsplat.client.coordinator.block_depths import BlockDepths
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     AnswerProbe,
@@ -65,7 +67,9 @@ from volsplat.protocol.description.volume import Box
 from volsplat.protocol.messages import messages
 from volsplat.protocol.messages.roles import Role
 from volsplat.protocol.rules.index_rules import Survey
+from volsplat.protocol.rules.light_blocks import light_block_dims
 from volsplat.protocol.rules.regions import Rectangle
+from volsplat.protocol.rules.shading_rule import shading_rule
 from volsplat.protocol.text.errors import BadInput, PeerLost
 
 
@@ -900,3 +904,19 @@ def test_who_leaves_waits_for_no_newcomer_that_is_lost() -> None:
     told = coordinator.handle(ServerLost(newcomer.server, "it was cut off"))
     assert (SPLAT, messages.EndSession) in sent(told)
     assert any(isinstance(instruction, FailSession) for instruction in told)
+
+
+def test_depths_of_blocks_are_asked_anew_of_other_patches_and_not_of_other_colours() -> None:
+    def frame(number: int, **patch: object) -> messages.RenderFrame:
+        scene = SCENE.with_(patches=[{"density": (0.2, 0.6), **patch}])
+        return messages.RenderFrame(
+            number, 1, IN_SLABS, shading_rule(scene, Step.G), GEOMETRY, QUANTISATION, 0, {1: 1}, REGIONS, True
+        )
+
+    depths = BlockDepths()
+    ((server, asked),) = depths.ask(frame(1), [1])
+    blocks = light_block_dims(GEOMETRY.dims)
+    depths.take(server, messages.DepthsSummed(1, 1, blocks), bytes(8 * math.prod(blocks)))
+    assert asked.frame == 1 and not depths.under_way
+    assert depths.ask(frame(2, refl="red"), [1]) == []
+    assert [server for server, _ in depths.ask(frame(3, opacity=0.9), [1])] == [1]
