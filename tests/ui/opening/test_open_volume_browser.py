@@ -20,6 +20,7 @@ from volsplat.bench.page_drag import REFINED
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.ui.viewport.viewport_link import OTHER_VOLUME
+from volsplat.deploy.forked_servers import FORK_SERVER
 
 if TYPE_CHECKING:
     from playwright.sync_api import Locator, Page
@@ -130,16 +131,18 @@ def test_while_one_is_opened_all_tabs_say_so_the_old_one_turns_and_any_tab_gives
     from playwright.sync_api import expect
 
     other = opened(page.context.new_page(), view.url)
-    servers = {server.pid for server in view.person.servers()}
+    servers = running(view)
     for tab in (page, other):
         tab.keyboard.press("o")
         expect(entry(tab, "molecules")).to_be_visible()
     entry(page, "molecules").click()
     entry(page, "protein.nrrd").click()
     new = held(view, servers)
-    expect(dialog(other).get_by_role("status")).to_contain_text("opening molecules/protein.nrrd")
+    for tab in (page, other):
+        expect(dialog(tab).get_by_role("status")).to_contain_text("opening molecules/protein.nrrd")
     expect(entry(other, "head.nrrd")).to_be_disabled()
     page.keyboard.press("Escape")
+    expect(dialog(page)).to_be_hidden()
     before = canvas(page)
     assert not torch.equal(after(page, lambda: drag(page, 60, 20)), before)
     dialog(other).get_by_role("button", name="cancel").click()
@@ -152,7 +155,7 @@ def test_while_one_is_opened_all_tabs_say_so_the_old_one_turns_and_any_tab_gives
 
 
 def test_servers_that_are_lost_while_one_is_opened_are_replaced(view: Viewed, page: Page) -> None:
-    servers = {server.pid for server in view.person.servers()}
+    servers = running(view)
     page.keyboard.press("o")
     entry(page, "molecules").click()
     entry(page, "protein.nrrd").click()
@@ -165,15 +168,20 @@ def test_servers_that_are_lost_while_one_is_opened_are_replaced(view: Viewed, pa
 
 
 def held(view: Viewed, before: set[int]) -> list[psutil.Process]:
-    """The servers that were started since, stopped before they can draw."""
+    """What new servers are forked from, stopped before there are any."""
 
     def new() -> list[psutil.Process]:
-        return [server for server in view.person.servers() if server.pid not in before]
+        below = psutil.Process(view.process.pid).children()
+        return [one for one in below if one.pid not in before and FORK_SERVER in one.cmdline()]
 
-    wait_until(lambda: len(new()) >= 2, "new servers start")
-    for server in (found := new()):
-        server.suspend()
+    wait_until(lambda: bool(new()), "new servers start")
+    for one in (found := new()):
+        one.suspend()
     return found
+
+
+def running(view: Viewed) -> set[int]:
+    return {one.pid for one in psutil.Process(view.process.pid).children()}
 
 
 def test_nothing_above_the_root_of_the_command_line_is_opened(root: Path, tmp_path: Path, browser_page: Page) -> None:
