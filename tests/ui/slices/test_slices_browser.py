@@ -68,7 +68,9 @@ def test_a_slice_is_zoomed_about_the_pointer_moved_and_reset_and_the_cross_hair_
     page.mouse.click(x, y)
     through, whole = {name: index_of(page, name) for name in "ij"}, shown(page, "k")
     sent = page.evaluate("() => window.volsplatViewport.sent.length")
+    page.keyboard.down("Control")
     page.mouse.wheel(0, -800)
+    page.keyboard.up("Control")
     until(page, lambda: across.get_attribute("data-zoom") == "4.000")
     assert shown(page, "k") != whole
     crossing = across.locator(".vs-slice-cross line").evaluate_all(
@@ -100,9 +102,7 @@ def test_wheel_and_keys_step_a_slice_and_leave_the_view_alone(page: Page) -> Non
     across, begin = slice_across(page, "k"), index_of(page, "k")
     pixels = shown(page, "k")
     across.hover()
-    page.keyboard.down("Shift")
     page.mouse.wheel(0, -100)
-    page.keyboard.up("Shift")
     until(page, lambda: index_of(page, "k") == begin + 2)
     assert shown(page, "k") != pixels
     across.focus()

@@ -7,7 +7,7 @@ const MARGIN = 14; // CSS pixels about the grid, for the letters
 const HALF_ZOOM = 400; // wheel pixels that halve or double the zoom
 const MOST_ZOOM = 64;
 const KEY_ZOOM = 1.25;
-const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps
+const PINCH = 10; // a touchpad's pinch comes as a wheel of small steps with Ctrl
 const NOTCH = 50; // wheel pixels of one slice
 const LINE = 33; // wheel pixels of a line, if a browser counts in lines
 const FAR = 10; // slices that PageUp and PageDown step
@@ -162,8 +162,11 @@ export class SliceView {
   #wheel(event) {
     event.preventDefault();
     const unit = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? LINE : 1;
-    const pixels = (event.deltaY || event.deltaX) * unit; // with Shift some browsers turn it aside
-    if (!event.shiftKey) return this.#zoomAt(this.#inView(event), 2 ** ((-pixels * (event.ctrlKey ? PINCH : 1)) / HALF_ZOOM));
+    const pixels = event.deltaY * unit;
+    if (event.ctrlKey || event.metaKey) {
+      const zoomed = pixels * (Math.abs(pixels) < NOTCH ? PINCH : 1);
+      return this.#zoomAt(this.#inView(event), 2 ** (-zoomed / HALF_ZOOM));
+    }
     this.#turned -= pixels;
     const slices = Math.trunc(this.#turned / NOTCH);
     this.#turned -= slices * NOTCH;
