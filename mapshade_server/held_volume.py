@@ -7,21 +7,21 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from volsplat.mapshade_server.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
-from volsplat.mapshade_server.lent_volume import AwaitedParts, LentVolume, lent
-from volsplat.mapshade_server.packet_store import is_store
-from volsplat.mapshade_server.parts_ahead import PartsAhead
-from volsplat.mapshade_server.readers import VolumeReader
-from volsplat.mapshade_server.slabs import PassedBox, slab_reader
-from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.volume_answers import Answer, Surveyed, check_within, counted, store_described
-from volsplat.mapshade_server.volume_identity import (
+from volsplat.mapshade_server.answers.volume_answers import Answer, Surveyed, check_within, counted, store_described
+from volsplat.mapshade_server.held.kept_packets import GivenUp, packed_sub_cubes, stored_sub_cubes
+from volsplat.mapshade_server.held.lent_volume import AwaitedParts, LentVolume, lent
+from volsplat.mapshade_server.held.packet_store import is_store
+from volsplat.mapshade_server.held.slabs import PassedBox, slab_reader
+from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.held.volume_identity import (
     check_still,
     described_store,
     described_volume,
     identified_store,
     identified_volume,
 )
+from volsplat.mapshade_server.parts_ahead import PartsAhead
+from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.program.memory_budget import MemoryBudget, bytes_to_change, bytes_to_lend, bytes_to_read
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.description.volume_identity import VolumeIdentity

@@ -4,10 +4,10 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
-from volsplat.mapshade_server.kept_packets import GivenUp
-from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.volume_answers import check_within
-from volsplat.mapshade_server.volume_identity import check_still, described_volume
+from volsplat.mapshade_server.answers.volume_answers import check_within
+from volsplat.mapshade_server.held.kept_packets import GivenUp
+from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
 from volsplat.program.memory_budget import MemoryBudget, bytes_to_read
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.description.volume_identity import VolumeIdentity

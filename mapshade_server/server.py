@@ -17,18 +17,19 @@ from dataclasses import replace
 import msgspec
 
 from volsplat.mapshade_server._kernels import SignsOfLife
-from volsplat.mapshade_server.file_answers import FileAnswers
-from volsplat.mapshade_server.frame_delivery import FrameDelivery
-from volsplat.mapshade_server.frame_tally import FrameTally
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.answers.file_answers import FileAnswers
+from volsplat.mapshade_server.answers.light_depths import depths_summed
+from volsplat.mapshade_server.answers.probe import front_most
+from volsplat.mapshade_server.answers.slice_parts import slice_parts
+from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
+from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
+from volsplat.mapshade_server.frames.frame_delivery import FrameDelivery
+from volsplat.mapshade_server.frames.frame_tally import FrameTally
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.kept_packets import GivenUp
 from volsplat.mapshade_server.held_volume import NO_PAYLOAD, HeldVolume
-from volsplat.mapshade_server.kept_packets import GivenUp
 from volsplat.mapshade_server.links.data_links import DataLinks
-from volsplat.mapshade_server.probe import front_most
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
-from volsplat.mapshade_server.slice_parts import slice_parts
-from volsplat.mapshade_server.visible_voxels import VoxelFields, depths_summed
-from volsplat.mapshade_server.volume_answers import Answer, plane_counts
 from volsplat.mapshade_server.waiting_requests import WaitingRequests
 from volsplat.program.available_memory import available_memory
 from volsplat.program.counts import Counts

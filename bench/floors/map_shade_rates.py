@@ -13,8 +13,8 @@ from volsplat.bench import _kernels as floors
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.bench.timing import interleaved, thread_seconds
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frame_walk import FrameWalk
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ColourTable, Image, Order, ScalarTable, Scene, Step, Tables, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import plan_frame

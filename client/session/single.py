@@ -46,13 +46,15 @@ from volsplat.client.trace.frame_tracer import FrameTracer
 from volsplat.client.trace.single_frame import note_frame
 from volsplat.client.volume.file_voxel import FileVoxel, check_is_voxel
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.mapshade_server.file_voxels import FileVoxels
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.answers.file_voxels import FileVoxels
+from volsplat.mapshade_server.answers.light_depths import depths_summed
+from volsplat.mapshade_server.answers.probe import front_most
+from volsplat.mapshade_server.answers.slice_parts import slice_parts
+from volsplat.mapshade_server.answers.visible_voxels import VoxelSheets
+from volsplat.mapshade_server.answers.volume_answers import Answer, plane_counts
+from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.mapshade_server.probe import front_most
-from volsplat.mapshade_server.slice_parts import slice_parts
-from volsplat.mapshade_server.visible_voxels import VoxelFields, VoxelSheets, depths_summed
-from volsplat.mapshade_server.volume_answers import Answer, plane_counts
 from volsplat.program.available_memory import available_memory
 from volsplat.program.peak_memory import peak_memory
 from volsplat.program.this_machine import this_machine

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.packet_store import BRICK_FIELDS, STORED, Packets
+from volsplat.mapshade_server.held.packet_store import BRICK_FIELDS, STORED, Packets
 from volsplat.protocol.rules.packet_layout import NO_DATA_BIT
 
 DENSITY, STRENGTH, TOP = 0, 1, 3  # bytes of a packet, little-endian

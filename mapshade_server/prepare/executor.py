@@ -3,12 +3,12 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Protocol
 
+from volsplat.mapshade_server.held.slabs import Slab, SlabReader
 from volsplat.mapshade_server.prepare.ahead import ahead
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker, StoredBlock
 from volsplat.mapshade_server.prepare.scalars import Scalars
 from volsplat.mapshade_server.prepare.store_writer import ShardPlace, StoreWriter
 from volsplat.mapshade_server.prepare.survey import Found, Surveyor
-from volsplat.mapshade_server.slabs import Slab, SlabReader
 from volsplat.protocol.description.volume import Box
 
 

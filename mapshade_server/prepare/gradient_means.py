@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.packet_store import Packets
+from volsplat.mapshade_server.held.packet_store import Packets
 from volsplat.mapshade_server.prepare.halving import sums
 from volsplat.protocol.rules.index_rules import (
     AGREEMENTS,

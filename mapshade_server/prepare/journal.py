@@ -12,7 +12,7 @@ from pathlib import Path
 
 import msgspec
 
-from volsplat.mapshade_server.packet_store import Source
+from volsplat.mapshade_server.held.packet_store import Source
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.protocol.text.errors import BadInput
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.packet_store import BRICK_FIELDS, Packets
+from volsplat.mapshade_server.held.packet_store import BRICK_FIELDS, Packets
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.brick_extents import brick_extents
 from volsplat.mapshade_server.prepare.gradient_means import halved_gradients, with_gradients
 from volsplat.mapshade_server.prepare.halving import halved, halved_second
@@ -15,7 +16,6 @@ from volsplat.mapshade_server.prepare.level_source import LevelSource
 from volsplat.mapshade_server.prepare.scalars import BlockScalars, Scalars, StoredScalars
 from volsplat.mapshade_server.prepare.store_writer import StoreWriter
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import HALO, Box, Geometry
 from volsplat.protocol.rules.index_rules import Quantisation
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Generic
 
+from volsplat.mapshade_server.held.slabs import Slab, SlabReader
 from volsplat.mapshade_server.prepare.level_packing import LevelPacker, StoredBlock
 from volsplat.mapshade_server.prepare.progress import Progress
 from volsplat.mapshade_server.prepare.run_mark import RunMark
@@ -15,7 +16,6 @@ from volsplat.mapshade_server.prepare.scalars import Scalars
 from volsplat.mapshade_server.prepare.shared_volume import SharedVolume, shared_scalars
 from volsplat.mapshade_server.prepare.store_writer import ShardPlace, StoreWriter
 from volsplat.mapshade_server.prepare.survey import Found
-from volsplat.mapshade_server.slabs import Slab, SlabReader
 from volsplat.program.task_pool import TaskPool
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box
 

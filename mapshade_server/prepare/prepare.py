@@ -11,7 +11,7 @@ from typing import Literal
 import msgspec
 import numpy as np
 
-from volsplat.mapshade_server.packet_store import (
+from volsplat.mapshade_server.held.packet_store import (
     BRICK_FIELDS,
     BRICKS,
     Source,
@@ -20,6 +20,8 @@ from volsplat.mapshade_server.packet_store import (
     attributes_of,
     is_store,
 )
+from volsplat.mapshade_server.held.slabs import SLAB_BYTES, SlabReader
+from volsplat.mapshade_server.held.volume_identity import identified_volume, identity_of
 from volsplat.mapshade_server.prepare.executor import Executor, Threads
 from volsplat.mapshade_server.prepare.halving import mean_type
 from volsplat.mapshade_server.prepare.journal import FOLDER, Journal, Wish, alone, check_source, other_options
@@ -34,8 +36,6 @@ from volsplat.mapshade_server.prepare.shared_volume import SharedVolume
 from volsplat.mapshade_server.prepare.store_writer import ShardPlace, StoreWriter, begin_store, brick_dims, sweep
 from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers.reading.extra import library
-from volsplat.mapshade_server.slabs import SLAB_BYTES, SlabReader
-from volsplat.mapshade_server.volume_identity import identified_volume, identity_of
 from volsplat.program.task_pool import TaskPool
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.description.volume_identity import VolumeIdentity

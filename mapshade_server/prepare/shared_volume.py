@@ -4,10 +4,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 from threading import Lock
 
+from volsplat.mapshade_server.held.volume_identity import described_volume
 from volsplat.mapshade_server.prepare.run_mark import RunMark
 from volsplat.mapshade_server.prepare.scalars import Scalars, volume_scalars
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.mapshade_server.volume_identity import described_volume
 from volsplat.protocol.description.volume import Box
 from volsplat.protocol.description.volume_identity import VolumeIdentity
 

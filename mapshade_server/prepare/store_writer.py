@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.packet_store import (
+from volsplat.mapshade_server.held.packet_store import (
     BLOCKS,
     BRICK_FIELDS,
     BRICKS,

@@ -10,9 +10,9 @@ from typing import Literal, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from volsplat.mapshade_server.held.slabs import Slab, SlabReader
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare.progress import Progress
-from volsplat.mapshade_server.slabs import Slab, SlabReader
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import Geometry, VolumeDescription
 from volsplat.protocol.rules import index_rules

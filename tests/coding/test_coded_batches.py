@@ -18,10 +18,10 @@ from support.scenes.coded_batches import (
 )
 from support.scenes.shaded_packets import all_batches
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK, BatchCoder
 from volsplat.mapshade_server.links.shaded_batch import ShadedPart
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import Bounds, Image, Order, Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages.messages import BatchPart

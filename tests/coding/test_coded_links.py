@@ -13,12 +13,12 @@ from support.scenes.coded_batches import raw_bytes
 from support.scenes.shaded_packets import all_batches
 from support.scenes.shadings import WINDOW
 from volsplat.bench.slow_link import slow_link
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import CLOSE, QUICK
 from volsplat.mapshade_server.links.data_link import DataLink, Sent
 from volsplat.mapshade_server.links.link_coding import BYTES_WITHOUT_WAIT, RAW, CodingChoice
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import Step, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages

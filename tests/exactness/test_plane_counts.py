@@ -13,8 +13,8 @@ from support.scenes.shadings import partitions, quantisations, volumes
 from volsplat.client import Session
 from volsplat.client.histogram.plane_counts import PlaneCounts
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.volume_answers import plane_counts
+from volsplat.mapshade_server.answers.volume_answers import plane_counts
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import Scene
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.index_rules import Quantisation

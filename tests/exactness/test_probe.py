@@ -18,8 +18,8 @@ from tolerances import POINT_TIE
 from volsplat.client import Session
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.probe import front_most
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.answers.probe import front_most
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import Bounds, Quantise, Scene, Step, View
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.messages import ProbedVoxel

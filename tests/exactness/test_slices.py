@@ -17,9 +17,9 @@ from volsplat.client import Session
 from volsplat.client.session.single import SingleProcess
 from volsplat.client.slices.slice_picture import MISSING, slice_picture
 from volsplat.client.slices.volume_slice import VolumeSlice
-from volsplat.mapshade_server.slice_parts import THICKNESS, slice_parts
-from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.visible_voxels import VoxelFields
+from volsplat.mapshade_server.answers.slice_parts import THICKNESS, slice_parts
+from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import plan_frame

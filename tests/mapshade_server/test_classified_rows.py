@@ -32,9 +32,9 @@ from support.scenes.shaded_packets import all_batches, batches_of, packets_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.frame_walk import FrameWalk, sample_reach
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk, sample_reach
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, WORD_TILES, tile_map_shape

@@ -19,10 +19,10 @@ from support.programs.mapshade_bench import Bench, probe, render
 from support.scenes.arbitrary import plain_scene
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.volume.file_voxel import FileVoxel
-from volsplat.mapshade_server import file_voxels
-from volsplat.mapshade_server.file_voxels import FileVoxels
+from volsplat.mapshade_server.answers import file_voxels
+from volsplat.mapshade_server.answers.file_voxels import FileVoxels
+from volsplat.mapshade_server.held.volume_identity import identified_volume
 from volsplat.mapshade_server.readers import VolumeReader
-from volsplat.mapshade_server.volume_identity import identified_volume
 from volsplat.protocol.description.scene import View
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, Index
 from volsplat.protocol.messages import messages

@@ -12,9 +12,9 @@ from reference import mapping
 from support.scenes.arbitrary import flips_and_orders, geometries, plain_scene, quaternion_to
 from support.scenes.shaded_packets import all_batches, batches_of, packets_of, runs_of
 from support.scenes.shadings import WINDOW, partitions, quantisations, shaded_scenes, volumes
-from volsplat.mapshade_server.frame_walk import FrameWalk, sample_reach
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk, sample_reach
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry, Index
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame

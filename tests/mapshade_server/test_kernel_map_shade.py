@@ -20,9 +20,10 @@ from support.scenes.shaded_packets import Packets, all_batches, packets_of
 from support.scenes.shadings import directions, quantisations, scalar_tables, shaded_scenes, volumes
 from tolerances import CODE_TIE, FLOAT32_COLOUR, MEAN_LIGHT, MEAN_OPACITY, POWER
 from volsplat.bench.floors.cpu_paths import kernels_on
-from volsplat.mapshade_server import _kernels, shading_tables
-from volsplat.mapshade_server.frame_walk import FrameWalk
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.frames import shading_tables
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import ScalarTable, Scene, Step
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, plan_frame

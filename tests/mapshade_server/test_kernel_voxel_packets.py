@@ -17,7 +17,7 @@ from support.scenes.shadings import WINDOW, Scheme, directions, partitions, quan
 from tolerances import SQUARE_ROOT
 from volsplat.bench.floors.cpu_paths import kernels_on
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes, block_dims, block_size
 from volsplat.protocol.description.volume import HALO, Box, Geometry
 from volsplat.protocol.geometry import matrices

@@ -17,7 +17,7 @@ from support.scenes.arbitrary import plain_scene
 from support.scenes.phantoms import QUANTISATION
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.mapshade_server.volume_identity import identified_volume
+from volsplat.mapshade_server.held.volume_identity import identified_volume
 from volsplat.protocol.description.scene import Order, View
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.messages import messages

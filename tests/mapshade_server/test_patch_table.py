@@ -10,7 +10,8 @@ from reference.plane import PlaneTable, plane_table
 from support.scenes.arbitrary import plain_scene
 from support.scenes.shadings import patches
 from tolerances import MEAN_OPACITY
-from volsplat.mapshade_server import _kernels, shading_tables
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.frames import shading_tables
 from volsplat.protocol.description.patches import Patch, Patches, greatest_opacity
 from volsplat.protocol.description.scene import Step
 from volsplat.protocol.rules.shading_rule import shading_rule

@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from support.files.prepared import SKEWED, values_of
+from volsplat.mapshade_server.held.slabs import PassedBox, SlabReader
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.mapshade_server.slabs import PassedBox, SlabReader
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import Box, Geometry, Index
 
 sides = st.integers(1, 17)

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.text.errors import BadInput
 

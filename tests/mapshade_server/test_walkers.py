@@ -15,9 +15,9 @@ from support.scenes.owned import owners, wait_until_complete
 from support.scenes.rendering import batch_memory
 from support.scenes.shaded_packets import batches_of, packets_of, runs_of
 from support.scenes.shadings import WINDOW, partitions, shaded_scenes, volumes
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import Image, Order, ScalarTable, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.closed_tiles import TILE_SIDE, new_tile_map

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from support.files.prepared import ODD_DIMS, SMALL, packed_whole, prepare_small, store_of, values_of, written
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.packet_store import STORED, PacketStore, is_store, open_store
+from volsplat.mapshade_server.held.packet_store import STORED, PacketStore, is_store, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.layout import Layout
 from volsplat.protocol.description.scene import Refine

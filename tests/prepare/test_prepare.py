@@ -36,7 +36,7 @@ from support.files.prepared import (
 from support.patience import PATIENCE, wait_until
 from support.programs.programs import VOLSPLAT, Person
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.packet_store import PacketStore, attributes_of, open_store
+from volsplat.mapshade_server.held.packet_store import PacketStore, attributes_of, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.command import window_from_option
 from volsplat.mapshade_server.prepare.halving import halved, mean_type

@@ -16,7 +16,7 @@ from support.files.prepared import LITTLE, SMALL, killed_after, packed_whole, pr
 from support.files.reflection_files import mtz
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.packet_store import PacketStore, open_store
+from volsplat.mapshade_server.held.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.prepare import Options
 from volsplat.mapshade_server.prepare.halving import halved_second
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES

@@ -19,9 +19,9 @@ from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.answers.probe import front_most
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.mapshade_server.probe import front_most
 from volsplat.protocol.description.scene import Scene, Step, View
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Geometry, VolumeDescription
 from volsplat.protocol.messages import messages

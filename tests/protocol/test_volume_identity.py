@@ -20,9 +20,9 @@ from volsplat.client import Session
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held.sub_cube import SubCube
+from volsplat.mapshade_server.held.volume_identity import BLOCK_BYTES, identified_store, identified_volume
 from volsplat.mapshade_server.held_volume import HeldVolume
-from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.volume_identity import BLOCK_BYTES, identified_store, identified_volume
 from volsplat.protocol.description.scene import Quantise, Scene, Step
 from volsplat.protocol.messages import messages
 from volsplat.protocol.text.errors import BadInput

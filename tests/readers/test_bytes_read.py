@@ -19,13 +19,13 @@ from support.programs.programs import VOLSPLAT
 from volsplat.client.coordinator.shares.sub_cubes import divided
 from volsplat.client.session.session import Session
 from volsplat.client.session.single import SingleProcess
+from volsplat.mapshade_server.held.slabs import SlabReader
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare import Options, prepare
 from volsplat.mapshade_server.prepare.executor import Threads
 from volsplat.mapshade_server.prepare.layout import PROGRAM_BYTES, Layout
 from volsplat.mapshade_server.prepare.survey import survey_volume
 from volsplat.mapshade_server.readers import open_volume
-from volsplat.mapshade_server.slabs import SlabReader
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import Geometry
 
 MOST_READ = 1.2  # times what the file has

@@ -106,7 +106,7 @@ def test_a_fifo_in_a_packet_store_is_refused(name: str, tmp_path: Path) -> None:
     prepare_small(written(tmp_path / "v.nrrd", values_of("uint8", (8, 8, 8))), tmp_path / "v.zarr")
     fifo(tmp_path / "v.zarr" / name)
     program = (
-        "import sys; from volsplat.mapshade_server.packet_store import open_store; s = open_store(sys.argv[1]); "
+        "import sys; from volsplat.mapshade_server.held.packet_store import open_store; s = open_store(sys.argv[1]); "
         "s.read(0, s.levels[0].geometry.box)"
     )
     done = subprocess.run(

@@ -10,9 +10,9 @@ from support.checkout import ROOT
 from support.files.opened import described, read_whole
 from support.files.refusals import assert_refused_in_one_line
 from support.files.samples import FOLDER_SAMPLES, SAMPLES
-from volsplat.mapshade_server.file_voxels import FileVoxels
+from volsplat.mapshade_server.answers.file_voxels import FileVoxels
+from volsplat.mapshade_server.held.volume_identity import identified_volume
 from volsplat.mapshade_server.readers.open_volume import FOLDER_FORMATS, FORMATS, VolumeFormat, format_of
-from volsplat.mapshade_server.volume_identity import identified_volume
 from volsplat.protocol.messages.value_messages import ReadVoxel, VoxelRead
 
 # Of these a part is a volume too, or a file without its end.

@@ -19,7 +19,7 @@ from volsplat.client.coordinator.lending import slabs
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
 from volsplat.client.session.single import SingleProcess
-from volsplat.mapshade_server.lent_volume import AwaitedParts, lent
+from volsplat.mapshade_server.held.lent_volume import AwaitedParts, lent
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
 from volsplat.protocol.description.volume import HALO, Box, Geometry, VolumeDescription
 from volsplat.protocol.messages.messages import AwaitParts, Part

@@ -23,10 +23,10 @@ from support.scenes.shaded_packets import all_batches
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.client.session.image_receiver import ImageReceiver
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.batch_coder import QUICK, BatchCoder
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TRAVERSAL_ORDERS, Image, Order, Scene, Step, View
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages

@@ -10,11 +10,11 @@ import numpy as np
 import torch
 
 from volsplat.client.phantoms.volume_writer import write_volume
-from volsplat.mapshade_server.packet_store import Packets, PacketStore, open_store
+from volsplat.mapshade_server.held.packet_store import Packets, PacketStore, open_store
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.prepare import Options, Prepared, prepare
 from volsplat.mapshade_server.prepare.layout import MIB, PROGRAM_BYTES, Layout
 from volsplat.mapshade_server.readers.reading.volume_reader import Voxels
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.geometry.matrices import Matrix
 from volsplat.protocol.rules.index_rules import Quantisation

@@ -15,10 +15,10 @@ from support.scenes.phantoms import QUANTISATION
 from volsplat.client.coordinator.block_depths import BlockDepths
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.answers.light_depths import depths_summed
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
-from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.visible_voxels import depths_summed
 from volsplat.protocol.description.scene import Scene, Step
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.messages import messages

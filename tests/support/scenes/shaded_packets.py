@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from volsplat.mapshade_server.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk, Walker
+from volsplat.mapshade_server.frames.frame_walk import DEFAULT_PACKETS, DEFAULT_VOXELS, FrameWalk, Walker
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.protocol.rules.packet_layout import COLOUR_SHIFT, OPACITY_SHIFT, POSITION_BITS, ROW_RUN_BYTES
 

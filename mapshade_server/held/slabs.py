@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from volsplat.mapshade_server.held.sub_cube import Histograms, SubCube
 from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader, Voxels
-from volsplat.mapshade_server.sub_cube import Histograms, SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.volume import HALO, SCALAR_BYTES, Box, Geometry, Index
 from volsplat.protocol.rules.index_rules import HISTOGRAM_BINS, Survey

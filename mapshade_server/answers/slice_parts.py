@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from volsplat.mapshade_server.sub_cube import SubCube
-from volsplat.mapshade_server.visible_voxels import VoxelFields
+from volsplat.mapshade_server.answers.voxel_fields import VoxelFields
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.rules.regions import Rectangle
 from volsplat.protocol.rules.slice_plane import SlicePlane
 

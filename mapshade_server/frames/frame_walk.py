@@ -3,9 +3,10 @@
 import math
 from collections.abc import Sequence
 
-from volsplat.mapshade_server import _kernels, shading_tables
+from volsplat.mapshade_server import _kernels
+from volsplat.mapshade_server.frames import shading_tables
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch, ShadedPart
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Field
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan, Reach

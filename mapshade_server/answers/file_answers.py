@@ -5,9 +5,9 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager, suppress
 from queue import SimpleQueue
 
-from volsplat.mapshade_server.file_voxels import FileVoxels
+from volsplat.mapshade_server.answers.file_voxels import FileVoxels
+from volsplat.mapshade_server.answers.volume_answers import Answer
 from volsplat.mapshade_server.readers.reading.data_root import DataRoot
-from volsplat.mapshade_server.volume_answers import Answer
 from volsplat.protocol.messages.folder_messages import ListFolder
 from volsplat.protocol.messages.refusals import refusal
 from volsplat.protocol.messages.value_messages import ReadVoxel

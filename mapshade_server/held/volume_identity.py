@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TypeVar
 from urllib.parse import unquote
 
-from volsplat.mapshade_server.packet_store import PacketStore, open_store
+from volsplat.mapshade_server.held.packet_store import PacketStore, open_store
 from volsplat.mapshade_server.readers import VolumeReader, open_volume
 from volsplat.mapshade_server.readers.reading.volume_files import Span, VolumeFile, files_of
 from volsplat.protocol.description.volume import VolumeDescription

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from volsplat.mapshade_server import _kernels
-from volsplat.mapshade_server.packet_store import Packets, PacketStore
+from volsplat.mapshade_server.held.packet_store import Packets, PacketStore
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.readers import VolumeReader
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import Box, Geometry
 from volsplat.protocol.rules.index_rules import Quantisation
 from volsplat.protocol.rules.levels import LISTS_PER_PACKET, LISTS_PER_STORED_PACKET

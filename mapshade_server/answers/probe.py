@@ -2,8 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
-from volsplat.mapshade_server import shading_tables
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.frames import shading_tables
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.scene import Field
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.messages import ProbedVoxel

@@ -7,9 +7,9 @@ import threading
 from dataclasses import dataclass
 from typing import Any
 
+from volsplat.mapshade_server.answers.volume_answers import Answer, check_within
+from volsplat.mapshade_server.held.volume_identity import check_still, described_volume
 from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, VolumeReader, Voxels
-from volsplat.mapshade_server.volume_answers import Answer, check_within
-from volsplat.mapshade_server.volume_identity import check_still, described_volume
 from volsplat.program.available_memory import available_memory
 from volsplat.protocol.description.volume import SCALAR_BYTES, Box, Index, VolumeDescription
 from volsplat.protocol.description.volume_identity import VolumeIdentity

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.mapshade_server.readers import VolumeReader
 from volsplat.mapshade_server.readers.reading.volume_reader import SecondScalarReader, Voxels
-from volsplat.mapshade_server.sub_cube import SubCube
 from volsplat.protocol.description.volume import HALO, Box, VolumeDescription
 from volsplat.protocol.messages.messages import AwaitParts, Part, ScalarType
 from volsplat.protocol.text.errors import BadInput

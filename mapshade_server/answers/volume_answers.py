@@ -8,9 +8,9 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 
-from volsplat.mapshade_server.packet_store import PacketStore
-from volsplat.mapshade_server.slabs import PassedBox
-from volsplat.mapshade_server.sub_cube import SubCube
+from volsplat.mapshade_server.held.packet_store import PacketStore
+from volsplat.mapshade_server.held.slabs import PassedBox
+from volsplat.mapshade_server.held.sub_cube import SubCube
 from volsplat.protocol.description.block_extremes import BlockExtremes
 from volsplat.protocol.description.patches import PLANE_ENTRIES
 from volsplat.protocol.description.volume import Box, Geometry

@@ -4,8 +4,8 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 
-from volsplat.mapshade_server.frame_tally import FrameTally, LinkTally
-from volsplat.mapshade_server.frame_walk import FrameWalk
+from volsplat.mapshade_server.frames.frame_tally import FrameTally, LinkTally
+from volsplat.mapshade_server.frames.frame_walk import FrameWalk
 from volsplat.mapshade_server.links.data_link import DataLink, Sent
 from volsplat.mapshade_server.links.shaded_batch import ShadedBatch
 from volsplat.program.frame_spans import UNTRACED, FrameSpans

@@ -1,0 +1,94 @@
+"""What a frame makes of voxels, in numbers: the bytes that index tables, opacity and colour."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from volsplat.mapshade_server.frames import shading_tables
+from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.volume import Geometry
+from volsplat.protocol.rules.frame_plan import FramePlan
+from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
+from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
+from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, opacity_of_code
+from volsplat.protocol.rules.shading_rule import ShadingRule
+
+GRADIENTS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
+SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
+GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+
+OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)
+
+Bytes = NDArray[np.uint8]
+Indices = NDArray[np.int64]  # (n, 3) i, j, k, of the level that the plan draws
+Packets = NDArray[np.uint32]  # (n,)
+Colours = NDArray[np.float32]  # (n, 3), 0 to 1, before light
+
+
+@dataclass(frozen=True)
+class VoxelFields:
+    """What a frame by these rules makes of many voxels at once; `geometry` is the volume's."""
+
+    geometry: Geometry
+    quantisation: Quantisation
+    shading: ShadingRule
+    plan: FramePlan
+
+    @property
+    def directions(self) -> DirectionCode:
+        return self.quantisation.directions_at(self.plan.factors)
+
+    @property
+    def uses_index(self) -> bool:
+        """Whether opacity depends on where a voxel lies."""
+        return not shading_tables.opacity_rule(self.shading).by_packet
+
+    def opacity(self, index: Indices, packets: Packets, thickness: float) -> NDArray[np.float32]:
+        """Of cells so thick, in reference spacings of the volume."""
+        opacities: NDArray[np.float32] = OPACITIES[self.opacity_codes(index, packets, thickness)]
+        return opacities
+
+    def opacity_codes(self, index: Indices, packets: Packets, thickness: float) -> NDArray[np.uint16]:
+        """Likewise. Where the index is not used it may be left empty."""
+        rule = shading_tables.opacity_rule(self.shading)
+        codes = np.asarray(memoryview(shading_tables.opacity_codes(rule, thickness)))
+        if rule.by_packet:
+            by_packet: NDArray[np.uint16] = codes[packets & np.uint32(0xFFFF)]
+            return by_packet
+        low, high = (
+            self.bytes_of(field, index, packets).astype(np.int64) for field in shading_tables.opacity_fields(rule)
+        )
+        by_fields: NDArray[np.uint16] = codes[low | high << 8]
+        return by_fields
+
+    def colours(self, index: Indices, packets: Packets) -> tuple[Colours, Colours]:
+        """Emitted and reflected."""
+        tables, cross_bar = shading_tables.frame_colours(self.shading), self.shading.cross_bar
+        emitted, reflected = (
+            np.asarray(table, dtype=np.float32)[self._entries(field, index, packets, tables.of_plane), :3]
+            for table, field in ((tables.emit, cross_bar.emit), (tables.refl, cross_bar.refl))
+        )
+        return emitted, reflected
+
+    def _entries(self, field: Field, index: Indices, packets: Packets, of_plane: bool) -> Packets | Bytes:
+        return packets & np.uint32(0xFFFF) if of_plane else self.bytes_of(field, index, packets)
+
+    def bytes_of(self, field: Field, index: Indices, packets: Packets) -> Bytes:
+        if field == Field.DENSITY:
+            return (packets & 255).astype(np.uint8)
+        if field == Field.STRENGTH:
+            return (packets >> 8 & 255).astype(np.uint8)
+        if field in GRADIENTS:
+            directions = np.asarray(shading_tables.gradient_bytes(self.directions, self.geometry.index_to_physical))
+            of_codes: Bytes = directions[GRADIENTS.index(field), packets >> DIRECTION_SHIFT & 0x7FFF]
+            return of_codes
+        if field in SCREEN:
+            dda = self.plan.screen_index[SCREEN.index(field)]
+            place = dda.origin + 2 * index @ np.array(dda.half_steps, dtype=np.int64)
+            of_screen: Bytes = np.clip(place >> FRACTION_BITS, 0, 255).astype(np.uint8)
+            return of_screen
+        axis = GRID.index(field)
+        grid = np.frombuffer(shading_tables.grid_bytes(self.geometry.dims[axis], self.plan.factors[axis]), np.uint8)
+        of_axis: Bytes = grid[index[:, axis]]
+        return of_axis
