@@ -13,6 +13,7 @@ from typing import NoReturn
 
 from volsplat.program.exit_status import EXIT_BAD_INPUT, EXIT_FAILED, EXIT_INTERRUPTED
 
+COMPLETION = "_VOLSPLAT_COMPLETE"  # set by the shell that asks what a word may become
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # as for what is printed into a file
 
 
@@ -27,7 +28,8 @@ def _status() -> int:
     """Of the sub-command, once it has ended in whatever way, with its cause printed."""
     import click
 
-    from volsplat.client.command.commands import volsplat
+    from volsplat.client.command.commands import starts_servers, volsplat
+    from volsplat.deploy.forked_servers import begin_ahead
     from volsplat.program.load_failures import load_failure
     from volsplat.protocol.text.errors import BadInput, VolsplatError
 
@@ -35,6 +37,8 @@ def _status() -> int:
         warnings.simplefilter("ignore")
     try:
         _listen_to_signals()
+        if COMPLETION not in os.environ and starts_servers(sys.argv[1:]):
+            begin_ahead()
         volsplat.main(standalone_mode=False)
     except click.exceptions.NoArgsIsHelpError as error:
         error.show()

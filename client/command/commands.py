@@ -4,6 +4,7 @@ import logging
 import os
 import resource
 import sys
+from collections.abc import Sequence
 from importlib import import_module
 from itertools import groupby
 from typing import NamedTuple
@@ -13,16 +14,13 @@ from click.shell_completion import CompletionItem
 
 from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.command.choices import meant
-from volsplat.deploy.forked_servers import begin_ahead
 from volsplat.deploy.server_command import Program
 from volsplat.program.extras import need
 from volsplat.program.log_lines import FORM_VARIABLE, LogForm, log_format_option, log_to_stderr
 from volsplat.protocol.text.errors import BadInput
 
 LEAST_MEMORY_FOR_TORCH = 900 * 10**6  # bytes of addresses; with less it can abort while it is loaded
-
-
-# Of what is on the command line; it is read only once the command is imported, which takes as long as loading servers.
+# With one of these a command starts no servers.
 SERVES_NOBODY = {"--single", "--cluster", "--listen", "--help", "-h"}
 DRAW, VOLUMES, MACHINES, MEASURE = "Show and draw", "Volumes and scenes", "Machines", "Measure"
 
@@ -40,7 +38,7 @@ ENTRIES = {
     "view": Entry(DRAW, "Show a volume in the browser, with every control.", serves=True),
     "render": Entry(DRAW, "Draw a volume into an image.", serves=True),
     "movie": Entry(DRAW, "Turn a volume around, or fly through it, into a movie.", serves=True),
-    "export": Entry(DRAW, "Write what is visible as 3-D Gaussians, or a surface as a mesh.", serves=True),
+    "export": Entry(DRAW, "Write what is visible as 3-D Gaussians, or a surface as a mesh."),
     "demo": Entry(DRAW, "Draw the head phantom, step by step, into a folder.", torch=True),
     "gallery": Entry(DRAW, "Draw the paper's sixteen images on four plates.", torch=True),
     "info": Entry(VOLUMES, "Tell what a volume is, with its histogram."),
@@ -65,6 +63,12 @@ ENTRIES = {
 }
 
 
+def starts_servers(words: Sequence[str]) -> bool:
+    """Whether a command line will start servers; guessed, since the command takes a while to import."""
+    serves = any(ENTRIES[word].serves for word in words if word in ENTRIES)
+    return serves and not SERVES_NOBODY.intersection(word.partition("=")[0] for word in words)
+
+
 class Commands(click.Group):
     """Finds sub-commands in ENTRIES, and lists them without importing any."""
 
@@ -79,8 +83,6 @@ class Commands(click.Group):
             return _becoming(name, entry.program)
         if entry.torch:
             _need_torch(name)
-        if entry.serves and not SERVES_NOBODY.intersection(word.partition("=")[0] for word in sys.argv):
-            begin_ahead()
         with interrupts_held():
             command: click.Command = getattr(import_module(entry.module.format(name=name)), name)
         return command

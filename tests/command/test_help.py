@@ -8,7 +8,7 @@ import sys
 import click
 import pytest
 
-from volsplat.client.command.commands import ENTRIES, volsplat
+from volsplat.client.command.commands import ENTRIES, starts_servers, volsplat
 from volsplat.client.command.help_page import OTHERS, HelpedCommand
 
 HELPED = [
@@ -72,3 +72,20 @@ def test_a_shell_completes_commands_presets_and_files() -> None:
         f"plain,ct-{word}" for word in ("angio", "bone", "lung", "skin", "soft-tissue")
     ]
     assert completed("volsplat render he") == ["file,he"]
+
+
+@pytest.mark.parametrize(
+    ("line", "starts"),
+    [
+        ("render head.nrrd -o head.png", True),
+        ("--log-format json view head.nrrd --workers 3", True),
+        ("render head.nrrd -o head.png --single", False),
+        ("movie head.nrrd -o turn.mp4 --cluster=lab.toml", False),
+        ("view --help", False),
+        ("export head.nrrd -o head.ply", False),
+        ("info head.nrrd", False),
+        ("", False),
+    ],
+)
+def test_servers_are_loaded_ahead_only_for_commands_that_start_some(line: str, starts: bool) -> None:
+    assert starts_servers(line.split()) is starts
