@@ -1,6 +1,5 @@
 """Servers that are ended by SIGTERM: others take over between two frames, so that none is incomplete."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -15,6 +14,7 @@ import torch
 from support.files.head_volume import head, scene, single
 from support.patience import PATIENCE, wait_until
 from support.programs.hand_started import free_port
+from support.programs.server_processes import servers
 from volsplat.client import Session
 from volsplat.client.session.renderer import Refinement
 from volsplat.client.session.single import SingleProcess
@@ -121,9 +121,8 @@ def test_in_the_place_of_the_only_one_the_client_starts_another(
 ) -> None:
     with Session(head, workers=1) as session:
         check_whole(refined(session, scene), single, scene)
-        for pid in session.server_processes:
-            if f"volsplat.{program}" in Path(f"/proc/{pid}/cmdline").read_text(encoding="utf-8").split("\0"):
-                os.kill(pid, signal.SIGTERM)
+        for server in servers(session, program):
+            server.terminate()
         wait_until(lambda: any(server.lost for server in session.servers), "gone")
         check_whole(refined(session, scene), single, scene)
 

@@ -77,7 +77,8 @@ export class BoundsBox {
 
   #handle(face) {
     const circles = [svg("circle", { class: "vs-reach" }), svg("circle", { class: "vs-dot" })];
-    const handle = svg("g", { class: "vs-handle", "data-face": `${face.end}-${AXES[face.axis]}` }, circles);
+    const named = { class: "vs-handle", "data-face": `${face.end}-${AXES[face.axis]}` };
+    const handle = svg("g", { ...named, hidden: "" }, circles); // until it has a place: a pointer may be there already
     handle.addEventListener("pointerdown", (event) => this.#begin(event, face, handle));
     handle.addEventListener("pointerenter", () => this.#tell(face));
     handle.addEventListener("pointerleave", () => this.#label.replaceChildren());
