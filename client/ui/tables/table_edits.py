@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 
 import msgspec
 
+from volsplat.protocol.description.patches import Patches
 from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, ColourTable, ScalarTable
 
 LAST = TABLE_ENTRIES - 1
@@ -64,6 +65,14 @@ def with_greatest(table: ScalarTable, greatest: float) -> Table:
     """The table scaled so that its greatest value is `greatest`; one that is 0 everywhere stays so."""
     now = table.greatest
     return _mapped(table, lambda value: value / now * greatest) if now > 0 else table
+
+
+def patches_with_greatest(patches: Patches, greatest: float) -> Patches:
+    """The patches with opacities scaled so that the greatest is `greatest`; if all are 0 they stay so."""
+    now = max(patch.opacity for patch in patches)
+    if now == 0:
+        return patches
+    return tuple(msgspec.structs.replace(patch, opacity=patch.opacity / now * greatest) for patch in patches)
 
 
 def shifted(table: Table, by: float) -> Table:

@@ -21,6 +21,7 @@ from volsplat.client.ui.tables.table_edits import (
     constant,
     inverted,
     mirrored,
+    patches_with_greatest,
     ramp,
     steps,
     value_at,
@@ -80,13 +81,13 @@ class TablesPanel:
             ui.label("log").classes("vs-muted").tooltip("the slider’s scale is logarithmic: fog needs the small ones")
             self._slider = Slider(
                 SceneEditor(self._model, self._volume.description.geometry, "opacities"),
-                "greatest opacity of the opacity table",
+                "greatest opacity",
                 (math.log10(LEAST_OPACITY), 0.0),
                 0.01,
-                lambda scene: round(math.log10(max(scene.tables.opac.greatest, LEAST_OPACITY)), 2),
+                lambda scene: round(math.log10(max(_greatest_opacity(scene), LEAST_OPACITY)), 2),
                 _with_opacities,
             )
-            self._slider.tooltip("scales the opacity table: its greatest value")
+            self._slider.tooltip("scales the opacity table, or the opacities of all patches: the greatest value")
             self._greatest = ui.label().classes("vs-number")
         with ui.element("div").classes("vs-row"):
             label = ui.label("Shift").classes("vs-label")
@@ -226,20 +227,28 @@ class TablesPanel:
         self._undo.set_enabled(self._model.can_undo)
         self._redo.set_enabled(self._model.can_redo)
         scene = self._model.scene
-        greatest = scene.tables.opac.greatest
+        greatest = _greatest_opacity(scene)
         self._greatest.set_text(f"{greatest:.3g}")
         self._slider.props.set_bool("disable", greatest == 0)
         low, high = self._volume.quantisation(scene.quantise).window
-        self._shift_slider.show(high - low, bool(by_density(scene)))
+        self._shift_slider.show(high - low, bool(by_density(scene)) and not scene.plane.patches)
 
 
 def _with_table(scene: Scene, which: str, table: Table) -> Scene:
     return replace(scene, tables=replace(scene.tables, **{which: table}))
 
 
+def _greatest_opacity(scene: Scene) -> float:
+    """Of the opacity table, or of any patch."""
+    return max((patch.opacity for patch in scene.plane.patches), default=scene.tables.opac.greatest)
+
+
 def _with_opacities(scene: Scene, logarithm: float) -> Scene:
     """All opacities scaled to a greatest of 10**logarithm, to three digits."""
-    return _with_table(scene, "opac", with_greatest(scene.tables.opac, float(f"{10**logarithm:.3g}")))
+    greatest = float(f"{10**logarithm:.3g}")
+    if not scene.plane.patches:
+        return _with_table(scene, "opac", with_greatest(scene.tables.opac, greatest))
+    return replace(scene, plane=replace(scene.plane, patches=patches_with_greatest(scene.plane.patches, greatest)))
 
 
 def _table_of(scene: Scene, which: str) -> Table:

@@ -10,6 +10,7 @@ from support.scenes.scenes import colour_tables, scalar_tables
 from tolerances import ROUNDING
 from volsplat.client.ui.tables import table_edits
 from volsplat.client.ui.tables.table_edits import FREEHAND_BOUND, LAST, MOST_STEPS, Channels, Table
+from volsplat.protocol.description.patches import Patch
 from volsplat.protocol.description.scene import TABLE_ENTRIES, ColourTable, ScalarTable
 
 tables = colour_tables() | scalar_tables()
@@ -94,6 +95,17 @@ def test_all_opacities_scale_to_a_greatest_one(table: ScalarTable, greatest: flo
     else:
         for now, before in zip(scaled.entries(), table.entries(), strict=True):
             assert now == pytest.approx(before / table.greatest * greatest, abs=ROUNDING)
+
+
+@given(opacities=st.lists(units, min_size=1, max_size=4), greatest=units)
+def test_patches_scale_to_a_greatest_opacity(opacities: list[float], greatest: float) -> None:
+    patches = tuple(Patch(density=(0.2, 0.4), opacity=opacity) for opacity in opacities)
+    scaled = table_edits.patches_with_greatest(patches, greatest)
+    if max(opacities) == 0:
+        assert scaled == patches
+    else:
+        expected = [opacity / max(opacities) * greatest for opacity in opacities]
+        assert [patch.opacity for patch in scaled] == pytest.approx(expected, abs=ROUNDING)
 
 
 @given(table=tables, by=st.integers(-LAST, LAST))

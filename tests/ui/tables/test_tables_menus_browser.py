@@ -135,7 +135,7 @@ def test_a_whole_preset_keeps_the_view_and_the_picture(tab: Tab) -> None:
 
 
 def test_all_opacities_follow_one_slider(tab: Tab) -> None:
-    tab.page.get_by_label("greatest opacity of the opacity table").locator("[tabindex]").focus()
+    tab.page.get_by_label("greatest opacity").locator("[tabindex]").focus()
     for _ in range(10):
         tab.page.keyboard.press("ArrowLeft")
     points = tab.waits_for(lambda scene: scene.tables.opac.greatest < 0.45).tables.opac.points
@@ -148,7 +148,7 @@ def test_a_slider_does_not_jump_back_where_the_server_answers_late(browser_page:
     answers = HeldAnswers(browser_page)
     assert browser_page.request.post(f"{url}/reset").ok
     tab = Tab(browser_page, url)
-    tab.page.get_by_label("greatest opacity of the opacity table").locator("[tabindex]").focus()
+    tab.page.get_by_label("greatest opacity").locator("[tabindex]").focus()
     answers.press_ahead("ArrowLeft", lambda: tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.490))
     tab.waits_for(lambda scene: scene.tables.opac.greatest == 0.457)
 
