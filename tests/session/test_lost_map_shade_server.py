@@ -4,6 +4,7 @@ import shutil
 import signal
 import sys
 import threading
+from itertools import groupby
 from pathlib import Path
 
 import msgspec
@@ -177,7 +178,8 @@ def test_what_nobody_else_can_read_is_missing_and_a_script_is_told(
         wait_until(lambda: not watched.lost().handed_over, "do others fail to read it")
         lost, (left,) = watched.lost(), watched.boxes_left()
         steps = drawn_steps(session, scene)
-        assert [refinement.step for refinement in steps] == list(PAPER_STEPS)
+        # A frame is drawn again where one that was started anew joins meanwhile, which cannot read it either.
+        assert [step for step, _ in groupby(refinement.step for refinement in steps)] == list(PAPER_STEPS)
         assert all(missing(refinement) == lost.boxes for refinement in steps)
         only_left = msgspec.structs.replace(scene, bounds=Bounds(low=left.low, high=left.high))
         for refinement in steps:
