@@ -7,7 +7,8 @@ from collections.abc import Iterable
 from typing import Any
 
 from volsplat.protocol.description.patches import colourless
-from volsplat.protocol.description.scene import Field, Light, Scene, Step
+from volsplat.protocol.description.scene import SCREEN_FIELDS, Light, Scene, Step
+from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.frame_messages import DepthsSummed, RenderFrame, SumDepths
 from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.rules.light_blocks import (
@@ -22,8 +23,12 @@ from volsplat.protocol.rules.light_blocks import (
 from volsplat.protocol.rules.refinement import STEP_RULES
 from volsplat.protocol.text.errors import RemoteProtocolError
 
-SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
 LARGEST_DEPTH = (1 << 8 * DEPTH_BYTES) - 1
+
+
+def need_depths(scene: Scene, step: Step) -> bool:
+    """Whether light is dimmed on its way in this step."""
+    return STEP_RULES[step].slabs and (scene.light.shadows > 0.0 or scene.light.occlusion > 0.0)
 
 
 class BlockDepths:
@@ -34,9 +39,7 @@ class BlockDepths:
         self._asked: SumDepths | None = None
         self._pending: set[int] = set()
         self._sums: Any = None  # an array, so that a session need not wait for numpy before it starts its servers
-
-    def are_needed(self, scene: Scene, step: Step) -> bool:
-        return STEP_RULES[step].slabs and (scene.light.shadows > 0.0 or scene.light.occlusion > 0.0)
+        self._depths = b""  # the means, once all have answered
 
     @property
     def under_way(self) -> bool:
@@ -76,32 +79,41 @@ class BlockDepths:
         sums = np.frombuffer(payload, "<u8")
         self._sums = sums if self._sums is None else self._sums + sums
         self._pending.discard(server)
+        if not self._pending:
+            self._depths = _means(self._sums, _dims(asked))
 
     def blocks(self, light: Light) -> LightBlocks:
         """Once they are known."""
-        import numpy as np
-
         assert self._asked is not None and not self._pending
         dims = _dims(self._asked)
         size, blocks = light_block_size(dims), light_block_dims(dims)
-        i, j, k = (
-            np.minimum(np.arange(count) * of + of, voxels) - np.arange(count) * of
-            for count, of, voxels in zip(blocks, size, dims, strict=True)
-        )
-        voxels = (k[:, None, None] * j[:, None] * i).reshape(-1).astype(np.uint64)
-        unit = np.uint64(SUM_UNIT // DEPTH_UNIT) * voxels
-        depths = np.minimum((self._sums + unit // np.uint64(2)) // unit, np.uint64(LARGEST_DEPTH))
-        return LightBlocks(size, blocks, depths.astype("<u2").tobytes(), light.shadows, light.occlusion)
+        return LightBlocks(size, blocks, self._depths, light.shadows, light.occlusion)
 
 
-def _dims(asked: SumDepths | RenderFrame) -> tuple[int, int, int]:
+def _means(sums: Any, dims: Index) -> bytes:
+    """The depths of LightBlocks by their sums, uint64 each."""
+    import numpy as np
+
+    size, blocks = light_block_size(dims), light_block_dims(dims)
+    i, j, k = (
+        np.minimum(np.arange(count) * of + of, voxels) - np.arange(count) * of
+        for count, of, voxels in zip(blocks, size, dims, strict=True)
+    )
+    voxels = (k[:, None, None] * j[:, None] * i).reshape(-1).astype(np.uint64)
+    unit = np.uint64(SUM_UNIT // DEPTH_UNIT) * voxels
+    depths = np.minimum((sums + unit // np.uint64(2)) // unit, np.uint64(LARGEST_DEPTH))
+    told: bytes = depths.astype("<u2").tobytes()
+    return told
+
+
+def _dims(asked: SumDepths) -> Index:
     return dims_at_level(asked.geometry.dims, asked.plan.factors)
 
 
 def _key(frame: RenderFrame) -> object:
     """All that depths depend on."""
     shading, fields = frame.shading, (frame.shading.cross_bar.opac, frame.shading.cross_bar.modu)
-    on_screen = frame.plan.screen_index if any(field in SCREEN for field in fields) else None
+    on_screen = frame.plan.screen_index if any(field in SCREEN_FIELDS for field in fields) else None
     drawn = box_drawn(frame.plan)
     opacity = (shading.opac, shading.modu, fields, colourless(shading.patches))
     return (frame.assignment, frame.level, frame.quantisation, opacity, drawn, on_screen)

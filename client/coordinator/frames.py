@@ -4,7 +4,7 @@ from itertools import starmap
 
 import msgspec
 
-from volsplat.client.coordinator.block_depths import BlockDepths
+from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
     EndFrame,
@@ -98,7 +98,7 @@ class Frames:
         except ValueError as error:
             return self.end(BadInput(str(error)))
         lit = render
-        if self._depths.are_needed(frame.scene, frame.step):
+        if need_depths(frame.scene, frame.step):
             if asked := self._depths.ask(render, holding.boxes):
                 return [ReportProgress("adding up what dims the light"), *starmap(Send, asked)]
             if self._depths.under_way:

@@ -25,7 +25,7 @@ from volsplat.client.caller.arguments import (
     checked_volume,
 )
 from volsplat.client.coordinator.base_level import budgets
-from volsplat.client.coordinator.block_depths import BlockDepths
+from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.coordinator_events import (
     FrameOutcome,
     Instruction,
@@ -279,7 +279,7 @@ class SingleProcess:
                 owners=threads,
                 shares=self._shares,
             )
-            if self._depths.are_needed(scene, step):
+            if need_depths(scene, step):
                 request = self._lit(request, scene)
             assembly = FrameAssembly(self._owners, request.plan, request.frame, slabs_of(request))
         except ValueError as error:

@@ -12,7 +12,7 @@ from torch import Tensor
 from reference import mapping
 from support.scenes.owned import even_regions, owners, wait_until_complete
 from support.scenes.phantoms import QUANTISATION
-from volsplat.client.coordinator.block_depths import BlockDepths
+from volsplat.client.coordinator.block_depths import BlockDepths, need_depths
 from volsplat.client.coordinator.frame_request import frame_request
 from volsplat.client.coordinator.shares.region_shares import RegionShares
 from volsplat.mapshade_server.answers.light_depths import depths_summed
@@ -103,7 +103,7 @@ def rendered(
 def _lit(request: messages.RenderFrame, scene: Scene, held_by: Sequence[Sequence[SubCube]]) -> messages.RenderFrame:
     """With what dims its light, by what each worker holds."""
     depths = BlockDepths()
-    if not depths.are_needed(scene, request.plan.step):
+    if not need_depths(scene, request.plan.step):
         return request
     for worker, asked in depths.ask(request, range(1, len(held_by) + 1)):
         depths.take(worker, *depths_summed(asked, held_by[worker - 1]))
