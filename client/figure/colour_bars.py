@@ -10,10 +10,10 @@ from volsplat.client.figure.drawing import Anchor, Area, Box, Line, Ramp, Shape,
 from volsplat.client.figure.type_faces import size_within, width_of
 from volsplat.client.histogram.density_histogram import density_histogram
 from volsplat.client.volume.clearest_entries import clearest_entries
-from volsplat.client.volume.field_axis import GRID_FIELDS, FieldAxis, field_axis
+from volsplat.client.volume.field_axis import FieldAxis, field_axis
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
 from volsplat.protocol.description.kind import CLASS_KINDS
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Colour, Field, Scene
+from volsplat.protocol.description.scene import GRID_FIELDS, TABLE_ENTRIES, Colour, Field, Scene
 from volsplat.protocol.description.volume import GridAxis
 from volsplat.protocol.rules.index_rules import Quantisation
 

@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from volsplat.client.volume.surveyed_volume import SurveyedVolume
-from volsplat.protocol.description.scene import TABLE_ENTRIES, Field, Quantise
+from volsplat.protocol.description.scene import GRID_FIELDS, TABLE_ENTRIES, Field, Quantise
 from volsplat.protocol.rules.resolved_view import bounding_radius
 
 LAST = TABLE_ENTRIES - 1
-GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 SCREEN_FIELDS = {
     Field.SCREEN_X: "screen x, to the right",
     Field.SCREEN_Y: "screen y, upwards",

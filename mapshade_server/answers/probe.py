@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 from volsplat.mapshade_server.frames import shading_tables
 from volsplat.mapshade_server.held.sub_cube import SubCube
-from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.scene import GRADIENT_FIELDS, GRID_FIELDS, SCREEN_FIELDS, Field
 from volsplat.protocol.description.volume import Geometry, Index
 from volsplat.protocol.messages.messages import ProbedVoxel
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
@@ -15,10 +15,6 @@ from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, NO_DATA_BIT
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
 FieldByte = Callable[[Index, int], int]  # of the voxel at this index with this packet
-
-GRADIENTS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
-SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
-GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 
 
 def front_most(
@@ -73,14 +69,14 @@ def _byte_of(field: Field, geometry: Geometry, directions: DirectionCode, line: 
         return lambda index, packet: packet & 255
     if field == Field.STRENGTH:
         return lambda index, packet: packet >> 8 & 255
-    if field in GRADIENTS:
-        axis = GRADIENTS.index(field)
+    if field in GRADIENT_FIELDS:
+        axis = GRADIENT_FIELDS.index(field)
         components = memoryview(shading_tables.gradient_bytes(directions, geometry.index_to_physical))
         return lambda index, packet: components[axis, packet >> DIRECTION_SHIFT & 0x7FFF]
-    if field in SCREEN:
-        dda = line.plan.screen_index[SCREEN.index(field)]
+    if field in SCREEN_FIELDS:
+        dda = line.plan.screen_index[SCREEN_FIELDS.index(field)]
         return lambda index, packet: min(max(dda.at_half_indices(_doubled(index)) >> FRACTION_BITS, 0), 255)
-    axis = GRID.index(field)
+    axis = GRID_FIELDS.index(field)
     grid_bytes = shading_tables.grid_bytes(geometry.dims[axis], line.plan.factors[axis])
     return lambda index, packet: grid_bytes[index[axis]]
 

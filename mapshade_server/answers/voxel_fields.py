@@ -6,17 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from volsplat.mapshade_server.frames import shading_tables
-from volsplat.protocol.description.scene import Field
+from volsplat.protocol.description.scene import GRADIENT_FIELDS, GRID_FIELDS, SCREEN_FIELDS, Field
 from volsplat.protocol.description.volume import Geometry
 from volsplat.protocol.rules.frame_plan import FramePlan
 from volsplat.protocol.rules.grid_on_screen import FRACTION_BITS
 from volsplat.protocol.rules.index_rules import DirectionCode, Quantisation
 from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, OPACITY_CODES, opacity_of_code
 from volsplat.protocol.rules.shading_rule import ShadingRule
-
-GRADIENTS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
-SCREEN = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
-GRID = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
 
 OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)
 
@@ -79,16 +75,16 @@ class VoxelFields:
             return (packets & 255).astype(np.uint8)
         if field == Field.STRENGTH:
             return (packets >> 8 & 255).astype(np.uint8)
-        if field in GRADIENTS:
+        if field in GRADIENT_FIELDS:
             directions = np.asarray(shading_tables.gradient_bytes(self.directions, self.geometry.index_to_physical))
-            of_codes: Bytes = directions[GRADIENTS.index(field), packets >> DIRECTION_SHIFT & 0x7FFF]
+            of_codes: Bytes = directions[GRADIENT_FIELDS.index(field), packets >> DIRECTION_SHIFT & 0x7FFF]
             return of_codes
-        if field in SCREEN:
-            dda = self.plan.screen_index[SCREEN.index(field)]
+        if field in SCREEN_FIELDS:
+            dda = self.plan.screen_index[SCREEN_FIELDS.index(field)]
             place = dda.origin + 2 * index @ np.array(dda.half_steps, dtype=np.int64)
             of_screen: Bytes = np.clip(place >> FRACTION_BITS, 0, 255).astype(np.uint8)
             return of_screen
-        axis = GRID.index(field)
+        axis = GRID_FIELDS.index(field)
         grid = np.frombuffer(shading_tables.grid_bytes(self.geometry.dims[axis], self.plan.factors[axis]), np.uint8)
         of_axis: Bytes = grid[index[:, axis]]
         return of_axis

@@ -54,6 +54,12 @@ class Field(StrEnum):
     GRID_K = "grid-k"
 
 
+# Those that are a matter of an axis, in its order.
+GRADIENT_FIELDS = (Field.GRADIENT_I, Field.GRADIENT_J, Field.GRADIENT_K)
+SCREEN_FIELDS = (Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z)
+GRID_FIELDS = (Field.GRID_I, Field.GRID_J, Field.GRID_K)
+
+
 class Order(StrEnum):
     FASTEST = "fastest"  # whichever of the others draws the scene sooner (resolved_view.resolved_order)
     BACK_TO_FRONT = "btf"

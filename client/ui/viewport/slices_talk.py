@@ -19,13 +19,12 @@ from volsplat.client.ui.viewing.scene_model import SceneState
 from volsplat.client.ui.viewing.viewing import Viewing
 from volsplat.client.ui.viewport.message_base import framed
 from volsplat.client.ui.viewport.slice_messages import SlicesAsked, VoxelTold, slice_header, voxel_told
-from volsplat.protocol.description.scene import Field, Scene
+from volsplat.protocol.description.scene import SCREEN_FIELDS, Scene
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.text.errors import VolsplatError
 
 log = logging.getLogger(__name__)
 
-SCREEN = {Field.SCREEN_X, Field.SCREEN_Y, Field.SCREEN_Z}
 NONE = SlicesAsked(None, False, 1)
 
 
@@ -130,6 +129,6 @@ def _look(scene: Scene, coloured: bool) -> object:
     if scene.plane.patches:
         return (scene.quantise, scene.plane, scene.shading)
     cross_bar = scene.cross_bar
-    by_screen = SCREEN & {cross_bar.emit, cross_bar.refl, cross_bar.opac, cross_bar.modu}
+    by_screen = set(SCREEN_FIELDS) & {cross_bar.emit, cross_bar.refl, cross_bar.opac, cross_bar.modu}
     view = (scene.view, scene.image) if by_screen else None
     return (scene.quantise, scene.tables, cross_bar, scene.shading, view)
