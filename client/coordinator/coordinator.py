@@ -48,7 +48,6 @@ from volsplat.client.coordinator.servers import Servers
 from volsplat.client.coordinator.shares.heirs import Boxes, shared_anew, taken_over
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.coordinator.work_shares import WorkShares
-from volsplat.protocol.messages.folder_messages import ListFolder
 from volsplat.protocol.messages.frame_messages import FrameFinished, FrameMapped
 from volsplat.protocol.messages.handlers import Handler, check_handlers, handlers, takes
 from volsplat.protocol.messages.link_messages import LinkMeasured
@@ -64,7 +63,6 @@ from volsplat.protocol.messages.session_messages import (
     Refused,
 )
 from volsplat.protocol.messages.trace_messages import ClockRead, FrameTraced
-from volsplat.protocol.messages.value_messages import ReadVoxel
 from volsplat.protocol.messages.vocabulary import taken_by
 from volsplat.protocol.messages.volume_messages import ReadAhead, VolumeDescribed
 from volsplat.protocol.text.errors import BadInput, PeerLost, RemoteProtocolError, VolsplatError
@@ -343,12 +341,9 @@ class Coordinator:
         joined = self.servers.joined[event.server]
         cause = f"{joined.name}: {message.cause}" if joined.elsewhere else message.cause
         error = PeerLost(cause) if message.peer_lost else BadInput(cause)
-        if message.request == ReadVoxel.__name__:
-            return self.voxels.refused(message.probe, error)
-        if message.request == ListFolder.__name__:
-            return self.folders.refused(message.probe, error)
         if message.probe:
-            return self.probes.refused(message.probe, error)
+            asked = (self.probes, self.voxels, self.folders)
+            return [told for questions in asked for told in questions.refused(message.probe, error)]
         if not message.frame:
             return self._assignment_refused(event.server, message, error)
         return self.frames.end(error) if self.frames.current(message.frame) else []

@@ -1,6 +1,7 @@
 """Answers to questions about points and voxels on their way to the threads that wait for them."""
 
 import threading
+from collections.abc import Iterator
 from concurrent.futures import Future
 from typing import Generic, TypeVar
 
@@ -12,22 +13,23 @@ Answer = TypeVar("Answer")
 class LateAnswers(Generic[Answer]):
     """Those of one kind of question. Any thread may ask and wait; others give the answers."""
 
-    def __init__(self) -> None:
+    def __init__(self, numbers: Iterator[int]) -> None:
+        """`numbers` are those that questions get, of this kind and of others."""
         self._lock = threading.Lock()  # guards what follows
         self._waiting: dict[int, Future[Answer | None]] = {}
-        self._newest = 0
+        self._numbers = numbers
         self._failure: VolsplatError | None = None
 
     def ask(self) -> tuple[int, Future[Answer | None]]:
         """A new question's number, and where its answer will be."""
         answer: Future[Answer | None] = Future()
         with self._lock:
-            self._newest += 1
+            number = next(self._numbers)
             if self._failure is not None:
                 answer.set_exception(self._failure)
             else:
-                self._waiting[self._newest] = answer
-            return self._newest, answer
+                self._waiting[number] = answer
+            return number, answer
 
     def give(self, number: int, found: Answer | None, error: VolsplatError | None) -> None:
         """What was asked by this number is known, or why it will not be."""

@@ -19,6 +19,7 @@ import time
 from collections.abc import Callable, Collection, Iterator
 from contextlib import nullcontext
 from dataclasses import replace
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -172,9 +173,10 @@ class Session:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._frames = AskedFrames()
-        self._probe_answers = LateAnswers[messages.ProbedVoxel | VolumeSlice | PlaneCounts]()
-        self._voxel_answers = LateAnswers[FileVoxel]()
-        self._folder_answers = LateAnswers[messages.FolderListed]()
+        numbers = count(1)  # of all questions: none is taken for one of another kind
+        self._probe_answers = LateAnswers[messages.ProbedVoxel | VolumeSlice | PlaneCounts](numbers)
+        self._voxel_answers = LateAnswers[FileVoxel](numbers)
+        self._folder_answers = LateAnswers[messages.FolderListed](numbers)
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
         self.counts = Counts()  # what was done, and lost
