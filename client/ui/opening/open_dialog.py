@@ -10,10 +10,8 @@ from volsplat.client.ui.doors.static_files import STATIC
 from volsplat.client.ui.opening.folder_list import FOLDER, UP, VOLUME, FolderList, Row
 from volsplat.client.ui.opening.opening import News, Opening, Place
 from volsplat.protocol.messages.folder_messages import FolderEntry, FolderListed
+from volsplat.protocol.text.byte_sizes import size_on_disk
 from volsplat.protocol.text.errors import VolsplatError
-
-UNITS = ("B", "kB", "MB", "GB", "TB", "PB")
-THOUSAND = 1000
 
 
 class OpenDialog:
@@ -121,12 +119,9 @@ class OpenDialog:
 
 def _row(entry: FolderEntry) -> Row:
     name = entry.name or entry.kind
-    return Row(name, entry.kind if entry.name else "", _size(entry.bytes), FOLDER if entry.is_folder else VOLUME)
-
-
-def _size(count: int) -> str:
-    """To three digits; nothing for what is no single file."""
-    if count == 0:
-        return ""
-    power = min((len(str(count)) - 1) // 3, len(UNITS) - 1)
-    return f"{count / THOUSAND**power:.3g} {UNITS[power]}"
+    return Row(
+        name,
+        entry.kind if entry.name else "",
+        size_on_disk(entry.bytes) if entry.bytes else "",
+        FOLDER if entry.is_folder else VOLUME,
+    )
