@@ -14,27 +14,21 @@ from typing import get_args
 
 from volsplat.client.coordinator.base_level import budgets
 from volsplat.client.coordinator.coordinator_events import (
-    AnswerFolder,
-    AnswerProbe,
-    AnswerVoxel,
+    Answer,
     CutOff,
     EndFrame,
     Event,
     FailSession,
-    FolderAsked,
     FrameAsked,
     Instruction,
     MessageReceived,
-    PlaneAsked,
-    ProbeAsked,
+    Question,
     ReportProgress,
     Send,
     ServerJoined,
     ServerLost,
     ServerProcessEnded,
-    SliceAsked,
     VolumeAsked,
-    VoxelAsked,
 )
 from volsplat.client.coordinator.data_routes import DataRoutes
 from volsplat.client.coordinator.file_voxels import FileVoxels
@@ -104,16 +98,9 @@ class Coordinator:
         return [*told, *self._go_on()]
 
     def _refused_after_failure(self, event: Event, failure: VolsplatError) -> list[Instruction]:
-        match event:
-            case FrameAsked(frame=frame):
-                return [EndFrame(frame, failure)]
-            case ProbeAsked(probe=probe) | SliceAsked(probe=probe) | PlaneAsked(probe=probe):
-                return [AnswerProbe(probe, None, failure)]
-            case VoxelAsked(probe=probe):
-                return [AnswerVoxel(probe, None, failure)]
-            case FolderAsked(probe=probe):
-                return [AnswerFolder(probe, None, failure)]
-        return []
+        if isinstance(event, FrameAsked):
+            return [EndFrame(event.frame, failure)]
+        return [Answer(event.probe, error=failure)] if isinstance(event, Question) else []
 
     def _go_on(self) -> list[Instruction]:
         """Begin the frame that waits and send the probes that do, if the servers are ready for them.

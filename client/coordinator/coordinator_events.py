@@ -113,7 +113,7 @@ class AbortAsked:
 class ProbeAsked:
     """The voxel is wanted that is seen at this point of the scene's image; see line_of_sight."""
 
-    probe: int  # rises with every probe
+    probe: int  # rises with every question, of whatever kind
     scene: Scene
     x: float
     y: float
@@ -123,7 +123,7 @@ class ProbeAsked:
 class VoxelAsked:
     """The numbers are wanted that the volume's file has for a voxel."""
 
-    probe: int  # rises, with those of probes
+    probe: int
     index: Index
 
 
@@ -131,7 +131,7 @@ class VoxelAsked:
 class FolderAsked:
     """What lies in a folder of a map/shade server is wanted; see ListFolder."""
 
-    probe: int  # rises, with those of probes
+    probe: int
     root: str
     folder: str
     words: str
@@ -141,7 +141,7 @@ class FolderAsked:
 class SliceAsked:
     """A slice of the volume is wanted, with at most `longest` samples along a side, and in this scene's colours."""
 
-    probe: int  # of one row with those of ProbeAsked
+    probe: int
     scene: Scene
     axis: int
     index: int
@@ -152,10 +152,11 @@ class SliceAsked:
 class PlaneAsked:
     """How many voxels have each density with each strength, in this scene's window."""
 
-    probe: int  # of one row with those of ProbeAsked
+    probe: int
     scene: Scene
 
 
+Question = ProbeAsked | SliceAsked | PlaneAsked | VoxelAsked | FolderAsked
 Event = (
     ServerJoined
     | ServerLost
@@ -165,11 +166,7 @@ Event = (
     | FrameAsked
     | PartialImageAsked
     | AbortAsked
-    | ProbeAsked
-    | VoxelAsked
-    | FolderAsked
-    | SliceAsked
-    | PlaneAsked
+    | Question
 )
 
 # -- instructions -----------------------------------------------------------------------------------------------
@@ -241,33 +238,18 @@ class EndFrame:
     error: VolsplatError | None = None
 
 
-Found = messages.ProbedVoxel | VolumeSlice | PlaneCounts | None
+Found = messages.ProbedVoxel | VolumeSlice | PlaneCounts | FileVoxel | messages.FolderListed | None
 
 
 @dataclass(frozen=True)
-class AnswerProbe:
-    """What was asked for: what is seen there, if anything is, the slice, or the reason why it is not known."""
+class Answer:
+    """What was asked for, or the reason why it is not known.
 
-    probe: int
-    found: Found
-    error: VolsplatError | None = None
+    None is an answer as well: nothing is seen there, or nobody tells soon what the file has there.
+    """
 
-
-@dataclass(frozen=True)
-class AnswerVoxel:
-    """What the file has there, None if nobody tells soon; or the reason why it is not known."""
-
-    probe: int
-    voxel: FileVoxel | None
-    error: VolsplatError | None = None
-
-
-@dataclass(frozen=True)
-class AnswerFolder:
-    """What lies in the folder that was asked for, or the reason why it is not known."""
-
-    probe: int
-    listed: messages.FolderListed | None
+    probe: int  # the question's
+    found: Found = None
     error: VolsplatError | None = None
 
 
@@ -278,15 +260,4 @@ class FailSession:
     error: VolsplatError
 
 
-Instruction = (
-    Send
-    | CutOff
-    | ReportProgress
-    | PublishVolume
-    | PublishImage
-    | EndFrame
-    | AnswerProbe
-    | AnswerVoxel
-    | AnswerFolder
-    | FailSession
-)
+Instruction = Send | CutOff | ReportProgress | PublishVolume | PublishImage | EndFrame | Answer | FailSession

@@ -5,24 +5,25 @@ What cannot be told soon is not told: nobody draws by it, and who looks at a vox
 
 from collections import Counter
 
-from volsplat.client.coordinator.coordinator_events import AnswerVoxel, Instruction, MessageReceived, Send, VoxelAsked
+from volsplat.client.coordinator.coordinator_events import Answer, Instruction, MessageReceived, Send, VoxelAsked
+from volsplat.client.coordinator.open_questions import AskedOfOne
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.volume_holding import VolumeHolding
 from volsplat.client.volume.file_voxel import FileVoxel, check_is_voxel
 from volsplat.protocol.description.volume import Index
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.value_messages import ReadVoxel, VoxelRead
-from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.text.errors import BadInput
 
 MOST_WAITING = 8  # for one server, which reads one after the other
 
 
-class FileVoxels:
-    """Every answer is given once."""
+class FileVoxels(AskedOfOne):
+    """Of whatever holds the volume."""
 
     def __init__(self, holding: VolumeHolding) -> None:
+        super().__init__()
         self._holding = holding
-        self._asked: dict[int, int] = {}  # the server that is to tell, by the number of the question
 
     @takes(VoxelAsked)
     def _ask(self, event: VoxelAsked) -> list[Instruction]:
@@ -31,11 +32,11 @@ class FileVoxels:
         try:
             check_is_voxel(event.index, holding.description.geometry.dims)
         except BadInput as error:
-            return [AnswerVoxel(event.probe, None, error)]
+            return [Answer(event.probe, error=error)]
         server, volume = self._teller(event.index), holding.source
         if server is None or volume is None:
-            return [AnswerVoxel(event.probe, None)]
-        self._asked[event.probe] = server
+            return [Answer(event.probe)]
+        self._open[event.probe] = server
         path, identity = volume
         return [Send(server, ReadVoxel(probe=event.probe, path=path, identity=identity, index=event.index))]
 
@@ -47,31 +48,18 @@ class FileVoxels:
             for server, boxes in holding.boxes.items()
             if not holding.description.reads_sub_cubes or any(box.contains(index) for box in boxes)
         ]
-        waiting = Counter(self._asked.values())
+        waiting = Counter(self._open.values())
         return next((server for server in holders[:1] if waiting[server] < MOST_WAITING), None)
 
     @takes(VoxelRead, *SURVEYED_PHASES)
     def _read(self, message: VoxelRead, event: MessageReceived) -> list[Instruction]:
-        if self._asked.pop(message.probe, None) is None:
-            return []
         told = FileVoxel.of_bytes(message.scalar_types, event.payload) if message.scalar_types else None
-        return [AnswerVoxel(message.probe, told)]
+        return self._answer(message.probe, told)
 
     def lost(self, server: int) -> list[Instruction]:
         """Nothing more will come from this server."""
-        numbers = [number for number, teller in self._asked.items() if teller == server]
-        for number in numbers:
-            del self._asked[number]
-        return [AnswerVoxel(number, None) for number in numbers]
-
-    def refused(self, number: int, error: VolsplatError) -> list[Instruction]:
-        """One ends in an error."""
-        return [] if self._asked.pop(number, None) is None else [AnswerVoxel(number, None, error)]
-
-    def failed(self, error: VolsplatError) -> list[Instruction]:
-        """All end in an error."""
-        return [told for number in list(self._asked) for told in self.refused(number, error)]
+        return self._end(server, None)
 
     def validate_state(self) -> None:
         """Raises AssertionError if an invariant is broken."""
-        assert max(Counter(self._asked.values()).values(), default=0) <= MOST_WAITING, "too many wait for one server"
+        assert max(Counter(self._open.values()).values(), default=0) <= MOST_WAITING, "too many wait for one server"

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from volsplat.client.coordinator.coordinator_events import (
-    AnswerProbe,
+    Answer,
     Instruction,
     MessageReceived,
     PlaneAsked,
@@ -14,6 +14,7 @@ from volsplat.client.coordinator.coordinator_events import (
     Send,
     SliceAsked,
 )
+from volsplat.client.coordinator.open_questions import OpenQuestions
 from volsplat.client.coordinator.phase import SURVEYED_PHASES
 from volsplat.client.coordinator.probe_kinds import PlaneProbe, PointProbe, Probe, SliceProbe
 from volsplat.client.coordinator.volume_holding import VolumeHolding
@@ -22,15 +23,15 @@ from volsplat.protocol.messages.frame_messages import VoxelProbed
 from volsplat.protocol.messages.handlers import takes
 from volsplat.protocol.messages.plane_messages import PlaneCounted
 from volsplat.protocol.messages.slice_messages import SliceRead
-from volsplat.protocol.text.errors import BadInput, VolsplatError
+from volsplat.protocol.text.errors import BadInput
 
 
-class Probes:
-    """Every answer is given once, as soon as no server is left that could add to it."""
+class Probes(OpenQuestions[Probe]):
+    """Each is answered as soon as no server is left that could add to it."""
 
     def __init__(self, holding: VolumeHolding) -> None:
+        super().__init__()
         self._holding = holding
-        self._probes: dict[int, Probe] = {}
 
     @takes(ProbeAsked)
     def _asked(self, event: ProbeAsked) -> list[Instruction]:
@@ -55,14 +56,14 @@ class Probes:
         try:
             settled = replace(event, scene=volume.settled(event.scene))
             geometry = volume.description.geometry
-            self._probes[event.probe] = kind.of(settled, geometry)  # type: ignore[arg-type]  # each of its own event
+            self._open[event.probe] = kind.of(settled, geometry)  # type: ignore[arg-type]  # each of its own event
         except ValueError as error:
-            return [AnswerProbe(event.probe, None, BadInput(str(error)))]
+            return [Answer(event.probe, error=BadInput(str(error)))]
         return []
 
     def waiting(self) -> Iterator[Probe]:
         """Those that no server was asked."""
-        return (probe for probe in self._probes.values() if probe.pending is None)
+        return (probe for probe in self._open.values() if probe.pending is None)
 
     def send(self) -> list[Instruction]:
         """Send the probes that wait and can be answered by what is packed; pack for the first that cannot."""
@@ -88,7 +89,7 @@ class Probes:
 
     @takes(VoxelProbed, *SURVEYED_PHASES)
     def _received(self, message: VoxelProbed, event: MessageReceived) -> list[Instruction]:
-        probe = self._probes.get(message.probe)
+        probe = self._open.get(message.probe)
         if not isinstance(probe, PointProbe) or probe.pending is None:
             return []
         probe.take(message)
@@ -96,7 +97,7 @@ class Probes:
 
     @takes(SliceRead, *SURVEYED_PHASES)
     def _slice_read(self, message: SliceRead, event: MessageReceived) -> list[Instruction]:
-        probe = self._probes.get(message.probe)
+        probe = self._open.get(message.probe)
         if not isinstance(probe, SliceProbe) or probe.pending is None or not probe.answers(message):
             return []
         probe.take(message, event.payload)
@@ -104,7 +105,7 @@ class Probes:
 
     @takes(PlaneCounted, *SURVEYED_PHASES)
     def _plane_counted(self, message: PlaneCounted, event: MessageReceived) -> list[Instruction]:
-        probe = self._probes.get(message.probe)
+        probe = self._open.get(message.probe)
         if not isinstance(probe, PlaneProbe) or probe.pending is None or not probe.answers(message):
             return []
         probe.take(event.payload)
@@ -113,31 +114,20 @@ class Probes:
     def _answered(self, probe: Probe, server: int) -> list[Instruction]:
         assert probe.pending is not None
         probe.pending.discard(server)
-        if probe.pending:
-            return []
-        del self._probes[probe.asked.probe]
-        return [AnswerProbe(probe.asked.probe, probe.found)]
+        return [] if probe.pending else self._answer(probe.asked.probe, probe.found)
 
     def lost(self, server: int) -> None:
         """Nothing more will come from this server: ask anew, of whoever then holds what it held."""
-        for probe in self._probes.values():
+        for probe in self._open.values():
             if probe.pending is not None and server in probe.pending:
                 probe.pending = None
                 probe.forget()
-
-    def refused(self, number: int, error: VolsplatError) -> list[Instruction]:
-        """One ends in an error."""
-        return [AnswerProbe(number, None, error)] if self._probes.pop(number, None) else []
-
-    def failed(self, error: VolsplatError) -> list[Instruction]:
-        """All end in an error."""
-        return [instruction for number in list(self._probes) for instruction in self.refused(number, error)]
 
     def validate_state(self, held_back: bool) -> None:
         """Raises AssertionError if an invariant is broken. Those that are `held_back` may wait."""
         if self._holding.settled and self._holding.boxes and not held_back:
             assert not list(self.waiting()), "a probe waits though the servers are ready"
-        for probe in self._probes.values():
+        for probe in self._open.values():
             if probe.pending is not None:
                 assert probe.pending, "a probe waits for nobody"
                 assert probe.pending <= self._holding.boxes.keys(), "a probe waits for a server that holds nothing"

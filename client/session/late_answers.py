@@ -1,46 +1,43 @@
-"""Answers to questions about points and voxels on their way to the threads that wait for them."""
+"""Answers to questions about points, voxels and folders on their way to the threads that wait for them."""
 
 import threading
-from collections.abc import Iterator
 from concurrent.futures import Future
-from typing import Generic, TypeVar
+from itertools import count
 
+from volsplat.client.coordinator.coordinator_events import Answer, Found
 from volsplat.protocol.text.errors import VolsplatError
 
-Answer = TypeVar("Answer")
 
+class LateAnswers:
+    """Of all kinds of question, in one row of numbers. Any thread may ask and wait; others give the answers."""
 
-class LateAnswers(Generic[Answer]):
-    """Those of one kind of question. Any thread may ask and wait; others give the answers."""
-
-    def __init__(self, numbers: Iterator[int]) -> None:
-        """`numbers` are those that questions get, of this kind and of others."""
+    def __init__(self) -> None:
         self._lock = threading.Lock()  # guards what follows
-        self._waiting: dict[int, Future[Answer | None]] = {}
-        self._numbers = numbers
+        self._waiting: dict[int, Future[Found]] = {}
+        self._numbers = count(1)
         self._failure: VolsplatError | None = None
 
-    def ask(self) -> tuple[int, Future[Answer | None]]:
+    def ask(self) -> tuple[int, Future[Found]]:
         """A new question's number, and where its answer will be."""
-        answer: Future[Answer | None] = Future()
+        future: Future[Found] = Future()
         with self._lock:
             number = next(self._numbers)
             if self._failure is not None:
-                answer.set_exception(self._failure)
+                future.set_exception(self._failure)
             else:
-                self._waiting[number] = answer
-            return number, answer
+                self._waiting[number] = future
+            return number, future
 
-    def give(self, number: int, found: Answer | None, error: VolsplatError | None) -> None:
-        """What was asked by this number is known, or why it will not be."""
+    def give(self, answer: Answer) -> None:
+        """What was asked is known, or why it will not be."""
         with self._lock:
-            answer = self._waiting.pop(number, None)
-        if answer is None:
+            future = self._waiting.pop(answer.probe, None)
+        if future is None:
             return  # the session has failed
-        if error is None:
-            answer.set_result(found)
+        if answer.error is None:
+            future.set_result(answer.found)
         else:
-            answer.set_exception(error)
+            future.set_exception(answer.error)
 
     def fail(self, error: VolsplatError) -> None:
         """From now on every question ends in an error."""
@@ -48,4 +45,4 @@ class LateAnswers(Generic[Answer]):
             self._failure = self._failure or error
             waiting = list(self._waiting)
         for number in waiting:
-            self.give(number, None, error)
+            self.give(Answer(number, error=error))

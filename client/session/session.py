@@ -17,9 +17,9 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Collection, Iterator
+from concurrent.futures import Future
 from contextlib import nullcontext
 from dataclasses import replace
-from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -42,14 +42,13 @@ from volsplat.client.caller.interrupts import interrupts_held
 from volsplat.client.coordinator.coordinator import Coordinator
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
-    AnswerFolder,
-    AnswerProbe,
-    AnswerVoxel,
+    Answer,
     CutOff,
     EndFrame,
     Event,
     FailSession,
     FolderAsked,
+    Found,
     FrameAsked,
     Instruction,
     PartialImageAsked,
@@ -57,6 +56,7 @@ from volsplat.client.coordinator.coordinator_events import (
     ProbeAsked,
     PublishImage,
     PublishVolume,
+    Question,
     ReportProgress,
     Send,
     SliceAsked,
@@ -173,10 +173,7 @@ class Session:
         self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
         self._coordinator = Coordinator()  # the coordinating thread's; others may look at its server_states
         self._frames = AskedFrames()
-        numbers = count(1)  # of all questions: none is taken for one of another kind
-        self._probe_answers = LateAnswers[messages.ProbedVoxel | VolumeSlice | PlaneCounts](numbers)
-        self._voxel_answers = LateAnswers[FileVoxel](numbers)
-        self._folder_answers = LateAnswers[messages.FolderListed](numbers)
+        self._answers = LateAnswers()
         self._volume: SurveyedVolume | None = None
         self._failure: VolsplatError | None = None
         self.counts = Counts()  # what was done, and lost
@@ -359,11 +356,8 @@ class Session:
         Raises BadInput if the scene does not fit the volume, and PeerLost if nothing can be drawn any more.
         """
         scene, x, y = checked_scene(scene), checked_number(x, "x"), checked_number(y, "y")
-        self.volume  # noqa: B018  until it is known there is nothing to be seen
-        probe, answer = self._probe_answers.ask()
-        self._events.put(ProbeAsked(probe, scene, x, y))
-        found = answer.result()
-        assert not isinstance(found, VolumeSlice | PlaneCounts), "it was not asked for"
+        found = self._ask_about(lambda number: ProbeAsked(number, scene, x, y)).result()
+        assert found is None or isinstance(found, messages.ProbedVoxel), "nothing else was asked for"
         return found
 
     def read_slice(self, scene: Scene, axis: str, index: int, longest: int = MOST_SAMPLES) -> VolumeSlice:
@@ -375,10 +369,7 @@ class Session:
         """
         scene, across = checked_scene(scene), checked_axis(axis)
         index, longest = checked_place(index, "index"), checked_count(longest, "longest")
-        self.volume  # noqa: B018  until it is known there is nothing to be seen
-        probe, answer = self._probe_answers.ask()
-        self._events.put(SliceAsked(probe, scene, across, index, longest))
-        found = answer.result()
+        found = self._ask_about(lambda number: SliceAsked(number, scene, across, index, longest)).result()
         assert isinstance(found, VolumeSlice), "a slice was asked for"
         return found
 
@@ -389,10 +380,7 @@ class Session:
         Raises BadInput for a window without a scale, and PeerLost if nothing can be drawn any more.
         """
         scene = checked_scene(scene)
-        self.volume  # noqa: B018  until it is known there is nothing to count
-        probe, answer = self._probe_answers.ask()
-        self._events.put(PlaneAsked(probe, scene))
-        found = answer.result()
+        found = self._ask_about(lambda number: PlaneAsked(number, scene)).result()
         assert isinstance(found, PlaneCounts), "counts were asked for"
         return found
 
@@ -413,13 +401,13 @@ class Session:
         Raises BadInput if there is no such voxel or the file cannot be read, and PeerLost if the session has ended.
         """
         index, within = checked_index(index), checked_number(within, "within", least=0.0)
-        self.volume  # noqa: B018  until it is known nobody can tell
-        number, answer = self._voxel_answers.ask()
-        self._events.put(VoxelAsked(number, index))
+        answer = self._ask_about(lambda number: VoxelAsked(number, index))
         try:
-            return answer.result(min(within, threading.TIMEOUT_MAX))
+            found = answer.result(min(within, threading.TIMEOUT_MAX))
         except TimeoutError:
             return None
+        assert found is None or isinstance(found, FileVoxel), "nothing else was asked for"
+        return found
 
     def list_folder(self, root: str | Path, folder: str = "", words: str = "") -> messages.FolderListed:
         """The volumes and folders in a `folder` below `root`, as the servers see them; of names those with `words`.
@@ -427,12 +415,17 @@ class Session:
         What does not lie below the root, links followed, is not told. Frames that run go on.
         Raises BadInput if there is no such folder, or it cannot be read, and PeerLost if no server is there to look.
         """
-        self.volume  # noqa: B018  until it is known there may be no server
-        number, answer = self._folder_answers.ask()
-        self._events.put(FolderAsked(number, self._as_servers_see(checked_volume(root)), folder, words))
-        found = answer.result()
-        assert found is not None, "it is listed, or an error says why not"
+        seen = self._as_servers_see(checked_volume(root))
+        found = self._ask_about(lambda number: FolderAsked(number, seen, folder, words)).result()
+        assert isinstance(found, messages.FolderListed), "it is listed, or an error says why not"
         return found
+
+    def _ask_about(self, question: Callable[[int], Question]) -> Future[Found]:
+        """Where the answer will be to a question, given its number."""
+        self.volume  # noqa: B018  until it is known there is nothing to be told
+        number, answer = self._answers.ask()
+        self._events.put(question(number))
+        return answer
 
     def widget(self, scene: Scene | None = None) -> VolumeWidget:
         """A viewport for a notebook, with the scene as its trait. Raises BadInput without the extra [notebook]."""
@@ -533,21 +526,15 @@ class Session:
                 self._volume_known.set()
             case PublishImage() | EndFrame():
                 self._frames.give(instruction)
-            case AnswerProbe(probe, found, error):
-                self._probe_answers.give(probe, found, error)
-            case AnswerVoxel(probe, voxel, error):
-                self._voxel_answers.give(probe, voxel, error)
-            case AnswerFolder(probe, listed, error):
-                self._folder_answers.give(probe, listed, error)
+            case Answer():
+                self._answers.give(instruction)
             case FailSession(error):
                 self._fail(error)
 
     def _fail(self, error: VolsplatError) -> None:
         self._failure = self._failure or error
         self._frames.fail(error)
-        self._probe_answers.fail(error)
-        self._voxel_answers.fail(error)
-        self._folder_answers.fail(error)
+        self._answers.fail(error)
         self._volume_known.set()
 
 

@@ -39,7 +39,7 @@ from support.messages.message_samples import GEOMETRY, IDENTITY, IN_SLABS, QUANT
 from volsplat.client.coordinator.block_depths import BlockDepths
 from volsplat.client.coordinator.coordinator_events import (
     AbortAsked,
-    AnswerProbe,
+    Answer,
     CutOff,
     EndFrame,
     Event,
@@ -569,7 +569,7 @@ def test_a_probe_asks_all_and_takes_the_front_most(
     assert coordinator.handle(seen(FIRST, *first_found)) == []
     found = first_found + second_found
     front = NEAR if NEAR in found else FAR if FAR in found else None
-    assert coordinator.handle(seen(SECOND, *second_found)) == [AnswerProbe(5, front)]
+    assert coordinator.handle(seen(SECOND, *second_found)) == [Answer(5, front)]
 
 
 def test_probes_may_overtake_each_other() -> None:
@@ -577,9 +577,9 @@ def test_probes_may_overtake_each_other() -> None:
     coordinator.handle(PROBE)
     coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
     coordinator.handle(seen(FIRST, probe=6))
-    assert coordinator.handle(seen(SECOND, probe=6)) == [AnswerProbe(6, None)]
+    assert coordinator.handle(seen(SECOND, probe=6)) == [Answer(6, None)]
     coordinator.handle(seen(SECOND, FAR))
-    assert coordinator.handle(seen(FIRST)) == [AnswerProbe(5, FAR)]
+    assert coordinator.handle(seen(FIRST)) == [Answer(5, FAR)]
 
 
 def test_a_probe_by_numbers_that_nothing_can_be_computed_with_is_refused_alone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -590,7 +590,7 @@ def test_a_probe_by_numbers_that_nothing_can_be_computed_with_is_refused_alone(m
     with monkeypatch.context() as patch:
         patch.setattr(coordinator.holding, "wanted", wanted)
         (refused,) = coordinator.handle(ProbeAsked(6, SCENE, 1.0, 1.0))
-    assert isinstance(refused, AnswerProbe) and refused.probe == 6 and isinstance(refused.error, BadInput)
+    assert isinstance(refused, Answer) and refused.probe == 6 and isinstance(refused.error, BadInput)
     assert sent(coordinator.handle(PROBE)) == [(FIRST, messages.ProbeVoxels), (SECOND, messages.ProbeVoxels)]
 
 
@@ -618,11 +618,11 @@ def test_after_a_loss_a_probe_is_asked_anew_of_those_who_take_over() -> None:
     coordinator.handle(PROBE)
     coordinator.handle(seen(SECOND, FAR))
     told = coordinator.handle(ServerLost(FIRST, GONE))
-    assert not any(isinstance(one, AnswerProbe) for one in told)
+    assert not any(isinstance(one, Answer) for one in told)
     read_ahead(coordinator, told)
     told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert (SECOND, messages.ProbeVoxels) in sent(told)
-    assert coordinator.handle(seen(SECOND, NEAR, FAR)) == [AnswerProbe(5, NEAR)]
+    assert coordinator.handle(seen(SECOND, NEAR, FAR)) == [Answer(5, NEAR)]
 
 
 def test_a_slice_is_asked_anew_after_a_loss_of_who_then_holds_more() -> None:
@@ -637,7 +637,7 @@ def test_a_slice_is_asked_anew_after_a_loss_of_who_then_holds_more() -> None:
     assert (SECOND, messages.ReadSlice) in sent(told)
     assert coordinator.handle(late) == []
     (answer,) = coordinator.handle(said(SECOND, messages.SliceRead(5, 2, [whole]), bytes(8 * 72)))
-    assert isinstance(answer, AnswerProbe) and isinstance(answer.found, VolumeSlice) and answer.found.held.all()
+    assert isinstance(answer, Answer) and isinstance(answer.found, VolumeSlice) and answer.found.held.all()
 
 
 def test_a_slice_that_a_server_makes_larger_than_it_is_costs_that_server_its_place() -> None:
@@ -654,7 +654,7 @@ def test_counts_of_the_plane_are_summed_and_asked_anew_after_a_loss() -> None:
     threes, fours = (struct.pack("<Q", count) + bytes(8 * 65535) for count in (3, 4))
     assert coordinator.handle(said(FIRST, messages.PlaneCounted(5, 1), threes)) == []
     (answer,) = coordinator.handle(said(SECOND, messages.PlaneCounted(5, 1), fours))
-    assert isinstance(answer, AnswerProbe) and isinstance(answer.found, PlaneCounts)
+    assert isinstance(answer, Answer) and isinstance(answer.found, PlaneCounts)
     assert (answer.found.counts[0], answer.found.voxels) == (7, 7)
 
     coordinator.handle(PlaneAsked(6, SCENE))
@@ -664,7 +664,7 @@ def test_counts_of_the_plane_are_summed_and_asked_anew_after_a_loss() -> None:
     told = coordinator.handle(said(SECOND, messages.VoxelsPacked(2, 720, 360, 0.1)))
     assert (SECOND, messages.CountPlane) in sent(told)
     (answer,) = coordinator.handle(said(SECOND, messages.PlaneCounted(6, 2), threes))
-    assert isinstance(answer, AnswerProbe) and isinstance(answer.found, PlaneCounts) and answer.found.voxels == 3
+    assert isinstance(answer, Answer) and isinstance(answer.found, PlaneCounts) and answer.found.voxels == 3
 
 
 def test_a_server_that_counts_more_voxels_than_there_can_be_costs_its_place() -> None:
@@ -680,7 +680,7 @@ def test_a_failed_session_ends_all_probes() -> None:
     coordinator = drawing()
     coordinator.handle(PROBE)
     told = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
-    (answer,) = [i for i in told if isinstance(i, AnswerProbe)]
+    (answer,) = [i for i in told if isinstance(i, Answer)]
     assert isinstance(answer.error, PeerLost)
     assert coordinator.handle(PROBE) == [answer]
 
@@ -689,7 +689,7 @@ def test_a_refused_probe_ends_alone() -> None:
     coordinator = drawing()
     coordinator.handle(PROBE)
     (answer,) = coordinator.handle(said(FIRST, messages.Refused("ProbeVoxels", "no memory", probe=5)))
-    assert isinstance(answer, AnswerProbe) and str(answer.error) == "no memory"
+    assert isinstance(answer, Answer) and str(answer.error) == "no memory"
     assert coordinator.handle(seen(SECOND, FAR)) == []
     assert coordinator.failure is None
 
@@ -874,7 +874,7 @@ def test_a_frame_by_rules_that_a_volume_was_not_prepared_with_ends_alone() -> No
     (ended,) = coordinator.handle(FrameAsked(1, narrow, Step.F, require_complete=True))
     assert isinstance(ended, EndFrame) and isinstance(ended.error, BadInput) and "--window 1,9" in str(ended.error)
     (answer,) = coordinator.handle(ProbeAsked(5, narrow, 1.0, 1.0))
-    assert isinstance(answer, AnswerProbe) and isinstance(answer.error, BadInput)
+    assert isinstance(answer, Answer) and isinstance(answer.error, BadInput)
     assert levels_opened(coordinator.handle(FrameAsked(2, zoomed(1.0), Step.F, require_complete=True))) == [0, 1, 2]
 
 

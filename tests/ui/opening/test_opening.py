@@ -11,7 +11,7 @@ import pytest
 
 from support.messages.coordinated import FIRST, SECOND, SPLAT, drawing, said, sent, surveyed
 from volsplat.client import Session
-from volsplat.client.coordinator.coordinator_events import AnswerFolder, FolderAsked, ServerLost
+from volsplat.client.coordinator.coordinator_events import Answer, FolderAsked, ServerLost
 from volsplat.client.coordinator.folder_listings import MOST_WAITING
 from volsplat.client.phantoms import make_phantom
 from volsplat.client.phantoms.volume_writer import write_volume
@@ -34,7 +34,7 @@ LISTED = messages.FolderListed(3, [], 0)
 def test_a_server_is_asked_whatever_else_goes_on_and_its_answer_is_given_once() -> None:
     for coordinator in (surveyed(), drawing()):
         assert sent(coordinator.handle(ASKED)) == [(FIRST, messages.ListFolder)]
-        assert coordinator.handle(said(FIRST, LISTED)) == [AnswerFolder(3, LISTED)]
+        assert coordinator.handle(said(FIRST, LISTED)) == [Answer(3, LISTED)]
         assert coordinator.handle(said(FIRST, LISTED)) == []
 
 
@@ -43,10 +43,10 @@ def test_a_refusal_ends_one_question_and_a_loss_all_that_this_server_was_to_tell
     for number in range(MOST_WAITING):
         coordinator.handle(replace(ASKED, probe=number + 1))
     (busy,) = coordinator.handle(replace(ASKED, probe=99))
-    assert isinstance(busy, AnswerFolder) and "still busy" in str(busy.error)
+    assert isinstance(busy, Answer) and "still busy" in str(busy.error)
     (refused,) = coordinator.handle(said(FIRST, messages.Refused("ListFolder", "no folder", probe=1)))
-    assert isinstance(refused, AnswerFolder) and isinstance(refused.error, BadInput) and refused.probe == 1
-    ended = [one for one in coordinator.handle(ServerLost(FIRST, "gone")) if isinstance(one, AnswerFolder)]
+    assert isinstance(refused, Answer) and isinstance(refused.error, BadInput) and refused.probe == 1
+    ended = [one for one in coordinator.handle(ServerLost(FIRST, "gone")) if isinstance(one, Answer)]
     assert [one.probe for one in ended] == list(range(2, MOST_WAITING + 1))
     assert all(isinstance(one.error, PeerLost) for one in ended)
     assert sent(coordinator.handle(ASKED)) == [(SECOND, messages.ListFolder)]
@@ -56,7 +56,7 @@ def test_a_failed_session_ends_all_questions() -> None:
     coordinator = drawing()
     coordinator.handle(ASKED)
     told = coordinator.handle(ServerLost(SPLAT, "the splat server is gone"))
-    (ended,) = (one for one in told if isinstance(one, AnswerFolder))
+    (ended,) = (one for one in told if isinstance(one, Answer))
     assert isinstance(ended.error, PeerLost) and coordinator.handle(ASKED) == [ended]
 
 
