@@ -9,7 +9,7 @@ from typing import Any
 from volsplat.protocol.description.patches import colourless
 from volsplat.protocol.description.scene import SCREEN_FIELDS, Light, Scene, Step
 from volsplat.protocol.description.volume import Index
-from volsplat.protocol.messages.frame_messages import DepthsSummed, RenderFrame, SumDepths
+from volsplat.protocol.messages.frame_messages import DepthsSummed, FrameDrawn, RenderFrame, SumDepths
 from volsplat.protocol.rules.levels import dims_at_level
 from volsplat.protocol.rules.light_blocks import (
     DEPTH_BYTES,
@@ -53,15 +53,7 @@ class BlockDepths:
         if key == self._key and (not self._pending or (self._asked and self._asked.frame == frame.frame)):
             return []
         self._key, self._pending, self._sums = key, set(holders), None
-        self._asked = SumDepths(
-            frame=frame.frame,
-            assignment=frame.assignment,
-            plan=frame.plan,
-            shading=frame.shading,
-            geometry=frame.geometry,
-            quantisation=frame.quantisation,
-            level=frame.level,
-        )
+        self._asked = SumDepths(*(getattr(frame, field) for field in FrameDrawn.__struct_fields__))
         return [(server, self._asked) for server in sorted(holders)]
 
     def take(self, server: int, message: DepthsSummed, payload: bytes | memoryview) -> None:

@@ -3,6 +3,7 @@
 import math
 from typing import Annotated, ClassVar
 
+import msgspec
 from msgspec import Meta
 
 from volsplat.protocol.description.machine import Machine
@@ -128,19 +129,8 @@ class FrameFinished(Message, frozen=True):
     stats: SplatStats
 
 
-@asks(CLIENT_TO_MAPSHADE, FrameMapped, at_once=MAX_SERVERS, newest=True)
-@asks(CLIENT_TO_SPLAT, FrameFinished, ImageRead, at_once=MAX_SERVERS, newest=True)
-class RenderFrame(Message, frozen=True):
-    """Client to map/shade server and splat server: begin this frame; it ends any older one.
-
-    All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
-    map/shade servers whose batches make up the image, each with the number of its threads that walk. `regions` say
-    which splat server splats which lines. `geometry` is the volume's, whatever level is drawn. A
-    finished image that need not be `exact` may come with 8 bits a channel, as those before it may. If it is `paced`
-    walkers wait for the merge where their links are slow, so as to send little that is hidden. Of one that is
-    `traced` the servers keep for ReadTrace what they did when. Splat servers get the `light` of a frame of slabs whose
-    scene asks for it.
-    """
+class FrameDrawn(msgspec.Struct, frozen=True):
+    """What is drawn in a frame, of which sub-cubes, and how; `geometry` is the volume's, whatever level is drawn."""
 
     frame: FrameId
     assignment: AssignmentId
@@ -149,6 +139,21 @@ class RenderFrame(Message, frozen=True):
     geometry: Geometry
     quantisation: Quantisation
     level: LevelNumber
+
+
+@asks(CLIENT_TO_MAPSHADE, FrameMapped, at_once=MAX_SERVERS, newest=True)
+@asks(CLIENT_TO_SPLAT, FrameFinished, ImageRead, at_once=MAX_SERVERS, newest=True)
+class RenderFrame(FrameDrawn, Message, frozen=True):
+    """Client to map/shade server and splat server: begin this frame; it ends any older one.
+
+    All servers of a frame get the same `assignment`; a server that holds another refuses. `workers` are the
+    map/shade servers whose batches make up the image, each with the number of its threads that walk. `regions` say
+    which splat server splats which lines. A finished image that need not be `exact` may come with 8 bits a channel, as
+    those before it may. If it is `paced` walkers wait for the merge where their links are slow, so as to send little
+    that is hidden. Of one that is `traced` the servers keep for ReadTrace what they did when. Splat servers get the
+    `light` of a frame of slabs whose scene asks for it.
+    """
+
     workers: Annotated[dict[ServerId, Threads], Meta(max_length=MAX_SERVERS)]
     regions: Regions
     exact: bool
@@ -176,19 +181,11 @@ class DepthsSummed(Message, frozen=True):
 
 
 @asks(CLIENT_TO_MAPSHADE, DepthsSummed)
-class SumDepths(Message, frozen=True):
+class SumDepths(FrameDrawn, Message, frozen=True):
     """Client to map/shade server: add up the optical depths of the voxels that you hold of each block.
 
-    They are those of a frame of slabs that is about to be asked for; `geometry` is the volume's.
+    They are those of a frame of slabs that is about to be asked for.
     """
-
-    frame: FrameId
-    assignment: AssignmentId
-    plan: FramePlan
-    shading: ShadingRule
-    geometry: Geometry
-    quantisation: Quantisation
-    level: LevelNumber
 
     def __post_init__(self) -> None:
         if self.plan.slabs is None:
