@@ -17,7 +17,7 @@ from dataclasses import replace
 import msgspec
 
 from volsplat.mapshade_server._kernels import SignsOfLife
-from volsplat.mapshade_server.answers.file_answers import FileAnswers
+from volsplat.mapshade_server.answers.file_answers import FileAnswers, OfFiles
 from volsplat.mapshade_server.answers.light_depths import depths_summed
 from volsplat.mapshade_server.answers.probe import front_most
 from volsplat.mapshade_server.answers.slice_parts import slice_parts
@@ -170,7 +170,7 @@ class MapShadeServer:
 
     def _check_path(self, request: messages.Message) -> None:
         """Raises BadInput for a volume that does not lie below the data root."""
-        if isinstance(request, messages.ReadVoxel | messages.ListFolder):
+        if isinstance(request, OfFiles):
             return  # looking at a path may take a slow disk long: its own thread does
         if self._data_root is not None and isinstance(path := getattr(request, "path", None), str):
             self._data_root.check(path)
@@ -323,7 +323,7 @@ class MapShadeServer:
         """Whether it can be answered from what is held now, or by others."""
         if isinstance(request, messages.ProbeVoxels | messages.ReadSlice | messages.CountPlane):
             return request.assignment == self._held.assignment
-        return isinstance(request, messages.ReadVoxel | messages.ListFolder)
+        return isinstance(request, OfFiles)
 
     @takes(messages.ProbeVoxels)
     def _probe_voxels(self, request: messages.ProbeVoxels) -> None:

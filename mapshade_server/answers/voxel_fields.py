@@ -15,6 +15,7 @@ from volsplat.protocol.rules.packet_layout import DIRECTION_SHIFT, OPACITY_CODES
 from volsplat.protocol.rules.shading_rule import ShadingRule
 
 OPACITIES = np.array([opacity_of_code(code) for code in range(OPACITY_CODES)], dtype=np.float32)
+PLANE_BITS = np.uint32(0xFFFF)  # of a packet: density and strength, by which 2-D tables are indexed
 
 Bytes = NDArray[np.uint8]
 Indices = NDArray[np.int64]  # (n, 3) i, j, k, of the level that the plan draws
@@ -50,7 +51,7 @@ class VoxelFields:
         rule = shading_tables.opacity_rule(self.shading)
         codes = np.asarray(memoryview(shading_tables.opacity_codes(rule, thickness)))
         if rule.by_packet:
-            by_packet: NDArray[np.uint16] = codes[packets & np.uint32(0xFFFF)]
+            by_packet: NDArray[np.uint16] = codes[packets & PLANE_BITS]
             return by_packet
         low, high = (
             self.bytes_of(field, index, packets).astype(np.int64) for field in shading_tables.opacity_fields(rule)
@@ -68,7 +69,7 @@ class VoxelFields:
         return emitted, reflected
 
     def _entries(self, field: Field, index: Indices, packets: Packets, of_plane: bool) -> Packets | Bytes:
-        return packets & np.uint32(0xFFFF) if of_plane else self.bytes_of(field, index, packets)
+        return packets & PLANE_BITS if of_plane else self.bytes_of(field, index, packets)
 
     def bytes_of(self, field: Field, index: Indices, packets: Packets) -> Bytes:
         if field == Field.DENSITY:
